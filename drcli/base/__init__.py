@@ -1,1 +1,1 @@
-"""Errors, problems, files, locks and logs for all packages; nothing about DeepRacer."""
+"""Errors, files, locks and logs for all packages; nothing about DeepRacer."""

@@ -1,4 +1,4 @@
-"""Writes files completely or not at all; our own records even on a full disk, if they fit."""
+"""Writes files completely or not at all; our own records even on a full disk."""
 
 import json
 import os
@@ -20,16 +20,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _RESERVED_BYTES = 4096
-"""A block of most file systems: an error with its remedy fits."""
-
 _STAT_BLOCK_BYTES = 512
 
 
 def rewrite(path: Path, data: bytes) -> None:
-    """Replace the content of a racer's file, or of the file that a link leads to.
+    """Replace a racer's file, or the one that a link leads to.
 
-    A file that exists keeps its mode and, if possible, its owner. A new one is handed out, unless
-    it contains settings, which may be secrets.
+    It keeps its mode and, if possible, its owner. A new one is handed out, unless it has settings,
+    which may be secrets.
 
     Raises:
         SettingsError: The file cannot be written, and has not changed.
@@ -50,7 +48,7 @@ def rewrite(path: Path, data: bytes) -> None:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write JSON for ourselves, and create its folder if needed; the old file may be anybody's.
+    """Write JSON for ourselves, with its folder.
 
     Raises:
         OSError: The file cannot be written, and has not changed.
@@ -60,11 +58,7 @@ def write_json(path: Path, value: object) -> None:
 
 
 def reserve(path: Path) -> None:
-    """Make an empty record for which there is room even when the disk is full.
-
-    Raises:
-        OSError: It cannot be written.
-    """
+    """Make an empty record that has room even when the disk is full."""
     path.parent.mkdir(parents=True, exist_ok=True)
     _overwrite(path, b" " * _RESERVED_BYTES)
 
@@ -80,19 +74,12 @@ def write_private(path: Path, data: bytes) -> None:
 
 
 def write_private_json(path: Path, value: object) -> None:
-    """The same with JSON.
-
-    Raises:
-        OSError: The file cannot be written, and has not changed.
-    """
+    """With JSON."""
     write_private(path, json.dumps(value, indent=2).encode())
 
 
 def read_json(path: Path) -> Any:
-    """Read JSON of ours; None if the file does not exist or is damaged.
-
-    A full disk or a power failure may damage any file.
-    """
+    """None if missing or damaged, as by a power failure."""
     try:
         return parse_json(read_regular(path))
     except (OSError, RecordError):
@@ -100,12 +87,9 @@ def read_json(path: Path) -> Any:
 
 
 def save_record(path: Path, record: "DataclassInstance") -> None:
-    """Write a record as with `write_json`; on a full disk, over the old one.
+    """Write a record as with `write_json`; on a full disk, over the old one, which has room.
 
-    That has room of its own. How a training ended is worth more than that nobody reads half of it.
-
-    Raises:
-        OSError: It cannot be written.
+    How a training ended is worth more than that nobody reads half of it.
     """
     value = asdict(record)
     try:
@@ -118,7 +102,7 @@ def save_record(path: Path, record: "DataclassInstance") -> None:
 
 
 def load_record(kind: type[T], path: Path) -> T | None:
-    """Read a record; None if the file does not exist or is damaged."""
+    """None if missing or damaged."""
     try:
         return from_json(kind, read_json(path))
     except RecordError:
@@ -128,7 +112,7 @@ def load_record(kind: type[T], path: Path) -> T | None:
 def _replace(target: Path, data: bytes, *, is_racers: bool = False, private: bool = False) -> None:
     """Write a second file, then rename it: a reader sees the old content or the new one.
 
-    With `private`, and at first in any case of a racer's file, only this user can read it.
+    With `private`, and at first for a racer's file, only this user can read it.
     """
     scratch = target.with_name(f".{target.name}.{os.getpid()}")
     try:
@@ -155,12 +139,10 @@ def _replace(target: Path, data: bytes, *, is_racers: bool = False, private: boo
 
 
 def _has_room(path: Path, size_bytes: int) -> bool:
-    """Whether so many bytes fit into what the file has of the disk already."""
     return path.is_file() and path.stat().st_blocks * _STAT_BLOCK_BYTES >= size_bytes
 
 
 def _overwrite(path: Path, data: bytes) -> None:
-    """Write over a file, or write a new one; it keeps the length that it had."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         size = os.fstat(descriptor).st_size
@@ -171,7 +153,7 @@ def _overwrite(path: Path, data: bytes) -> None:
 
 
 def remedy_for(error: OSError, path: Path, otherwise: str) -> str:
-    """What to do if a file or folder cannot be written; `otherwise` unless the disk is full."""
+    """What to do if a file cannot be written; `otherwise` unless the disk is full."""
     if is_disk_full(error):
         return f"Make room on the disk that holds {path}, and run the command again."
     return otherwise

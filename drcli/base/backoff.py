@@ -1,4 +1,4 @@
-"""Waiting for a condition, with pauses that grow."""
+"""Waiting for a condition, with growing pauses."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -9,17 +9,14 @@ FIRST_DELAY_S = 0.05
 LAST_DELAY_S = 1.0
 
 FAST_GROWTH = 2.0
-"""For failures: soon ask a server in trouble less often."""
-
 SLOW_GROWTH = 1.05
-"""For work in progress: a pause is a twentieth of the time waited so far, so the end of the work
-is noticed soon."""
+"""A twentieth of the time waited."""
 
 
 def delays_s(
     first_s: float = FIRST_DELAY_S, last_s: float = LAST_DELAY_S, *, growth: float = FAST_GROWTH
 ) -> Iterator[float]:
-    """Yield pauses without end, each longer than the one before by a factor, up to the last."""
+    """Growing pauses."""
     delay_s = first_s
     while True:
         yield delay_s
@@ -37,10 +34,9 @@ def wait_until(
     clock: Callable[[], float] = time.monotonic,
     pause: Callable[[float], None] = time.sleep,
 ) -> bool:
-    """Check until the condition holds or `patience_s` is over; whether it holds.
+    """Whether the condition holds within `patience_s`; `what` is shown if that takes long.
 
-    The pauses are those of `delays_s`. `what` is shown to the user if it takes long. Tests replace
-    `clock` and `pause`.
+    Tests replace `clock` and `pause`.
     """
     began_s = clock()
     for delay_s in delays_s(first_s, last_s, growth=growth):

@@ -1,8 +1,7 @@
-"""Takes from a process, and from all that it starts, what it need not reach; Linux, without root.
+"""Takes from a process and its descendants what it need not reach; Linux, without root.
 
-Landlock limits files and signals, and keeps the memory and environment of other processes from it.
-A seccomp filter refuses sockets. Neither can be undone. Sources: the kernel's pages
-userspace-api/landlock and userspace-api/seccomp_filter, and its headers.
+Landlock limits files and signals, and hides other processes; seccomp refuses sockets. Neither can
+be undone. Sources: the kernel's pages userspace-api/landlock and userspace-api/seccomp_filter.
 """
 
 import ctypes
@@ -18,8 +17,6 @@ from typing import Literal
 from drcli.base.system_calls import name_place
 
 Freedom = Literal["files", "sockets", "signals"]
-"""What a process may still reach: any file of its user, any address, any process of its user."""
-
 FREEDOMS: tuple[Freedom, ...] = ("files", "sockets", "signals")
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
@@ -34,17 +31,17 @@ _READING = _EXECUTE | _READ | _LIST
 _CREATING = _WRITE | _TRUNCATE | _MAKE_FILE | _MAKE_FOLDER
 
 _RIGHTS = ((1, 13), (2, 14), (3, 15), (5, 16))
-"""From which version of Landlock on there are so many rights to files, bits from 0."""
+"""By version of Landlock."""
 
 _TCP_SINCE, _SCOPES_SINCE = 4, 6
 _BIND_AND_CONNECT = 0b11
 _ABSTRACT_SOCKETS_AND_SIGNALS = 0b11
 
 _MACHINES = {"x86_64": (0xC000003E, 41), "aarch64": (0xC00000B7, 198)}
-"""Audit name of a kind of processor, and its number of the call `socket`."""
+"""Audit name, and number of the call `socket`."""
 
 _IO_URING_SETUP = 425
-"""A second way to open sockets, with the same number everywhere."""
+"""Also opens sockets."""
 
 _X32 = 0x40000000
 """Calls of x86_64 with this bit are numbered anew."""
@@ -54,15 +51,16 @@ _NUMBER, _ARCHITECTURE = 0, 4
 _CAPABILITIES_VERSION = 0x20080522
 _CHOWN, _DAC_OVERRIDE, _FOWNER = 1 << 0, 1 << 1, 1 << 3
 _KEPT = _CHOWN | _DAC_OVERRIDE | _FOWNER
-"""What root keeps of its power: files may belong to others. With CAP_PERFMON, a process reads the
-environment of others although Landlock forbids it (seen with Linux 6.18)."""
+"""Of root. With CAP_PERFMON, a process reads the environment of others although Landlock forbids it
+(seen with Linux 6.18).
+"""
 
 _ALLOW, _REFUSE = 0x7FFF0000, 0x00050000
 _EACCES = 13
 
 
 def offered() -> set[Freedom]:
-    """What the kernel can take from a process of this user."""
+    """What the kernel can take."""
     version = _landlock_version()
     found: set[Freedom] = set()
     if version:
@@ -77,15 +75,12 @@ def offered() -> set[Freedom]:
 def confine(
     readable: Iterable[Path], writable: Iterable[Path], creatable: Iterable[Path] = ()
 ) -> set[Freedom]:
-    """Confine this thread and whatever it starts; threads that run already stay free.
+    """Confine this thread and what it starts; returns what could not be taken.
 
     Args:
-        readable: Files and folders that may be read and run. What does not exist is left out.
-        writable: Those that may also be changed.
-        creatable: Folders in which files may be made and written to, but neither read nor removed.
-
-    Returns:
-        What could not be taken from it.
+        readable: May be read and run; may be missing.
+        writable: May also be changed.
+        creatable: Files may be made and written to, but neither read nor removed.
     """
     _drop_capabilities()
     taken = offered() if _call("prctl", _NO_NEW_PRIVILEGES, 1, 0, 0, 0) == 0 else set()
@@ -97,7 +92,6 @@ def confine(
 
 
 def _drop_capabilities() -> None:
-    """Give up what root may do apart from files; others have nothing to give up."""
     header = struct.pack("Ii", _CAPABILITIES_VERSION, 0)
     held = ctypes.create_string_buffer(24)
     if _call("capget", header, ctypes.addressof(held)) == 0:
@@ -134,7 +128,6 @@ def _limit_files(
 
 
 def _allow(rules: int, path: Path, rights: int) -> None:
-    """Add a rule; what cannot be opened needs none."""
     with suppress(OSError):
         place = name_place(path)
         try:
@@ -145,7 +138,7 @@ def _allow(rules: int, path: Path, rights: int) -> None:
 
 
 def _refuse_sockets() -> bool:
-    """Let calls that make sockets fail; pairs of connected ones stay, which `asyncio` needs."""
+    """Pairs of connected ones stay, which `asyncio` needs."""
     architecture, socket = _MACHINES[platform.machine()]
     refuse = _REFUSE | _EACCES
     program = [
@@ -164,7 +157,6 @@ def _refuse_sockets() -> bool:
 
 
 def _landlock_version() -> int:
-    """0 where there is no Landlock."""
     return max(0, _system(_CREATE_RULESET, None, 0, _VERSION_FLAG))
 
 
@@ -173,7 +165,6 @@ def _system(number: int, *arguments: int | bytes | None) -> int:
 
 
 def _call(name: str, *arguments: int | bytes | None) -> int:
-    """Call a function of the C library; -1 where it fails, and on other systems."""
     if sys.platform != "linux":
         return -1
     words = [ctypes.c_long(each) if isinstance(each, int) else each for each in arguments]

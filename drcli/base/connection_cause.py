@@ -1,4 +1,4 @@
-"""Why a server could not be reached, in a few words instead of a library's names."""
+"""Why a server could not be reached, in a few words."""
 
 _WORDS = {
     "NameResolutionError": "its name is unknown",
@@ -9,11 +9,10 @@ _WORDS = {
     "IncompleteRead": "it closed the connection too early",
     "SSLCertVerificationError": "nobody whom this machine trusts has signed it",
 }
-"""Causes of failures in words, by the names of their exceptions."""
 
 
 def cause_of(error: BaseException) -> str:
-    """The innermost known cause of a failure, in a few words."""
+    """The innermost known one."""
     seen: list[BaseException] = []
     waiting: list[object] = [error]
     while waiting:

@@ -1,4 +1,4 @@
-"""Finds the folders of this process's control groups, where Linux keeps limits of containers."""
+"""Finds this process's control groups, where Linux keeps limits of containers."""
 
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
@@ -7,16 +7,7 @@ ROOT = Path("/")
 
 
 def group_folders(controller: str, root: Path = ROOT) -> Iterator[tuple[Path, bool]]:
-    """The folders of the groups that limit this process, the innermost first.
-
-    Args:
-        controller: What is limited, such as "cpu" or "memory".
-        root: Of the file system, for tests.
-
-    Yields:
-        A folder, which need not exist, and whether its files are those of the second version of
-        control groups.
-    """
+    """The innermost first, and whether they are of the second version."""
     try:
         lines = (root / "proc/self/cgroup").read_text("utf-8", "replace").splitlines()
     except OSError:  # another system than Linux

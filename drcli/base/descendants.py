@@ -1,7 +1,6 @@
-"""Ends whatever a process has started when it ends, however deep, and in whatever session.
+"""Ends whatever a process has started, in whatever session.
 
-A process that divides twice and begins a session of its own belongs to nobody that Unix knows of.
-On Linux it is adopted by the nearest ancestor that wants it, which is how it is found here.
+Linux gives orphans to the nearest ancestor that wants them, where they are found.
 """
 
 import os
@@ -12,19 +11,17 @@ from types import FrameType
 from drcli.base.system_calls import ExitWait, adopt_orphans, end_with_parent
 
 _LOOK_S = 0.2
-"""How often to look whether the parent has ended."""
 
 
 class _Asked(BaseException):
-    """SIGTERM came."""
+    """SIGTERM."""
 
 
 def keep_descendants(parent_pid: int) -> None:
-    """Go on in a child process. This one waits until it ends, and then ends all that is left.
+    """Go on in a child; this process waits for its end, and then ends all that is left.
 
-    The child leads a process group. It is killed when the process `parent_pid`, which has started
-    this one, ends, or when SIGTERM comes. Then this process ends as the child did, by its exit
-    code or signal. On systems other than Linux, what has left the group may go on.
+    The child leads a process group, and is killed at the end of `parent_pid`, or at SIGTERM. Then
+    this process ends as the child did. Outside Linux, what has left the group may go on.
 
     Only for a process without other threads.
     """
@@ -50,8 +47,6 @@ def keep_descendants(parent_pid: int) -> None:
 
 
 def _end_of(child: int, parent_pid: int) -> int:
-    """Wait for the child, or kill it when its time is over; its status."""
-
     def stop(_number: int, _frame: FrameType | None) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         raise _Asked
@@ -71,7 +66,6 @@ def _end_of(child: int, parent_pid: int) -> int:
 
 
 def _end_others(group: int) -> None:
-    """Kill all processes that are left below this one."""
     with suppress(OSError):
         os.killpg(group, signal.SIGKILL)
     with suppress(ChildProcessError):  # nobody is left

@@ -1,17 +1,13 @@
-"""Clocks that do not change when somebody sets the time of day."""
+"""Clocks that ignore the time of day."""
 
 import time
 from collections.abc import Callable
 
 LONGEST_STEP_S = 5.0
-"""Time between two reads of an `AwakeClock` counts up to here: its reader looks much more often."""
 
 
 def elapsed_s() -> float:
-    """Seconds that also count while the process or the machine is suspended.
-
-    Processes of one machine read the same time.
-    """
+    """Counts also while suspended; equal for all processes."""
     if hasattr(time, "CLOCK_BOOTTIME"):
         return time.clock_gettime(time.CLOCK_BOOTTIME)
     return time.monotonic()
@@ -20,9 +16,8 @@ def elapsed_s() -> float:
 class AwakeClock:
     """Counts the seconds in which this process ran.
 
-    If this process stood still, so may have those that it watches: the machine slept, a virtual
-    machine was paused, or everything in a container was frozen. So a long time between two reads
-    counts for `LONGEST_STEP_S` only.
+    If it was suspended, so may be those that it watches: a long time between two reads counts as
+    `LONGEST_STEP_S`.
     """
 
     def __init__(self, clock: Callable[[], float] = elapsed_s) -> None:
@@ -31,7 +26,6 @@ class AwakeClock:
         self._awake_s = 0.0
 
     def __call__(self) -> float:
-        """Seconds since this clock was made, without the time in which the process stood still."""
         now_s = self._clock()
         self._awake_s += min(max(0.0, now_s - self._read_s), LONGEST_STEP_S)
         self._read_s = now_s
@@ -39,7 +33,7 @@ class AwakeClock:
 
 
 def duration(seconds: float) -> str:
-    """A time for people: "14 s", "12 min", "3 h 20 min"."""
+    """Such as "14 s", "12 min", "3 h 20 min"."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)

@@ -1,21 +1,16 @@
-"""The errors that a user can see: one sentence, one remedy, one exit code."""
+"""Errors that a user can see: sentence, remedy, exit code."""
 
 from typing import ClassVar
 
 
 class DrError(Exception):
-    """An error that is explained to the user; anything else is shown as a traceback.
+    """An error that is explained to the user; others are shown as tracebacks.
 
-    Args:
-        message: One sentence with file, line, key and value if there are any.
-        remedy: What to do, starting with a verb.
+    `remedy` starts with a verb.
     """
 
     code: ClassVar[int] = 1
-    """Exit code of a process that ends with this error."""
-
     final: ClassVar[bool] = False
-    """Whether trying again is pointless until somebody changes something."""
 
     def __init__(self, message: str, *, remedy: str) -> None:
         super().__init__(message)
@@ -36,92 +31,92 @@ class StorageError(DrError):
 
 
 class NoAnswer(StorageError):
-    """The server of the bucket does not answer: it is down or stuck."""
+    """The bucket's server is down or stuck."""
 
 
 class NoKeys(StorageError):
-    """This machine has no access keys for the bucket, or has none yet."""
+    """This machine has no keys for the bucket."""
 
 
 class NotYet(StorageError):
-    """A bucket or keys for it did not come; the same command may find them later.
+    """The same command may find a bucket or keys later.
 
-    Source of the code: EX_TEMPFAIL of sysexits.h. Service managers and schedulers try again.
+    EX_TEMPFAIL of sysexits.h: service managers and schedulers try again.
     """
 
     code = 75
 
 
 class DiskFull(StorageError):
-    """The bucket can be reached, but has no room left."""
+    """Of the bucket."""
 
     final = True
 
 
 class WorkerDied(DrError):
-    """A worker process ended, and starting it again did not help."""
+    """Starting a worker again did not help."""
 
     code = 5
 
 
 class TrainingFailed(DrError):
-    """Learning cannot continue; what was learned before is kept."""
+    """Learning cannot continue; what was learned is kept."""
 
     code = 6
     final = True
 
 
 class OwnershipLost(DrError):
-    """Another training has taken over the model; this one must not write to it any more."""
+    """Another training has taken over the model."""
 
     code = 8
     final = True
 
 
 class TrainedElsewhere(DrError):
-    """Another machine or process trains the model, and it was asked not to wait for its end."""
+    """Another process trains the model, and this one was asked not to wait."""
 
     code = 9
     final = True
 
 
 class EndWorkFailed(DrError):
-    """The training is complete, but the upload or import at its end failed."""
+    """An upload or import after a complete training failed."""
 
     code = 10
     final = True
 
 
 class BudgetUsedUp(DrError):
-    """The budget of the day is used up. Source of the code: EX_TEMPFAIL of sysexits.h."""
+    """Of the day. EX_TEMPFAIL of sysexits.h."""
 
     code = 75
     final = True
 
 
 class NotAvailable(DrError):
-    """A feature is not implemented yet, or needs a program that is not installed."""
+    """A feature is not implemented, or a program is not installed."""
 
     code = 7
     final = True
 
 
 class Aborted(DrError):
-    """The user did not answer yes; nothing was changed. Source: the reference's code."""
+    """Nothing was changed. Source of the code: the reference."""
 
     code = 1
     final = True
 
 
 class Absent(DrError):
-    """Something is not running, or never ran. Source: the reference's code."""
+    """Not running. Source of the code: the reference."""
 
     code = 1
     final = True
 
 
 class OutputLost(DrError):
-    """There is a result, but it cannot be printed."""
+    """The result cannot be printed."""
 
     code = 1
     final = True

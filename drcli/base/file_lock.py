@@ -1,4 +1,4 @@
-"""Locks between processes of one machine. The system releases them when their process ends."""
+"""Locks between processes, which the system releases at their end."""
 
 import os
 from collections.abc import Iterator
@@ -10,7 +10,6 @@ from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.base.system_calls import try_lock
 
 PATIENCE_S = 30.0
-"""How long to wait for another command that writes to the folder; each takes only a moment."""
 
 
 @contextmanager
@@ -21,7 +20,7 @@ def exclusive(
     what: str = "the local S3 server",
     failure: type[DrError] = StorageError,
 ) -> Iterator[None]:
-    """Hold the lock file of a server; it is created if needed and never deleted.
+    """Hold a lock file, which is created if needed and never deleted.
 
     Raises:
         StorageError: Another command held it for `patience_s`; or another `failure`.
@@ -33,11 +32,10 @@ def exclusive(
 
 @contextmanager
 def only_writer(directory: Path) -> Iterator[None]:
-    """Lock a racer's working folder, so that other commands wait before they change its files.
+    """Lock a working folder against other commands.
 
     Raises:
-        SettingsError: The folder does not exist or may not be read, or another command used it for
-            `PATIENCE_S`.
+        SettingsError: It is unreadable, or was in use for `PATIENCE_S`.
     """
     try:
         descriptor = os.open(directory, os.O_RDONLY)
@@ -52,7 +50,6 @@ def only_writer(directory: Path) -> Iterator[None]:
 
 @contextmanager
 def _held(descriptor: int, what: str, patience_s: float, failure: type[DrError]) -> Iterator[None]:
-    """Lock an open file or folder; it is closed afterwards."""
     try:
         if not wait_until(
             lambda: try_lock(descriptor),
@@ -71,7 +68,7 @@ def _held(descriptor: int, what: str, patience_s: float, failure: type[DrError])
 
 
 def leads_to(path: Path, descriptor: int) -> bool:
-    """Whether a path still leads to an open file."""
+    """An open file."""
     try:
         return os.path.samestat(path.stat(), os.fstat(descriptor))
     except OSError:

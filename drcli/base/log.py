@@ -1,8 +1,7 @@
-"""Logging of the processes of a run: one file each, every record with its time (UTC) and level.
+"""Logging of a run's processes, with time (UTC) and level.
 
-The log file is also the process's standard output and error, so that messages of C code and of
-`faulthandler` land in it too. A thread rotates it: it puts a new file in the place of all three
-descriptors between two records, so nothing is lost and no other process is needed.
+The file is also standard output and error, for C code and `faulthandler`. A thread rotates it: it
+replaces all three descriptors between two records, so nothing is lost.
 """
 
 import logging
@@ -17,48 +16,39 @@ from drcli.base import log_files
 from drcli.base.file_lock import leads_to
 
 LOOK_S = 0.1
-"""How often the size of the log is checked."""
-
 _ours = logging.Manager(logging.RootLogger(logging.INFO))
-"""Our loggers, not Python's: a reward function may configure or switch off those."""
+"""Not Python's: a reward function may configure or switch off those."""
 
 
 def get_logger(name: str) -> logging.Logger:
-    """The logger of a module; it writes nothing before there is a `LogFile`."""
+    """Silent without `LogFile`."""
     return _ours.getLogger(name)
 
 
 plain = get_logger("plain")
-"""Writes a message as it is. For lines that tools search for."""
+"""As it is, for tools."""
 
 traces = get_logger("plain.traces")
-"""The same for the lines of every step, which are in no other form of the log."""
+"""For the lines of every step."""
 
 
 def event(logger: logging.Logger, kind: str, message: str, /, **facts: object) -> None:
-    """Log what happened at level INFO: a sentence for people, and facts for programs.
-
-    Args:
-        logger: Of the module.
-        kind: What it is, such as "episode".
-        message: A sentence.
-        facts: What JSON knows; they are only in the JSON form of the log.
-    """
+    """A sentence for people, and facts for the JSON form."""
     logger.info("%s", message, extra={"event": kind, "facts": facts})
 
 
 def add_handler(handler: logging.Handler) -> None:
-    """Let a handler take our records, too."""
+    """Of our records."""
     _ours.root.addHandler(handler)
 
 
 def remove_handler(handler: logging.Handler) -> None:
-    """Let a handler take no more of our records."""
+    """Undo `add_handler`."""
     _ours.root.removeHandler(handler)
 
 
 class LogFile(logging.FileHandler):
-    """Writes our records to a log file until `end`; with its older parts it has `max_bytes`."""
+    """With older parts it has `max_bytes`."""
 
     def __init__(self, path: Path, max_bytes: int) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -73,8 +63,8 @@ class LogFile(logging.FileHandler):
     def end(self) -> None:
         """Stop writing.
 
-        This is not `close`, which Python calls for every handler if a reward function configures
-        `logging`; this handler then opens its file again.
+        Not `close`: Python calls that if a reward function configures `logging`, and this handler
+        then opens its file again.
         """
         self._ending.set()
         remove_handler(self)
@@ -82,7 +72,7 @@ class LogFile(logging.FileHandler):
             self.close()
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  the name in `logging`
-        """Drop a record if the disk is full; the process goes on."""
+        """The process goes on."""
         if not isinstance(sys.exception(), OSError):
             super().handleError(record)
 
@@ -125,10 +115,10 @@ class _Formatter(logging.Formatter):
 
 
 def record_text(record: logging.LogRecord) -> str:
-    """A record as it is in the log file."""
+    """As in files."""
     return _Formatter().format(record)
 
 
 def is_plain(record: logging.LogRecord) -> bool:
-    """Whether a record is written as it is, without time and level."""
+    """Without time and level."""
     return record.name in (plain.name, traces.name)

@@ -1,9 +1,8 @@
-"""Log files of limited size: a current file, older parts, and logs of earlier trainings.
+"""Log files of limited size.
 
-`sim-0.log` is the current file, `sim-0.log.part-0001` an older part of the same log, and
-`sim-0.log.20261122-093000` the log of an earlier training. Only the current file ends in `.log`:
-log-guru imports every file that does, and fails at one that begins in the middle. `sim-0.jsonl` is
-the same log as JSON lines, and `reward-0.log` what the racer's code printed in that worker.
+`sim-0.log` is the current file, `sim-0.log.part-0001` an older part, `sim-0.log.20261122-093000` of
+an earlier training. Only the current one ends in `.log`: log-guru fails at one that begins in the
+middle. `sim-0.jsonl` has JSON lines, `reward-0.log` what the racer's code printed.
 """
 
 import calendar
@@ -14,17 +13,13 @@ from contextlib import suppress
 from pathlib import Path
 
 VARIABLE = "DRCLI_LOG"
-"""Environment variable with the log file that a process writes."""
-
 UPLOADED = ".uploaded"
-"""End of the name of the file that says how much of a log is in the bucket."""
+"""Says how much is in the bucket."""
 
 SENT = ".sent"
-"""The same for a service that collects logs."""
+"""For a service that collects logs."""
 
 EARLIER_TRAININGS = 3
-"""How many earlier trainings keep their logs."""
-
 _STAMP = "%Y%m%d-%H%M%S"
 _WORKER = r"(?:(?:trainer|supervisor|sim-\d+)\.(?:log|jsonl)|reward-\d+\.log)"
 _LOG = re.compile(rf"({_WORKER})(\.part-\d+)?")
@@ -32,38 +27,32 @@ _EARLIER = re.compile(rf"{_WORKER}\.(\d{{8}}-\d{{6}})(?:\.part-\d+)?")
 
 
 def part_bytes(max_bytes: int) -> int:
-    """How large the current file may become if the whole log may have `max_bytes`.
-
-    That is half of it: tools read a single file, so it should hold most trainings completely.
-    """
+    """Half of the log: tools read a single file."""
     return max_bytes // 2
 
 
 def older_parts(log: Path) -> list[Path]:
-    """The older parts of a log, oldest first."""
+    """Oldest first."""
     parts = log.parent.glob(f"{log.name}.part-*")
     return sorted((path for path in parts if path.name.rpartition("-")[2].isdigit()), key=number_of)
 
 
 def number_of(part: Path) -> int:
-    """The number of an older part, from 1."""
+    """From 1."""
     return int(part.name.rpartition(".part-")[2])
 
 
 def current_number(log: Path) -> int:
-    """The number that the current file gets once it becomes an older part."""
+    """As a part."""
     parts = older_parts(log)
     return number_of(parts[-1]) + 1 if parts else 1
 
 
 def rotate(log: Path, max_bytes: int) -> int:
-    """Begin a new current file, and delete the oldest parts if they have more than `max_bytes`.
-
-    Returns:
-        A descriptor of the new file, in append mode.
+    """Begin a new file; returns its descriptor in append mode.
 
     Raises:
-        OSError: The disk is full or the folder is gone. The log has not changed.
+        OSError: The log has not changed.
     """
     fresh = log.with_name(f"{log.name}.new")
     descriptor = os.open(fresh, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_TRUNC, 0o666)
@@ -78,9 +67,9 @@ def rotate(log: Path, max_bytes: int) -> int:
 
 
 def set_aside(folders: list[Path], max_bytes: int) -> None:
-    """Rename the logs of the last training in these folders, so that a new one begins new files.
+    """Rename the logs of the last training.
 
-    Earlier logs in a folder may have `max_bytes` for each worker; the newest of them always stays.
+    Earlier logs may have `max_bytes` for each worker; the newest stays.
     """
     stamp = _stamp(folders)
     for folder in folders:
@@ -96,7 +85,6 @@ def set_aside(folders: list[Path], max_bytes: int) -> None:
 
 
 def _delete_earliest(folder: Path, max_bytes: int) -> None:
-    """Delete the logs of the oldest trainings if they are too many or too large."""
     by_stamp: dict[str, list[Path]] = {}
     for path in _files(folder):
         found = _EARLIER.fullmatch(path.name)
@@ -111,10 +99,7 @@ def _delete_earliest(folder: Path, max_bytes: int) -> None:
 
 
 def _stamp(folders: list[Path]) -> str:
-    """The current time in UTC, or the second after the newest stamp.
-
-    If the clock was set back, the new stamp must still be the newest: the oldest logs are deleted.
-    """
+    """Still the newest if the clock was set back."""
     found = (_EARLIER.fullmatch(path.name) for folder in folders for path in _files(folder))
     newest = max((match[1] for match in found if match), default="")
     now = time.strftime(_STAMP, time.gmtime())
@@ -133,7 +118,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _prune(parts: list[Path], max_bytes: int) -> None:
-    """Delete the oldest parts; the newest stays, because it gives the next one its number."""
+    """The newest gives the next one its number."""
     sizes = [path.stat().st_size for path in parts]
     while len(parts) > 1 and sum(sizes) > max_bytes:
         with suppress(OSError):

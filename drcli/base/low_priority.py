@@ -1,4 +1,4 @@
-"""Lowers the priority of this process, and of all processes that it starts."""
+"""Lowers the priority of this process and its descendants."""
 
 import os
 import sys
@@ -8,25 +8,20 @@ from pathlib import Path
 from drcli.base.backoff import wait_until
 
 NICE = 10
-"""How nice a process of low priority is, from -20 to 19; a program of normal priority has 0 and
-gets nine times as much of a core that both want. Source: man 7 sched."""
+"""A program with 0 gets nine times as much of a core. Source: man 7 sched."""
 
 _GROUP = Path("/proc/self/autogroup")
 
 _GROUP_PATIENCE_S = 1.0
-"""The kernel accepts one change of any group in a tenth of a second."""
 
 
 def lower_priority(group: Path = _GROUP) -> str:
-    """Let other programs have processor and disk first, for good; returns what was done.
+    """Let others have processor and disk first, for good; returns what was done.
 
-    Needs no privileges. Call it before this process starts threads: on Linux, priority belongs to
-    threads, and new ones inherit it. Calling it again, here or in a child, changes nothing.
+    Call it before threads start: on Linux, they inherit priority.
 
-    Where the kernel puts sessions into groups (`sched_autogroup`, on most desktops), priority
-    counts within a session only, and each of our processes has one of its own. So the group of the
-    session gets the same priority, unless this process shares the session with others, such as the
-    shell that started it. `group` is the kernel's file.
+    With `sched_autogroup` (most desktops), priority counts within a session only. So the session's
+    group gets the same priority, unless others share the session, such as a shell.
     """
     done = []
     with suppress(OSError):
@@ -56,7 +51,6 @@ def _lower_group(group: Path) -> bool:
 
 
 def _lower_disk() -> bool:
-    """The lowest level of the usual class of input and output, where the system has levels."""
     if sys.platform != "linux":
         return False
     import psutil

@@ -1,4 +1,4 @@
-"""How much memory this process may still use: on the machine, and in its control groups."""
+"""How much memory this process may still use."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import psutil
 from drcli.base.control_groups import ROOT, group_folders
 
 _UNLIMITED = 1 << 60
-"""The first version of control groups writes a number near 2**63 where there is no limit."""
+"""Control groups write a number near 2**63."""
 
 _FIRST_VERSION = ("memory.limit_in_bytes", "memory.usage_in_bytes")
 
@@ -19,11 +19,9 @@ class MemoryState:
     """Memory at one moment.
 
     Attributes:
-        total_bytes: What all processes together may use.
-        available_bytes: What of it is free, or can be freed at once.
-        limited: Whether a control group sets the limit, such as that of a container; else it is the
-            memory of the machine.
-        kills: How many processes the kernel has killed so far because memory ran out.
+        available_bytes: Free, or can be freed at once.
+        limited: By a control group.
+        kills: Processes killed for lack of memory.
     """
 
     total_bytes: int
@@ -33,7 +31,7 @@ class MemoryState:
 
     @property
     def place(self) -> str:
-        """Whose memory it is, in words."""
+        """In words."""
         gigabytes = f"{self.total_bytes / 1e9:.1f} GB"
         return (
             f"the memory limit of the container or control group ({gigabytes})"
@@ -43,7 +41,7 @@ class MemoryState:
 
 
 def read_memory(root: Path = ROOT) -> MemoryState:
-    """Memory as it is now; `root` is that of the file system, for tests."""
+    """Memory now."""
     machine, swap = psutil.virtual_memory(), psutil.swap_memory()
     found = MemoryState(machine.total + swap.total, machine.available + swap.free)
     for limit, used in group_limits(root):
@@ -56,7 +54,7 @@ def read_memory(root: Path = ROOT) -> MemoryState:
 
 
 def group_limits(root: Path = ROOT) -> Iterator[tuple[int, int | None]]:
-    """Limit and use, in bytes, of each control group with a limit; None if the use is unknown."""
+    """Of each group."""
     for folder, unified in group_folders("memory", root):
         names = ("memory.max", "memory.current") if unified else _FIRST_VERSION
         limit, used = (_number(folder / name) for name in names)
@@ -69,7 +67,6 @@ def group_limits(root: Path = ROOT) -> Iterator[tuple[int, int | None]]:
 
 
 def _kills(root: Path) -> int:
-    """Processes that were killed in this group or, if Linux does not count them, anywhere."""
     for folder, unified in group_folders("memory", root):
         counts = _counts(folder / ("memory.events" if unified else "memory.oom_control"))
         if "oom_kill" in counts:
@@ -80,7 +77,6 @@ def _kills(root: Path) -> int:
 
 
 def _number(path: Path) -> int | None:
-    """The number in a file; None if there is none, as for "max"."""
     try:
         return int(path.read_text("ascii", "replace"))
     except (OSError, ValueError):
@@ -88,7 +84,6 @@ def _number(path: Path) -> int | None:
 
 
 def _counts(path: Path) -> dict[str, int]:
-    """The numbers of a file with lines of a name and a number; empty if it cannot be read."""
     try:
         lines = path.read_text("ascii", "replace").splitlines()
     except OSError:

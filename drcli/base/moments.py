@@ -10,15 +10,7 @@ _UNITS = {"m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
 
 
 def moment(option: str, text: str, now: datetime) -> datetime:
-    """A date, or the time so long before `now`.
-
-    Args:
-        option: Name of the option, for messages.
-        text: A date in UTC such as 2026-11-20 or 2026-11-20T08:30, or an age: 30m, 12h, 7d, 3w.
-        now: The present time.
-
-    Returns:
-        The time in UTC.
+    """A UTC date such as 2026-11-20T08:30, or an age: 30m, 12h, 7d, 3w.
 
     Raises:
         SettingsError: It is neither.

@@ -1,9 +1,8 @@
-"""Messages from packages below the command line: a command shows them, a worker logs them."""
+"""Messages from below the command line: a command shows them, a worker logs them."""
 
 from collections.abc import Callable
 
 QUIET_S = 1.0
-"""Shortest wait that is worth a message, seconds."""
 
 
 def _ignore(_text: str) -> None:
@@ -11,7 +10,4 @@ def _ignore(_text: str) -> None:
 
 
 show: Callable[[str], None] = _ignore
-"""Takes a sentence about what the program waits for."""
-
 warn: Callable[[str], None] = _ignore
-"""Takes a warning."""

@@ -1,4 +1,4 @@
-"""Reports as JSON: for `--json` of the commands and for the console."""
+"""Reports as JSON, for `--json` and the console."""
 
 import dataclasses
 import math
@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
 
 def keys_of(report: "DataclassInstance") -> dict[str, Any]:
-    """Fields and properties of a report by name, ready for JSON."""
+    """Fields and properties."""
     names = [field.name for field in dataclasses.fields(report)]
     names += [name for name, it in vars(type(report)).items() if isinstance(it, property)]
     return {name: plain(getattr(report, name)) for name in names}
 
 
 def plain(value: Any) -> Any:
-    """The value for JSON, which has no NaN and no infinities: they become null."""
+    """NaN and infinities become null."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Problem):

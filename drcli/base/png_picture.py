@@ -1,4 +1,4 @@
-"""Draws pictures with matplotlib, without a display, and writes them as PNG files."""
+"""Draws PNG pictures without a display."""
 
 import io
 import logging
@@ -24,14 +24,12 @@ _STYLE: dict[Any, Any] = {
     "text.parse_math": False,  # a file may have dollar signs in its name
 }
 INK = "#262a30"
-"""Text and edges."""
-
 LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#000000", "#56b4e9")
-"""Colour-blind people can distinguish them. Source: Okabe and Ito, 2008, the yellow darkened."""
+"""Source: Okabe and Ito, 2008, the yellow darkened."""
 
 
 def png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> bytes:
-    """A drawing of that size, as a PNG file."""
+    """PNG file."""
     import matplotlib  # here: it takes half a second to load, and most commands draw nothing
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,8 +1,7 @@
-"""Who may read what drcli writes: its user alone, except files that are made to be handed out.
+"""Who may read what drcli writes.
 
-Settings, logs, records and models may contain secrets. So a command creates everything for its user
-alone, and so do the processes that it starts, which inherit its umask. Reports, videos, exports and
-other files that a racer asks for get the rights of the racer's own umask (`hand_out`).
+There may be secrets, so everything is for its user alone, but files that a racer asks for get the
+racer's own umask (`hand_out`).
 """
 
 import os
@@ -13,19 +12,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 _SETTINGS = re.compile(r".*\.env(\.bak\d*)?")
-"""Names of settings files and their copies, which may contain webhooks and passwords."""
-
 _racers: int | None = None
-"""The umask of the racer while that of the process is another."""
+"""While the process has another."""
 
 
 @contextmanager
 def private(shared: Path) -> Iterator[None]:
-    """Create files and folders for this user alone, here and in processes that are started.
+    """Create files for this user alone, also in started processes.
 
-    Args:
-        shared: If this folder belongs to a group on purpose, which its setgid bit says, the group
-            gets the same rights to what is created as it has to the folder.
+    A group keeps its rights if `shared` has the setgid bit.
     """
     global _racers
     try:
@@ -43,9 +38,9 @@ def private(shared: Path) -> Iterator[None]:
 
 
 def hand_out(path: Path) -> None:
-    """Give a new file or folder the rights that the racer's umask would have given it.
+    """Give a new file the rights of the racer's umask.
 
-    Nobody gets rights who cannot enter its folder. Settings files stay private.
+    Nobody gets rights who cannot enter its folder. Settings stay private.
     """
     given = 0o777 if path.is_dir() else 0o666
     enters = 7 * (path.parent.stat().st_mode & 0o111)
@@ -53,16 +48,12 @@ def hand_out(path: Path) -> None:
 
 
 def is_settings(path: Path) -> bool:
-    """Whether a file is a settings file, or a copy of one."""
+    """Or a copy."""
     return _SETTINGS.fullmatch(path.name) is not None
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder that is handed out, and those above it, if they do not exist.
-
-    Raises:
-        OSError: One cannot be made.
-    """
+    """Handed out, like those above it."""
     if not path.parent.exists():
         make_folder(path.parent)
     if not path.is_dir():
@@ -71,7 +62,7 @@ def make_folder(path: Path) -> None:
 
 
 def others_may_read(path: Path) -> bool:
-    """Whether other users may read a file or folder, unless it is a group for which it is meant."""
+    """Not meant groups."""
     mode = path.stat().st_mode
     folder = path if path.is_dir() else path.parent
     is_meant = folder.stat().st_mode & stat.S_ISGID

@@ -1,4 +1,4 @@
-"""Problems in the racer's files, as records that commands print."""
+"""Problems in the racer's files."""
 
 import difflib
 import re
@@ -9,23 +9,14 @@ from typing import ClassVar, Literal, NamedTuple
 from drcli.base.errors import SettingsError
 
 Severity = Literal["error", "warning", "note"]
-"""An error prevents a training from starting, a warning does not. A note tells what
-`dr-start-training` will ask."""
+"""Only errors prevent a start; `dr-start-training` asks about notes."""
 
 MOST_SHOWN = 40
-"""How many problems one error lists; a file with more was probably named by mistake."""
-
 LONGEST_SHOWN = 80
-"""Characters of a value that an error repeats; enough to recognise it, short enough to read."""
 
 
 class Place(NamedTuple):
-    """Where a value was given.
-
-    Attributes:
-        file: Name of a file, or another source such as `environment`, `flag` or `default`.
-        line: Counted from 1; None outside of files.
-    """
+    """A file, or `environment`, `flag` or `default`."""
 
     file: str
     line: int | None = None
@@ -40,7 +31,7 @@ class Problem:
 
     Attributes:
         file: As in `Place`; empty if there is none.
-        key: The setting or key with the problem; empty if there is none.
+        key: The setting or key; empty if there is none.
     """
 
     rule: str
@@ -79,12 +70,7 @@ class Problem:
 
 
 class BadValue(ValueError):
-    """A value has the right type, but is not allowed; where it was given is not known here.
-
-    Args:
-        reason: What is wrong, to be read after the value: `is empty`.
-        remedy: What to write instead.
-    """
+    """The right type, but not allowed; `reason` is as in `is empty`."""
 
     def __init__(self, reason: str, remedy: str) -> None:
         super().__init__(reason)
@@ -93,7 +79,7 @@ class BadValue(ValueError):
 
 
 class ProblemsError(SettingsError):
-    """One or more problems, at least one an error: a line for each error and each remedy."""
+    """At least one error."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
@@ -105,52 +91,52 @@ class ProblemsError(SettingsError):
 
     @property
     def errors(self) -> tuple[Problem, ...]:
-        """The problems without warnings and notes."""
+        """Without warnings."""
         return tuple(problem for problem in self.problems if problem.severity == "error")
 
 
 def of_severity(problems: Iterable[Problem], severity: Severity) -> tuple[Problem, ...]:
-    """The problems of one severity, each once, sorted by rule, file and line."""
+    """Each once, sorted by rule, file and line."""
     distinct = dict.fromkeys(problem for problem in problems if problem.severity == severity)
     return tuple(sorted(distinct, key=lambda p: (p.rule, p.file, p.line or 0)))
 
 
 def refuse(problems: Iterable[Problem]) -> None:
-    """Raise ProblemsError if there are errors."""
+    """Raise ProblemsError for errors."""
     errors = of_severity(problems, "error")
     if errors:
         raise ProblemsError(errors)
 
 
 def few(sentences: Iterable[str]) -> list[str]:
-    """The first of many sentences, and how many more there are."""
+    """First ones, and how many more."""
     everything = list(sentences)
     more = len(everything) - MOST_SHOWN
     return everything if more <= 0 else [*everything[:MOST_SHOWN], f"And {more:,} more like these."]
 
 
 def shown(value: str) -> str:
-    """A value as it may be shown in a sentence: short, on one line, safe for any terminal."""
+    """Short, on one line, safe for any terminal."""
     text = value if value.isprintable() else ascii(value)
     return text if len(text) <= LONGEST_SHOWN else text[:LONGEST_SHOWN] + "..."
 
 
 def closest(word: str, words: Iterable[str], cutoff: float = 0.6) -> str | None:
-    """The one of `words` that was probably meant; `cutoff` is the least similarity, 0 to 1."""
+    """What was probably meant; `cutoff`: least similarity, 0 to 1."""
     by_fold = {candidate.casefold(): candidate for candidate in words}
     matches = difflib.get_close_matches(word[:200].casefold(), by_fold, n=1, cutoff=cutoff)
     return by_fold[matches[0]] if matches else None
 
 
 def one_of(words: Sequence[str], written: str) -> str:
-    """A remedy that names the allowed words, the likely one first."""
+    """The likely word first."""
     likely = closest(written, words)
     start = f"Did you mean {likely}? " if likely is not None else ""
     return f"{start}Write one of {', '.join(words)}."
 
 
 def _names(message: str, place: str) -> bool:
-    """Whether a message contains a place in whole words; `run.env line 12` is not line 1."""
+    """`run.env line 12` is not line 1."""
     return bool(re.search(rf"(?<![\w./-]){re.escape(place)}(?![\w/-]|\.\w)", message))
 
 

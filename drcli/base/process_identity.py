@@ -1,8 +1,7 @@
 """Identifies machines, and processes whose number may be used again.
 
-Neither the host name nor /etc/machine-id will do: containers made from one image share them. What
-matters is whether process numbers mean the same. So the name of a machine is made of the kernel's
-random boot id and the namespace of process numbers, which is different in every container.
+Containers share host name and /etc/machine-id, so a machine is the kernel's boot id and a namespace
+of process numbers.
 """
 
 import os
@@ -12,18 +11,15 @@ from pathlib import Path
 
 _PROC = Path("/proc")
 _START_FIELD = 19
-"""Place of the start time in /proc/PID/stat, counted from the state. Source: man 5 proc."""
+"""Source: man 5 proc."""
 
 _UNIX_S = 1e9
-"""Larger times count from 1970, smaller ones from the start of the machine."""
-
 _SAME_S = 1.0
-"""Two measured start times of one process differ by less than this."""
 
 
 @lru_cache(maxsize=1)
 def this_machine() -> str:
-    """A name that is equal only for processes that see each other's numbers."""
+    """Equal for processes that see each other's numbers."""
     host = socket.gethostname()
     try:
         boot = (_PROC / "sys/kernel/random/boot_id").read_text().strip()
@@ -35,12 +31,7 @@ def this_machine() -> str:
 
 
 def started_s(pid: int) -> float | None:
-    """When a process began; None if it does not exist or is a zombie.
-
-    Returns:
-        Seconds since the machine started, which do not change when somebody sets the clock; Unix
-        seconds on systems without /proc.
-    """
+    """Seconds from the machine's start, or Unix time without /proc; None for a zombie."""
     try:
         after_name = (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
         if after_name[0] in "ZX":
@@ -51,12 +42,12 @@ def started_s(pid: int) -> float | None:
 
 
 def exists(pid: int) -> bool:
-    """Whether a process of this number runs; a zombie does not."""
+    """Zombies do not."""
     return started_s(pid) is not None
 
 
 def is_alive(pid: int, began_s: float) -> bool:
-    """Whether a process runs and is the one that began at that time (`started_s` or Unix time)."""
+    """Began then (`started_s` or Unix time)."""
     now_s = _started_unix_s(pid) if began_s > _UNIX_S else started_s(pid)
     return now_s is not None and abs(now_s - began_s) < _SAME_S
 

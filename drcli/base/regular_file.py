@@ -1,4 +1,4 @@
-"""Reads files that people name: only real files, which have an end and never make a reader wait."""
+"""Reads only files that never make a reader wait."""
 
 import errno
 import os
@@ -7,11 +7,10 @@ from pathlib import Path
 
 
 def read_regular(path: Path, limit: int = -1) -> bytes:
-    """The content of a file, or only its first bytes if there is a limit.
+    """At most `limit` bytes.
 
     Raises:
-        OSError: It cannot be read, or is something else: to read a named pipe would wait for a
-            writer, and some devices have no end.
+        OSError: It cannot be read, or is not a file.
     """
     # Without waiting, because what lies at the path is only known when it is open.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)

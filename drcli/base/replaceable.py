@@ -1,4 +1,4 @@
-"""The files that commands write for their users: names that tell models apart; none is replaced."""
+"""Files that commands write, and never replace."""
 
 import re
 import tempfile
@@ -11,19 +11,15 @@ _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 def safe_name(text: str) -> str:
-    """A text, such as the prefix of a model, as part of the name of a file.
+    """A prefix as a file name.
 
-    All parts of a prefix are in it, so that `anna/m1` and `ben/m1` have files of their own.
+    `anna/m1` and `ben/m1` differ.
     """
     return _UNSAFE.sub("-", text).strip("-.") or "model"
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:
-    """Refuse to replace a file that exists, unless `force` (the option -f) is given.
-
-    Raises:
-        SettingsError: It exists, or is not a file.
-    """
+    """SettingsError, unless `force` (-f)."""
     try:
         exists, is_file, is_folder = path.exists(), path.is_file(), path.is_dir()
     except OSError as error:
@@ -40,11 +36,7 @@ def refuse_existing(path: Path, *, force: bool) -> None:
 
 
 def refuse_replacing(path: Path, *, force: bool) -> None:
-    """`refuse_existing`, and refuse a place where no file can be made.
-
-    Raises:
-        SettingsError: It is one of these.
-    """
+    """Also where no file can be made."""
     if not path.parent.is_dir():
         raise _unwritable(path, f"the folder {path.parent} does not exist")
     refuse_existing(path, force=force)
@@ -52,11 +44,7 @@ def refuse_replacing(path: Path, *, force: bool) -> None:
 
 
 def make_picture_folder(folder: Path) -> None:
-    """Make a folder for pictures, if it does not exist.
-
-    Raises:
-        SettingsError: It cannot be made.
-    """
+    """Or SettingsError."""
     try:
         make_folder(folder)
     except OSError as error:
@@ -67,11 +55,7 @@ def make_picture_folder(folder: Path) -> None:
 
 
 def refuse_new_file(path: Path) -> None:
-    """Refuse a place where no file can be made, by making one there for a moment.
-
-    Raises:
-        SettingsError: It is one.
-    """
+    """SettingsError where no file can be made."""
     try:
         with tempfile.NamedTemporaryFile(prefix=f".{path.name}.", suffix=".part", dir=path.parent):
             pass

@@ -1,4 +1,4 @@
-"""A text file of limited size that its process writes line by line."""
+"""A text file of limited size."""
 
 import os
 import threading
@@ -9,14 +9,12 @@ from drcli.base import log_files
 from drcli.base.file_lock import leads_to
 
 LONGEST_LINE = 64 << 10
-"""Characters of an unfinished line that wait in memory for its end."""
 
 
 class RotatingFile:
-    """Appends lines to a file; with its older parts it has `max_bytes`.
+    """Appends lines, from any thread; with older parts it has `max_bytes`.
 
-    The file appears with its first line. Several processes may append to it: each line is written
-    at once. On a full disk, lines are lost and nothing fails. Any thread may write.
+    Each line is written at once. On a full disk, lines are lost.
     """
 
     def __init__(self, path: Path, max_bytes: int) -> None:
@@ -27,7 +25,7 @@ class RotatingFile:
         self._lock = threading.Lock()
 
     def write(self, text: str) -> None:
-        """Write a text; the part after its last line end waits for more."""
+        """The last, incomplete line waits."""
         with self._lock:
             text = self._unfinished + text
             end = len(text) if len(text) > LONGEST_LINE else text.rfind("\n") + 1
@@ -36,7 +34,7 @@ class RotatingFile:
                 self._append(text[:end])
 
     def close(self) -> None:
-        """Write what waits, and close the file; the next text opens it again."""
+        """Writing reopens it."""
         with self._lock:
             if self._unfinished:
                 self._append(self._unfinished + "\n")

@@ -1,8 +1,7 @@
-"""Prevents a racer's code from sending signals to programs that it did not start.
+"""Prevents a racer's code from sending signals to other programs.
 
-A reward function runs in a process whose parent is the command or the supervisor:
-`os.kill(os.getppid(), 9)` would end these. Here it fails instead, with the line that did it. This
-protects against mistakes; harmful code finds other ways (docs/security.md).
+`os.kill(os.getppid(), 9)` would end the command. This protects against mistakes only
+(docs/security.md).
 """
 
 import errno
@@ -17,7 +16,7 @@ _REFUSAL = (
 
 
 def install() -> None:
-    """Guard this process, which must lead its own process group."""
+    """In the leader of a process group."""
     os.kill = _guarded(os.kill, _is_own)
     os.killpg = _guarded(os.killpg, _is_own_group)
     if hasattr(signal, "pidfd_send_signal"):  # which process a descriptor means is unknown
@@ -44,7 +43,6 @@ def _is_own_group(group: int) -> bool:
 
 
 def _children() -> set[int]:
-    """The processes that this one has started, and those that they have started."""
     import psutil  # loaded here: hardly any reward function starts a program
 
     return {child.pid for child in psutil.Process().children(recursive=True)}

@@ -1,7 +1,4 @@
-"""Runs another module as a program: `python -P -m drcli.base.start_module MODULE ARGUMENTS`.
-
-Until that module calls `search_as_usual`, its imports take less time.
-"""
+"""Runs a module with faster imports: `python -P -m drcli.base.start_module MODULE ARGUMENTS`."""
 
 import runpy
 import sys

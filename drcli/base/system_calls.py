@@ -1,11 +1,9 @@
-"""Calls to the system that Linux, macOS and others do not all have in the same way.
+"""Calls that Linux, macOS and others do not all have in the same way.
 
-Only this module imports `fcntl` and `resource`, and only this one uses calls of Linux alone. Each
-function says what happens on a system without the call. Two places have conditions of their own:
-`drcli.base.elapsed` chooses a clock, and `drsim`, which does not import drcli, sets its timers.
+Only this module imports `fcntl` and `resource`, or uses calls of Linux alone; but
+`drcli.base.elapsed` chooses a clock, and `drsim` sets its timers.
 
-Windows itself has neither these modules nor signals and sessions; there, drcli runs inside WSL,
-which is Linux.
+On Windows, drcli runs inside WSL.
 """
 
 import errno
@@ -29,10 +27,8 @@ except ImportError:  # Windows
     fcntl = resource = None
 
 _DESCRIPTORS = (Path("/proc/self/fd"), Path("/dev/fd"))
-"""Where Linux lists the open files of a process, and where macOS and the BSDs do."""
-
 _END_WITH_PARENT, _ADOPT_ORPHANS = 1, 36
-"""PR_SET_PDEATHSIG and PR_SET_CHILD_SUBREAPER. Source: linux/prctl.h."""
+"""Source: linux/prctl.h."""
 
 Limit = Literal["open_files", "processes", "memory", "file_size"]
 
@@ -44,18 +40,10 @@ _LIMITS: dict[Limit, str] = {
 }
 
 _MANY_FILES = 1 << 40
-"""macOS writes a number near 2**63 where a process may open any number of files."""
 
 
 def try_lock(descriptor: int, *, shared: bool = False) -> bool:
-    """Lock an open file or folder until it is closed or the process ends.
-
-    Args:
-        descriptor: Of the file or folder.
-        shared: Whether other processes may hold it in the same way at the same time.
-
-    Returns:
-        Whether it worked; False if another process holds a lock that excludes this one.
+    """Lock until closed; False if another process excludes this one.
 
     Raises:
         NotAvailable: The system has no such locks.
@@ -70,7 +58,7 @@ def try_lock(descriptor: int, *, shared: bool = False) -> bool:
 
 
 def no_such_system() -> NotAvailable:
-    """The refusal on a system that drcli cannot run on."""
+    """The refusal."""
     return NotAvailable(
         "drcli does not run on Windows itself, but inside of WSL.",
         remedy="Run `wsl --install`, and install drcli there: docs/platforms.md.",
@@ -78,7 +66,7 @@ def no_such_system() -> NotAvailable:
 
 
 def soft_limit(limit: Limit) -> int | None:
-    """How much of something this process may use; None for any amount, and where unknown."""
+    """None where unknown."""
     if resource is None or not hasattr(resource, _LIMITS[limit]):
         return None
     found = int(resource.getrlimit(getattr(resource, _LIMITS[limit]))[0])
@@ -89,7 +77,7 @@ def soft_limit(limit: Limit) -> int | None:
 
 
 def peak_memory_bytes() -> int:
-    """The most memory that this process has had in use so far; 0 where nobody counts it."""
+    """0 where unknown."""
     if resource is None:
         return 0
     peak = int(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
@@ -97,12 +85,7 @@ def peak_memory_bytes() -> int:
 
 
 def limit_data(most_bytes: int) -> bool:
-    """Let this process use no more memory than this for its data.
-
-    Returns:
-        Whether the limit is set. Linux keeps to it. macOS may refuse it, and does not keep to it;
-        then a process that fills the memory ends like any other on that system.
-    """
+    """Whether the limit is set. macOS may refuse it, and does not keep to it."""
     if resource is None or not hasattr(resource, "RLIMIT_DATA"):
         return False
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
@@ -118,8 +101,8 @@ def limit_data(most_bytes: int) -> bool:
 def flush_to_disk(path: Path) -> None:
     """Return when a file, or the names in a folder, would outlive a power cut.
 
-    On macOS, where `fsync` leaves the data in the memory of the disk, this asks the disk, too. File
-    systems that cannot flush are left as they are.
+    On macOS, `fsync` leaves data in the disk's memory, so this asks the disk, too. File systems
+    that cannot flush are left alone.
 
     Raises:
         OSError: The path does not exist, or the disk refuses the data.
@@ -132,7 +115,7 @@ def flush_to_disk(path: Path) -> None:
 
 
 def flush_descriptor(descriptor: int) -> None:
-    """The same for an open file."""
+    """Like `flush_to_disk`."""
     try:
         os.fsync(descriptor)
         if fcntl is not None and hasattr(fcntl, "F_FULLFSYNC"):
@@ -143,19 +126,19 @@ def flush_descriptor(descriptor: int) -> None:
 
 
 def is_disk_full(error: OSError) -> bool:
-    """Whether a call failed because the disk, or the user's part of it, has no room."""
+    """Or a quota."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def cores_of_process() -> int:
-    """Processor cores that this process may run on (`taskset`); elsewhere those of the machine."""
+    """As of `taskset`."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def open_files(process: int | None = None) -> int:
-    """Number of files that a process, or this one, has open; 0 if the system does not tell."""
+    """0 where unknown."""
     folders = _DESCRIPTORS if process is None else [Path(f"/proc/{process}/fd")]
     for folder in folders:
         with suppress(OSError), os.scandir(folder) as entries:
@@ -164,11 +147,7 @@ def open_files(process: int | None = None) -> int:
 
 
 def name_place(path: Path) -> int:
-    """A descriptor that only names a file or folder; on systems other than Linux, it is opened.
-
-    Raises:
-        OSError: It does not exist.
-    """
+    """A descriptor that only names a place; outside Linux, it is opened."""
     return os.open(path, getattr(os, "O_PATH", os.O_RDONLY) | os.O_CLOEXEC)
 
 
@@ -178,7 +157,7 @@ def adopt_orphans() -> None:
 
 
 def end_with_parent() -> None:
-    """Let the system kill this process when the thread that started it ends; Linux only."""
+    """With the thread that started this process; Linux only."""
     _control_process(_END_WITH_PARENT, signal.SIGKILL)
 
 
@@ -190,19 +169,19 @@ def _control_process(what: int, value: int) -> None:
 
 
 class ExitWait:
-    """Waits for the end of a process that need not be a child of this one."""
+    """Waits for the end of any process."""
 
     def __init__(self, pid: int) -> None:
-        """Prepare; on systems other than Linux, `wait` only lets the time pass."""
+        """Outside Linux, `wait` only lets the time pass."""
         self._descriptors: list[int] = []
         with suppress(AttributeError, OSError):  # not Linux, or the process has ended
             self._descriptors.append(os.pidfd_open(pid))
 
     def wait(self, seconds: float) -> None:
-        """Return when the process has ended, at the latest after so many seconds."""
+        """Return at the end."""
         select.select(self._descriptors, [], [], seconds)
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Free the descriptor."""
         while self._descriptors:
             os.close(self._descriptors.pop())

@@ -1,14 +1,10 @@
-"""Decodes files that people edit: UTF-8 text, with or without a byte order mark."""
+"""Decodes files that people edit: UTF-8, with or without a byte order mark."""
 
 from drcli.base.problems import Problem, ProblemsError
 
 
 def decode(data: bytes, name: str, rule: str, *, largest_bytes: int, remedy: str) -> str:
-    """The text of a file, which messages call by its name.
-
-    Raises:
-        ProblemsError: It breaks the rule: it has more than `largest_bytes`, or is not UTF-8.
-    """
+    """ProblemsError if it is too large, or not UTF-8."""
     if len(data) > largest_bytes:
         size = f"{len(data):,} bytes long; at most {largest_bytes:,} are allowed."
         what = f"The file is {size}"

@@ -1,22 +1,19 @@
-"""Tells steady growth of a quantity, such as the memory of a process, from ups and downs."""
+"""Tells steady growth from ups and downs."""
 
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 
 MOST_SAMPLES = 720
-"""After so many samples, every second one is dropped, and samples are taken half as often."""
-
 PARTS = 6
-"""A time is divided into so many parts, and the lowest value of each part must be higher than that
-of the part before. Noise does that in one of 720 times."""
+"""The lowest value must rise from part to part. Noise does that in one of 720 times."""
 
 LEAST_SAMPLES = 3 * PARTS
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Steady growth: from one value to another within some seconds."""
+    """Steady."""
 
     begin: float
     end: float
@@ -24,21 +21,20 @@ class Growth:
 
     @property
     def per_s(self) -> float:
-        """Growth in one second."""
+        """Mean rate."""
         return (self.end - self.begin) / self.seconds
 
 
 class Trend:
-    """Collects samples of one quantity for any time, in bounded memory."""
+    """In bounded memory."""
 
     def __init__(self, least_s: float = 120.0) -> None:
-        """Begin; growth over less than `least_s` seconds is not looked at."""
         self._least_s = least_s
         self._samples: deque[tuple[float, float]] = deque()
         self._every_s = 0.0
 
     def add(self, now_s: float, value: float) -> None:
-        """Add a sample, unless the last one is too near."""
+        """Add a sample."""
         samples = self._samples
         if samples and now_s - samples[-1][0] < self._every_s:
             return
@@ -49,17 +45,13 @@ class Trend:
 
     @property
     def seconds(self) -> float:
-        """Time from the first sample to the last."""
+        """Of all samples."""
         return self._samples[-1][0] - self._samples[0][0] if self._samples else 0.0
 
     def growth(self, least: float, share: float = 0.0) -> Growth | None:
-        """The steady growth that goes on now; None if there is none.
+        """The steady growth that goes on now, or None.
 
-        The last half of the time is looked at, then the last quarter, and so on.
-
-        Args:
-            least: Least growth in that time.
-            share: Least growth as a share of the value at its begin.
+        Looks at the last half of the time, then the last quarter, and so on.
         """
         span_s = self.seconds / 2.0
         while span_s >= self._least_s:

@@ -1,8 +1,6 @@
-"""Ends the pause of another process on this machine, so that it need not look often.
+"""Ends the pause of another process; Linux only.
 
-A wake-up carries no information and may be lost: who pauses looks again after it, and after some
-time in any case. Linux only; elsewhere nobody is woken. The sockets have abstract names, so there
-is no file that a later start would find.
+A wake-up may be lost, so pauses end in any case. Sockets have abstract names, so no file stays.
 """
 
 import hashlib
@@ -14,18 +12,16 @@ from contextlib import suppress
 from pathlib import Path
 
 _MOST_QUEUED = 1_000
-"""Wake-ups that are taken from the queue at once; the kernel keeps far fewer."""
 
 
 class Wakeup:
-    """Where one process of a folder can be woken. Close it when done.
+    """Close it when done.
 
     Attributes:
-        works: Whether others can wake this process. If not, `pause` only waits.
+        works: If not, `pause` only waits.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
-        """Listen under a name that is unique in the folder."""
         self.works = False
         self._socket: socket.socket | None = None
         if sys.platform != "linux":
@@ -40,9 +36,9 @@ class Wakeup:
         self._socket, self.works = listener, True
 
     def pause(self, seconds: float) -> bool:
-        """Wait so long, or until somebody wakes this process; return whether somebody did.
+        """Wait until woken, and return whether so.
 
-        A wake-up that came before the pause ends it at once.
+        A wake-up before the pause ends it at once.
         """
         if self._socket is None:
             time.sleep(seconds)
@@ -62,7 +58,7 @@ class Wakeup:
 
 
 def wake(folder: Path, *names: str) -> None:
-    """Wake the processes of a folder that listen under these names; others are skipped."""
+    """Others are skipped."""
     if sys.platform != "linux":
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
@@ -73,6 +69,6 @@ def wake(folder: Path, *names: str) -> None:
 
 
 def _address(folder: Path, name: str) -> bytes:
-    """The abstract name of a socket, which begins with a zero byte. At most 108 bytes."""
+    """At most 108 bytes."""
     key = hashlib.sha256(f"{folder.resolve()}\n{name}".encode()).hexdigest()[:32]
     return f"\0drcli-{key}".encode()

@@ -1,1 +1,1 @@
-"""The forms in which a policy leaves and arrives: files of other systems, read and written."""
+"""Policies in files of other systems, read and written."""

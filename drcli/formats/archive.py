@@ -1,10 +1,7 @@
-"""Reads archives that anybody may have made, in memory: nothing is extracted to a folder.
+"""Reads ZIP and tar archives of anybody in memory; nothing is extracted.
 
-The content decides what an archive is: a ZIP file, or a tar that may be compressed.
-
-Python's `tarfile` is not used for reading. It takes a damaged header for the end of the archive, so
-that damage goes unnoticed, and it reads headers of any size. This reader refuses what it does not
-expect; it knows the formats of GNU tar, BSD tar and Python (ustar, GNU, pax).
+Python's `tarfile` takes a damaged header for the end, and reads headers of any size. This reader
+refuses what it does not expect; it knows ustar, GNU and pax.
 """
 
 import lzma
@@ -32,17 +29,13 @@ from drcli.formats.gzip_stream import (
 from drcli.formats.pickles import is_pickle, is_weight_file
 
 ENDINGS = (".tar.gz", ".tgz", ".tar", ".tar.bz2", ".tbz2", ".tar.xz", ".txz", ".zip")
-"""Ends of the names of archives that can be read."""
-
 LARGEST_MEMBER_BYTES = 512 << 20
-"""More than any file of a model: the largest checkpoint of the reference has about 230 MB."""
+"""The reference's largest checkpoint has about 230 MB."""
 
 MOST_MEMBERS = 10_000
 
 _LONGEST_NAME = 1024
 _LARGEST_HEADER_BYTES = 1 << 20
-"""Of a header that gives the next member a long name or other attributes."""
-
 _BLOCK = 512
 _REGULAR, _CONTIGUOUS, _FOLDER = b"0", b"7", b"5"
 _GNU_NAME, _GNU_LINK, _PAX, _PAX_GLOBAL = b"L", b"K", b"x", b"g"
@@ -58,39 +51,26 @@ _REFUSED = {
     b"V": "is the label of a volume",
     b"D": "is a list of files",
 }
-"""Kinds of members that no model has."""
-
 _ENCRYPTED = 0x1
 
 _ZIP_DAMAGE = (
     *(zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError, struct.error),
     *(zlib.error, lzma.LZMAError, OSError),  # OSError: what is wrong with a bzip2 stream
 )
-"""What `zipfile` raises for a damaged archive, by the compression of its members."""
-
 _REMEDY = "Use another archive, or pack the model's files again with `tar czf NAME.tar.gz FILES`."
 
 
 def read_archive(path: Path) -> dict[str, bytes]:
-    """Read all files of an archive on this machine.
-
-    Returns:
-        The content by name, such as `agent/model.pb`; folders are left out, and so are files that
-        programs leave behind.
+    """Read all files of an archive but those that programs leave behind.
 
     Raises:
-        SettingsError: The file cannot be read, is not such an archive, is damaged, or contains
-            something that no model has.
+        SettingsError: It is unreadable, damaged, or contains something that no model has.
     """
     return unpack_archive(BytesIO(read_packed(path)), str(path))
 
 
 def read_packed(path: Path) -> bytes:
-    """Read the file of an archive as it is.
-
-    Raises:
-        SettingsError: It cannot be read, or is larger than any archive may be.
-    """
+    """SettingsError if it is too large."""
     remedy = "Name an archive (.tar.gz, .tar or .zip) that you can read."
     try:
         found = path.stat()
@@ -108,7 +88,7 @@ def read_packed(path: Path) -> bytes:
 def unpack_archive(
     file: BinaryIO, origin: str, *, wanted: Callable[[str], bool] = lambda n: not is_left_behind(n)
 ) -> dict[str, bytes]:
-    """Read the wanted files of an archive, which messages call `origin`; see `read_archive`."""
+    """Read wanted files, see `read_archive`; messages call the archive `origin`."""
     found: dict[str, bytes] = {}
     folders: set[str] = set()
     try:
@@ -133,18 +113,10 @@ def unpack_archive(
 def unpack_readable(
     file: BinaryIO, wanted: Callable[[str], bool]
 ) -> tuple[dict[str, bytes], ArchiveFault | None]:
-    """Read some files of an archive as far as it can be read.
+    """Read wanted files of an archive as far as possible, and what ended that early.
 
-    Nothing in it is executed or written, so that links, doubles and the weights of a model are no
-    reason to refuse it. The limits of `open_stream` hold.
-
-    Args:
-        file: The archive.
-        wanted: Whether a file of this name is to be kept; the others are only skipped.
-
-    Returns:
-        The content by name, the last one where a name occurs twice; and what ended the reading
-        before the end of the archive, or None.
+    Nothing is executed or written, so links, doubles (the last one counts) and weights do not
+    matter. The limits of `open_stream` hold.
     """
     found: dict[str, bytes] = {}
     try:
@@ -155,7 +127,6 @@ def unpack_readable(
 
 
 def _members(file: BinaryIO, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
-    """Names and contents of the wanted files."""
     start = file.read(4)
     file.seek(0)
     if start.startswith(b"PK"):
@@ -165,7 +136,7 @@ def _members(file: BinaryIO, wanted: Callable[[str], bool]) -> Iterator[tuple[st
 
 
 def _zip_members(file: BinaryIO, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
-    """The sizes that its directory states may be wrong, so the bytes are counted as they come."""
+    """The directory may state wrong sizes."""
     budget = LARGEST_BYTES
     try:
         with zipfile.ZipFile(file) as archive:
@@ -229,7 +200,6 @@ def _tar_members(stream: Stream) -> Iterator[tuple[str, bytes]]:
 
 
 def _header(stream: Stream) -> bytes | None:
-    """The next header; None at the mark that ends an archive."""
     first = stream.position == 0
     header = stream.read(_BLOCK)
     if len(header) < _BLOCK:
@@ -247,7 +217,6 @@ def _header(stream: Stream) -> bytes | None:
 
 
 def _attributes(stream: Stream, kind: bytes, size: int, name: str) -> dict[str, str]:
-    """What a header says about the next member."""
     if size > _LARGEST_HEADER_BYTES:
         raise ArchiveFault(f"has a header of {size:,} bytes", name)
     content = _content(stream, size, name)
@@ -292,7 +261,7 @@ def _size(header: bytes, attributes: Mapping[str, str], name: str) -> int:
 
 
 def _number(field: bytes, name: str) -> int:
-    """A size in a header: octal digits or, for large ones, two's complement after a first bit."""
+    """Octal or, for large sizes, two's complement after a first bit."""
     size = int.from_bytes(field) - (0x80 << 88) if field[0] == 0x80 else _octal(field)
     if size is None or field[0] > 0x80:
         raise ArchiveFault("has a size that is not a number", name)
@@ -307,7 +276,7 @@ def _octal(field: bytes) -> int | None:
 
 
 def _pax(content: bytes, name: str) -> dict[str, str]:
-    """The attributes that a pax header gives the next member: lines of `length key=value`."""
+    """Lines of `length key=value`."""
     found: dict[str, str] = {}
     position = 0
     while position < len(content):
@@ -326,7 +295,7 @@ def _pax(content: bytes, name: str) -> dict[str, str]:
 
 
 def _plain(name: str) -> str:
-    """A name without `./` and double slashes; empty for the folder that was packed itself."""
+    """Empty for the folder that was packed."""
     if len(name) > _LONGEST_NAME:
         raise ArchiveFault("has a name that is too long", name)
     if name.startswith("/") or (name[1:2] == ":" and name[:1].isalpha()):

@@ -1,4 +1,4 @@
-"""Builds the network of a model from model_metadata.json and hyperparameters.json."""
+"""Builds a model's network from its parameter files."""
 
 from collections.abc import Mapping
 
@@ -17,18 +17,15 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 STATE_DIMS, TEACHER_DIMS = 22, 70
-"""Lengths of `Simulation.privileged` and `Simulation.teacher_state`. They are repeated here because
-loading the simulator for them would cost the trainer 33 MB of memory."""
+"""Repeated here because loading the simulator would cost the trainer 33 MB."""
 
 TEACHER = "teacher."
-"""The names of a teacher's weights begin with it."""
-
 _OF_CRITIC = (TEACHER, "value_head.", "returns.")
-"""How the names begin of what a training needs and driving does not."""
+"""Not needed for driving."""
 
 
 def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
-    """The network that model_metadata.json and hyperparameters.json ask for."""
+    """Of both files."""
     space = metadata.action_space
     return PolicySpec(
         num_actions=space.num_actions,
@@ -47,18 +44,14 @@ def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicyS
 
 
 def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> ActorCritic | SACAgent:
-    """A network to drive with, which gets its weights from a checkpoint."""
+    """A network to drive with, without weights."""
     spec = policy_spec(metadata, parameters)
     model = SACAgent(spec) if metadata.training_algorithm == "sac" else ActorCritic(spec)
     return model.eval()
 
 
 def load_weights(model: nn.Module, data: bytes, name: str) -> None:
-    """Load the weights of a checkpoint, a safetensors file, into a network.
-
-    Raises:
-        SettingsError: The parameter files describe another network.
-    """
+    """Load a safetensors file; SettingsError if it has another network."""
     try:
         model.load_state_dict(_with_own_critic(model, load_tensors(data)))
     except (RuntimeError, SafetensorError) as error:
@@ -72,7 +65,6 @@ def load_weights(model: nn.Module, data: bytes, name: str) -> None:
 
 
 def _with_own_critic(model: nn.Module, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The same with teacher and critic of the model, if those of the checkpoint do not fit it."""
     if not _has_other_critic(model, tensors):
         return tensors
     own = model.state_dict()
@@ -81,10 +73,7 @@ def _with_own_critic(model: nn.Module, tensors: dict[str, Tensor]) -> dict[str, 
 
 
 def has_own_critic(model: nn.Module, data: bytes) -> bool:
-    """Whether `load_weights` leaves the model its own critic.
-
-    So it is where only one of both has a teacher, or teachers that see other things.
-    """
+    """Whether `load_weights` keeps the model's own critic, because teachers differ."""
     return _has_other_critic(model, load_tensors(data))
 
 
@@ -99,7 +88,7 @@ def _has_other_critic(model: nn.Module, tensors: Mapping[str, Tensor]) -> bool:
 
 
 def weights_of(model: nn.Module) -> dict[str, NDArray[np.float32]]:
-    """Copies of all weights of a network by their names, as float32 arrays on the CPU."""
+    """Copies of all weights by name, float32, on the CPU."""
     return {
         name: tensor.detach().to("cpu", torch.float32).contiguous().numpy().copy()
         for name, tensor in model.state_dict().items()
@@ -107,6 +96,6 @@ def weights_of(model: nn.Module) -> dict[str, NDArray[np.float32]]:
 
 
 def load_arrays(model: nn.Module, weights: Mapping[str, NDArray[np.float32]]) -> None:
-    """Load weights of these names; those that are not named keep what they are."""
+    """Weights that are not named stay."""
     tensors = {name: torch.from_numpy(np.array(array)) for name, array in weights.items()}
     model.load_state_dict(model.state_dict() | tensors)

@@ -1,4 +1,4 @@
-"""What the physical car makes of a model: its actions, its sensors, and what it cannot do."""
+"""What the physical car makes of a model's actions and sensors."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -8,17 +8,14 @@ from drcli.base.problems import Problem, few
 from drcli.modelfiles.action_space import ActionSpace
 
 FULL_THROTTLE = 5 / 6
-"""Share of the top speed from which the car's throttle curve stays at 1."""
+"""Share of the top speed from which the throttle stays at 1."""
 
 _SPEED_STEPS = 5
-"""Rows of the table for each end of a continuous steering range."""
-
 _NOTHING = 1e-9
 
 CAR_CAMERAS = ("observation", "FRONT_FACING_CAMERA", "LEFT_CAMERA", "STEREO_CAMERAS")
 CAR_LIDARS = ("LIDAR", "SECTOR_LIDAR")
 CAR_SENSORS = (*CAR_CAMERAS, *CAR_LIDARS)
-"""Sensors that the car accepts."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +24,10 @@ class CarAction:
 
     Attributes:
         index: Position in the action space; null for a point of continuous ranges.
-        steering_deg: Steering angle of the action, degrees, positive to the left.
+        steering_deg: Steering angle, degrees, positive to the left.
         speed_mps: Its speed in the simulator, m/s.
-        steering: Share of the car's full steering angle, -1 to 1, positive to the left; a value
-            beyond that is refused by the car's servo.
+        steering: Share of the car's full steering angle, -1 to 1, positive to the left; the car's
+            servo refuses values beyond that.
         throttle: Share of the maximum speed that is set in the car's console, 0 to 1.
     """
 
@@ -44,7 +41,7 @@ class CarAction:
 def throttle(speed: float, top_speed: float) -> float:
     """The throttle for a speed: -1.2 u^2 + 2.2 u, at most 1, where u is its share of the top speed.
 
-    The car never sees speeds in m/s, only these shares. Source: navigation node of the car.
+    The car only sees these shares. Source: navigation node of the car.
     """
     if top_speed <= 0:
         return 0.0
@@ -53,7 +50,7 @@ def throttle(speed: float, top_speed: float) -> float:
 
 
 def car_actions(space: ActionSpace) -> list[CarAction]:
-    """All discrete actions, or points of continuous ranges, as the car drives them."""
+    """All discrete actions, or points of continuous ranges."""
     if space.low is None or space.high is None:
         most_deg = max((abs(angle) for angle, _ in space.values), default=0.0)
         top = max((abs(speed) for _, speed in space.values), default=0.0)
@@ -72,7 +69,7 @@ def car_actions(space: ActionSpace) -> list[CarAction]:
 
 
 def action_problems(space: ActionSpace, file: str) -> Iterator[Problem]:
-    """What the car does differently with the actions of a metadata file."""
+    """What the car does differently."""
     if space.low is not None and space.high is not None:
         yield from _range_problems(space.low, space.high, file)
         return
@@ -106,7 +103,7 @@ def action_problems(space: ActionSpace, file: str) -> Iterator[Problem]:
 
 
 def sensor_problems(sensors: Sequence[str], file: str) -> Iterator[Problem]:
-    """What the car does differently with the sensors of a metadata file, or refuses."""
+    """What the car refuses or treats differently."""
     for name in sensors:
         if name == "DISCRETIZED_SECTOR_LIDAR":
             what = f"sensor contains {name}, which the car does not know; it refuses the model."
@@ -137,7 +134,7 @@ def sensor_problems(sensors: Sequence[str], file: str) -> Iterator[Problem]:
 
 
 def stack_problems(stack_size: int, file: str) -> Iterator[Problem]:
-    """Whether the car can show a network several frames at a time; it cannot."""
+    """The car shows a network one frame at a time."""
     if stack_size > 1:
         what = (
             f"stack_size={stack_size}: the car shows a model one frame at a time and forgets it, "

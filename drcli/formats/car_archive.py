@@ -1,4 +1,4 @@
-"""The archive that the physical car loads: written, and checked by the rules of the car."""
+"""The archive that the physical car loads, written and checked."""
 
 import gzip
 import io
@@ -22,7 +22,7 @@ from drcli.formats.car_rules import (
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 _LEVEL = 6
-"""Of the compression. Weights hardly shrink, and higher levels take much longer."""
+"""Weights hardly shrink, and higher levels take much longer."""
 
 
 _GZIP = b"\x1f\x8b"
@@ -33,9 +33,8 @@ class CarCheck:
     """What the car makes of an archive.
 
     Attributes:
-        problems: What it refuses (error), does differently (warning), or should be known (note).
-        actions: The actions as it drives them; empty if it cannot read them.
-        sensors: That the model needs.
+        problems: What it refuses (error), does differently (warning), or a note.
+        actions: Empty if it cannot read them.
     """
 
     problems: tuple[Problem, ...]
@@ -44,11 +43,9 @@ class CarCheck:
 
 
 def car_archive(graph: bytes, metadata: ModelMetadata) -> bytes:
-    """The `.tar.gz` that a car loads; equal arguments give equal bytes.
+    """The `.tar.gz` for a car; equal arguments give equal bytes.
 
-    Args:
-        graph: A frozen graph with the reference's node names.
-        metadata: Of the model.
+    `graph` is frozen, with the reference's node names.
     """
     packed = io.BytesIO()
     with (
@@ -63,10 +60,10 @@ def car_archive(graph: bytes, metadata: ModelMetadata) -> bytes:
 
 
 def car_metadata(metadata: ModelMetadata) -> bytes:
-    """model_metadata.json in the spelling that the car reads.
+    """model_metadata.json as the car reads it.
 
-    The car compares words letter by letter, reads the sensors whatever the version is, and refuses
-    a `lidar_config` with the simulator's keys, which only a sensor that it refuses needs.
+    It compares words letter by letter, reads sensors whatever the version, and refuses a
+    `lidar_config` with the simulator's keys.
     """
     values = {
         "action_space": json.loads(metadata.action_space_json),
@@ -80,17 +77,12 @@ def car_metadata(metadata: ModelMetadata) -> bytes:
 
 
 def lint_car_archive(data: bytes, name: str) -> list[Problem]:
-    """Check an archive of anybody by the rules of the car; see `check_car_archive`."""
+    """See `check_car_archive`."""
     return list(check_car_archive(data, name).problems)
 
 
 def check_car_archive(data: bytes, name: str) -> CarCheck:
-    """Check an archive of anybody by the rules of the car.
-
-    Args:
-        data: The archive.
-        name: Its path or name, whose last part the car would see.
-    """
+    """Check an archive by the rules of the car."""
     try:
         # The car looks at all of them, also at those that macOS adds.
         files = unpack_archive(io.BytesIO(data), name, wanted=lambda _: True)

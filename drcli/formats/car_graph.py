@@ -1,4 +1,4 @@
-"""Checks whether the physical car can run a frozen graph: names, shapes and operations."""
+"""Checks whether the physical car can run a frozen graph."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -19,37 +19,26 @@ _CONVERTED = frozenset(
         *("Reshape", "ConcatV2", "Shape", "StridedSlice", "Pack"),
     )
 )
-"""Operations that all engines of the car are known to convert; the reference's graphs have others
-than ours. Source: graphs that went through them."""
+"""By all engines of the car. Source: graphs that went through them."""
 
 _SHAPES: Mapping[str, tuple[int, ...]] = {
     "STEREO_CAMERAS": (FRAME_HEIGHT, FRAME_WIDTH, 2),
     "LIDAR": (64,),
     "SECTOR_LIDAR": (8,),
 }
-"""What the car hands over for each sensor; a picture of one camera for all others."""
+"""Of the car; one camera's picture for other sensors."""
 
 _SAC_OUTPUT = "network_0/sac_policy_head_0/policy"
-"""Where the reference's SAC has its output, and where the car does not look for it."""
+"""The reference's; the car does not look there."""
 
 _SMALL = 1024
-"""Values of a constant from which others may be computed."""
-
 _REMEDY = "Export the model again, with `dr-export car`."
 
 
 def graph_problems(
     data: bytes, sensors: Sequence[str], algorithm: str, num_actions: int | None, file: str
 ) -> list[Problem]:
-    """What the car refuses in a graph.
-
-    Args:
-        data: The file of the graph.
-        sensors: Those of its metadata.
-        algorithm: That of its metadata, which decides where the car looks for inputs.
-        num_actions: Length of the output that the metadata needs, None if it is not known.
-        file: Name of the graph in messages.
-    """
+    """What the car refuses in a graph; `algorithm` decides where it looks for inputs."""
     try:
         nodes = decode_graph(data, file)
     except SettingsError as error:
@@ -146,10 +135,9 @@ def _shape_problems(
     num_actions: int | None,
     file: str,
 ) -> Iterator[Problem]:
-    """Whether the shapes of all nodes fit, found by running the graph on no picture at all.
+    """Whether shapes fit, found by running the graph on no picture at all.
 
-    That takes no time, whatever the graph of a stranger would compute. It needs a graph for any
-    number of pictures; the other ones are made for a single one.
+    That takes no time, whatever a stranger's graph would compute.
     """
     try:
         graph = Graph(nodes, file)
@@ -171,7 +159,7 @@ def _shape_problems(
 
 
 def _computed_constant(graph: Graph) -> str | None:
-    """A node that does not depend on any input, and whose result may be large; usually None."""
+    """A large node that depends on no input."""
     depends: set[str] = set()
     large = {n.name for n in graph.nodes if n.value is not None and n.value.size > _SMALL}
     for node in graph.nodes:
@@ -202,7 +190,6 @@ def _wrong_width(width: int, num_actions: int, file: str) -> Problem:
 
 
 def _width(by_name: Mapping[str, Node], output: str) -> int | None:
-    """Length of the output, from the kernel or bias of the last dense layer; None if unknown."""
     name = output
     for _ in range(len(by_name)):
         node = by_name.get(name)
@@ -217,7 +204,6 @@ def _width(by_name: Mapping[str, Node], output: str) -> int | None:
 
 
 def _constant(by_name: Mapping[str, Node], name: str) -> int | None:
-    """Length of the last axis of a constant, maybe read through other nodes."""
     for _ in range(len(by_name)):
         node = by_name.get(name)
         if node is None:

@@ -1,6 +1,6 @@
-"""The rules by which the physical car accepts an archive: names of files, and metadata.
+"""The physical car's rules for archives; see docs/car.md.
 
-Source: the model loader and the web server of the car. The rules are listed in docs/car.md.
+Source: its model loader and web server.
 """
 
 import json
@@ -17,14 +17,12 @@ from drcli.modelfiles.action_space import ActionSpace, Pair
 
 GRAPH = "agent/model.pb"
 METADATA = "model_metadata.json"
-"""The two files of an archive."""
-
 END = ".tar.gz"
 _FILE_NAME = re.compile(r"[A-Za-z0-9_-]+\.tar\.gz", re.ASCII)
 _RESERVED = ("AWS Sample", "AWS_Sample", "aws-golden-model-for-reinvent")
 
 _TAKEN_FOR_MODELS = ("", ".", ".p", ".b")
-"""Ends of names that the car takes for models: it looks for a name's end inside of `.pb`."""
+"""It looks for a name's end inside of `.pb`."""
 
 _LIDAR_KEYS = (
     "num_values",
@@ -36,7 +34,7 @@ _LIDAR_KEYS = (
     "num_sectors",
 )
 _LARGEST = 1e6
-"""Degrees or m/s of an action; a larger number is a mistake."""
+"""Degrees or m/s."""
 
 ALGORITHMS = ("clipped_ppo", "sac")
 _TYPES = ("discrete", "continuous")
@@ -46,11 +44,7 @@ _FILES_REMEDY = "Pack only agent/model.pb and model_metadata.json, as `dr-export
 
 @dataclass(frozen=True)
 class CarMetadata:
-    """What the car reads from a metadata file, with its defaults.
-
-    Attributes:
-        space: The actions; None if the car could not read them.
-    """
+    """What the car reads, with its defaults; `space` is None if unreadable."""
 
     sensors: tuple[str, ...] = ("observation",)
     algorithm: str = "clipped_ppo"
@@ -59,7 +53,7 @@ class CarMetadata:
 
 
 def file_name_problems(name: str) -> Iterator[Problem]:
-    """Why the car's web page would refuse or change the name of an archive."""
+    """Why the car's page would refuse or change a name."""
     if name.removesuffix(END) in _RESERVED:
         what = f"{name}: the car has a model of that name itself."
         yield Problem("C-05", "error", name, None, what, "Rename the file.")
@@ -73,13 +67,13 @@ def file_name_problems(name: str) -> Iterator[Problem]:
 
 
 def car_file_name(name: str) -> str:
-    """A file name that the car takes, as close to a model's name as possible."""
+    """A name that the car takes, close to a model's."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-") or "model"
     return (f"{plain}-model" if plain in _RESERVED else plain) + END
 
 
 def member_problems(names: Collection[str], file: str) -> Iterator[Problem]:
-    """Rules about the files of an archive: names, kinds and places."""
+    """About names, kinds and places."""
     graphs = sorted(name for name in names if _end(name) == ".pb")
     if len(graphs) != 1:
         what = f"it contains {len(graphs)} files that end in .pb, but the car wants exactly one"
@@ -97,7 +91,7 @@ def member_problems(names: Collection[str], file: str) -> Iterator[Problem]:
 
 
 def read_car_metadata(data: bytes, file: str) -> CarMetadata:
-    """Read a metadata file as the car does, and say what it refuses."""
+    """As the car does."""
     try:
         values = json.loads(data.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -139,14 +133,14 @@ def read_car_metadata(data: bytes, file: str) -> CarMetadata:
 
 
 def _end(name: str) -> str:
-    """The end of a name as Python splits it off: empty for `checkpoint` and `.ready`."""
+    """Empty for `checkpoint` and `.ready`."""
     last = name.rpartition("/")[2]
     stem = last.lstrip(".")
     return stem[stem.rindex(".") :] if "." in stem else ""
 
 
 def _space(written: Any, kind: str) -> ActionSpace | str:
-    """The actions; or what is wrong with them, to be read after the key."""
+    """The actions, or what is wrong with them."""
     if kind == "discrete":
         if not isinstance(written, list) or not written:
             return "is not a list of actions" if written is not None else "is missing"
@@ -170,7 +164,6 @@ def _space(written: Any, kind: str) -> ActionSpace | str:
 
 
 def _pair(written: Any, first: str, second: str) -> Pair | None:
-    """Two numbers of an object, None if one is missing or not a number."""
     values = [written.get(key) if isinstance(written, dict) else None for key in (first, second)]
     one, other = (
         float(value)

@@ -1,4 +1,4 @@
-"""Converts frozen graphs with the libraries of other engines."""
+"""Converts frozen graphs with other libraries."""
 
 import os
 import tempfile
@@ -14,17 +14,12 @@ _REMEDY = "Export the model in another form."
 
 
 def openvino_of(data: bytes, origin: str, *, fp16: bool = False) -> tuple[bytes, bytes]:
-    """OpenVINO's two files, `.xml` and `.bin`, of a frozen graph.
+    """OpenVINO's `.xml` and `.bin` of a frozen graph; `fp16`: of its weights.
 
-    `openvino.convert_model` would do the same, but reports to its makers that it was used.
-
-    Args:
-        data: The file of the graph.
-        origin: Its name in messages.
-        fp16: Whether weights are stored in half precision.
+    `openvino.convert_model` would report its use to its makers.
 
     Raises:
-        NotAvailable: The package `openvino` is missing.
+        NotAvailable: `openvino` is missing.
         SettingsError: It does not convert the graph.
     """
     openvino, core = library("openvino"), openvino_core()
@@ -40,9 +35,9 @@ def openvino_of(data: bytes, origin: str, *, fp16: bool = False) -> tuple[bytes,
 
 
 def tflite_of(data: bytes, origin: str) -> bytes:
-    """The TensorFlow Lite file of a frozen graph, with the settings of the car's optimizer.
+    """The TensorFlow Lite file of a frozen graph, as of the car's optimizer.
 
-    These are weights in half precision and built-in operations only.
+    Weights in half precision, built-in operations only.
 
     Raises:
         NotAvailable: TensorFlow is missing.

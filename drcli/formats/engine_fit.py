@@ -1,4 +1,4 @@
-"""How a graph of any origin fits model_metadata.json: its inputs, layouts and output."""
+"""Fits inputs, layouts and output of any graph to its metadata."""
 
 import re
 from collections.abc import Sequence
@@ -20,23 +20,18 @@ Layout = Literal["NHWC", "NCHW", "NHW"]
 Meaning = Literal["probabilities", "logits", "index", "continuous"]
 
 HEIGHT, WIDTH = 120, 160
-"""Of a picture; repeated here because `drcli.learn.policy` loads torch, which takes a second."""
+"""Not from `drcli.learn.policy`, which loads torch: a second."""
 
 MOST_FRAMES = 16
-"""Most pictures of a stack that an input may take."""
-
 _PROBED = 3
-"""Samples that a new graph is tried with."""
-
 _SAMPLES = 4
-"""Samples of a run, the last of which are repeated where there are fewer: a run of more takes
-hardly less time per sample."""
+"""Of a run; more take hardly less time each."""
 
 _SUM_TOLERANCE = 0.02
-"""How far sums of probabilities may be from 1; weights in half precision make errors of 0.001."""
+"""Half precision makes errors of 0.001."""
 
 _SENSORS = sorted((*CAMERAS, *LIDARS), key=len, reverse=True)
-"""LIDAR is a part of the names of other lidars."""
+"""LIDAR is a part of other names."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +39,11 @@ class Fit:
     """The inputs and the output of a graph.
 
     Attributes:
-        camera: The input that takes pictures.
-        layout: Of its axes; NHW has none for channels.
+        layout: NHW has no channels.
         stack: Frames that it sees together.
-        lidar: The input that takes the lidar's values.
-        output: Name of the output with the policy.
-        meaning: Of the output: the share of each action, any other number for each action, the
-            index of the likeliest action, or continuous actions.
-        batch: How many samples the graph takes at a time; None for any number.
+        meaning: The share of each action, any other number for each, the index of the likeliest
+            one, or continuous actions.
+        batch: Samples at a time; None for any number.
     """
 
     camera: Port
@@ -63,13 +55,7 @@ class Fit:
     batch: int | None
 
     def feeds(self, engine: Engine, frames: NDArray[np.uint8], scans: Floats) -> dict[str, Array]:
-        """The inputs of the graph.
-
-        Args:
-            engine: It, for the range of its pixels.
-            frames: Shape (n, stack * eyes, 120, 160).
-            scans: Lidar values. Shape (n, d).
-        """
+        """Inputs from frames (n, stack * eyes, 120, 160) and scans (n, d)."""
         pictures: Array = frames
         if self.layout == "NHWC":
             pictures = frames.transpose(0, 2, 3, 1)
@@ -83,13 +69,9 @@ class Fit:
         return fed
 
     def run(self, engine: Engine, frames: NDArray[np.uint8], scans: Floats) -> Floats:
-        """The policy's output for n samples, in runs of one size.
+        """The output, shape (n, actions), or (n, 1) for an index, in runs of one size.
 
-        So what a car does depends on no other car: most engines round a sample of a larger run in
-        another way.
-
-        Returns:
-            Shape (n, number of actions), or (n, 1) where it is an index.
+        So a car depends on no other car: most engines round samples of larger runs differently.
         """
         size = self.batch or _SAMPLES
         parts = []
@@ -109,25 +91,17 @@ def fit(
 ) -> Fit:
     """Find out how a graph is used, and try it.
 
-    Args:
-        engine: It.
-        metadata: Its sensors and actions.
-        origin: Its name in messages.
-        metadata_origin: The name of the metadata in messages.
-        stack: Frames that it must see together; None for what its input says.
-
     Raises:
-        SettingsError: It does not fit the metadata, or cannot be computed.
+        SettingsError: It does not fit the metadata or `stack`, or cannot be computed.
     """
     return _Fitting(engine, metadata, origin, metadata_origin).fit(stack)
 
 
 def open_file(file: PolicyFile, runtime: Runtime, threads: int = 1) -> tuple[Engine, Fit]:
-    """Load a policy's file into an engine, and find out how it is used.
+    """Load a policy's file into an engine, and fit it.
 
     Raises:
-        SettingsError: The file is damaged or does not fit its metadata, or that engine does not
-            run it.
+        SettingsError: It is damaged, does not fit, or the engine does not run it.
         NotAvailable: The engine is not installed.
     """
     engine = open_engine(file.form, file.data, file.weights, runtime, file.origin, threads)
@@ -135,9 +109,9 @@ def open_file(file: PolicyFile, runtime: Runtime, threads: int = 1) -> tuple[Eng
 
 
 def check_file(file: PolicyFile, runtime: Runtime) -> None:
-    """Check everything about a file before it drives; see `open_file`.
+    """Check a file before it drives; see `open_file`.
 
-    A graph that still has to be converted is tried with our interpreter, which takes less time.
+    Our interpreter tries graphs that must be converted, which takes less time.
     """
     check_runtime(file.form, runtime, file.origin)
     open_file(file, "pb" if file.form == "pb" else runtime)
@@ -165,7 +139,7 @@ class _Fitting:
         return Fit(camera, layout, frames, lidar, output, meaning, batch)
 
     def _ports(self) -> tuple[Port, Port | None]:
-        """The inputs of camera and lidar, found by their names or else by their shapes."""
+        """By names, or else by shapes."""
         sensors = self._metadata.sensor
         wanted_lidar = next((name for name in sensors if name in LIDARS), None)
         wanted_camera = next(name for name in sensors if name in CAMERAS)
@@ -209,7 +183,6 @@ class _Fitting:
         )
 
     def _camera_layout(self, port: Port, stack: int | None) -> tuple[Layout, int]:
-        """Layout and number of frames of the pictures that an input takes."""
         eyes = self._metadata.eyes
         expected = eyes * (stack or 1)
         pictures = f"pictures of {HEIGHT} x {WIDTH} pixels and {_channels(expected)}"
@@ -234,7 +207,6 @@ class _Fitting:
         return layout, frames
 
     def _output(self, found: Fit) -> tuple[str, Meaning]:
-        """The output with the policy and its meaning, found by trying the graph."""
         rows = found.batch or _PROBED
         results = self._tried(found, rows)
         space = self._metadata.action_space
@@ -260,7 +232,6 @@ class _Fitting:
         return whole[0], "index"
 
     def _tried(self, found: Fit, rows: int) -> dict[str, Array]:
-        """All outputs for pictures of noise."""
         random = np.random.default_rng(0)
         channels = found.stack * self._metadata.eyes
         frames = random.integers(0, 256, (rows, channels, HEIGHT, WIDTH), np.uint8)
@@ -284,22 +255,20 @@ class _Fitting:
 
 
 _POLICY = r"(?i)policy|prob|logit|action"
-"""What the output of a policy is called, where there are several of its size."""
 
 
 def sensor_of(name: str) -> str | None:
-    """The sensor that the name of an input contains; None if there is none."""
+    """In a name."""
     return next((sensor for sensor in _SENSORS if sensor in name), None)
 
 
 def are_probabilities(values: Floats) -> bool:
-    """Whether each row could be the shares of all actions."""
+    """In each row."""
     sums = values.sum(axis=1)
     return bool(values.min() >= 0.0 and np.abs(sums - 1.0).max() < _SUM_TOLERANCE)
 
 
 def _is_row_of(values: Array, rows: int, count: int) -> bool:
-    """Whether an output has a number for each action of each sample."""
     fits = values.ndim and values.size == rows * count and values.shape[-1] == count
     return bool(fits) and values.dtype.kind == "f"
 

@@ -1,4 +1,4 @@
-"""Libraries that only some users need, loaded when they are needed."""
+"""Optional libraries, loaded when needed."""
 
 import importlib
 import importlib.util
@@ -15,15 +15,10 @@ _INSTALL = {
     "ai_edge_litert": 'pip install "drcli[tflite]"',
     "tensorflow": "pip install tensorflow-cpu",
 }
-"""How each library is installed."""
 
 
 def library(name: str, module: str = "") -> Any:
-    """A library, or one of its modules.
-
-    Raises:
-        NotAvailable: It is not installed, or cannot be loaded here.
-    """
+    """NotAvailable if it cannot be loaded."""
     require(name)
     try:
         return importlib.import_module(module or name)
@@ -36,14 +31,10 @@ def library(name: str, module: str = "") -> Any:
 
 
 def openvino_core() -> Any:
-    """The OpenVINO of this process; there is one, and it stays.
+    """The one OpenVINO of this process.
 
-    On processors with AMX, each core gives the thread another stack for signals and takes it back
-    when it is freed. After several cores, the thread is left with one that is freed, and the next
-    signal kills the process.
-
-    Raises:
-        NotAvailable: OpenVINO is not installed.
+    With AMX, each core gives the thread another stack for signals and takes it back when freed.
+    After several, the thread keeps a freed one, and the next signal kills the process.
     """
     return _only_core(library("openvino"))
 
@@ -54,11 +45,7 @@ def _only_core(openvino: Any) -> Any:
 
 
 def require(*names: str) -> None:
-    """Check that one of these libraries is installed, without loading it.
-
-    Raises:
-        NotAvailable: None of them is.
-    """
+    """NotAvailable if none is installed; loads nothing."""
     if not any(map(is_installed, names)):
         raise NotAvailable(
             f"This needs the package {names[0]}, which is not installed.",
@@ -67,7 +54,7 @@ def require(*names: str) -> None:
 
 
 def is_installed(name: str) -> bool:
-    """Whether a library is installed."""
+    """Loads nothing."""
     try:
         return importlib.util.find_spec(name) is not None
     except (ImportError, ValueError):

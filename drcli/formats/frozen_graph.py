@@ -1,4 +1,4 @@
-"""Writes a policy as a frozen TensorFlow graph, which the car and other engines can run."""
+"""Writes a policy as a frozen TensorFlow graph."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,26 +22,22 @@ from drcli.formats.tensorflow.messages import DataType
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
 
 Weights = Mapping[str, NDArray[np.float32]]
-"""Weights by their names in our networks, `ActorCritic` or `SACAgent`."""
-
 LIDAR_FEATURES = 256
-"""Features of a lidar's embedder."""
-
 _NORM_EPSILON = 1e-5
-"""What torch's LayerNorm adds to the variance."""
+"""As in torch's LayerNorm."""
 
 
 def encode_policy(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> bytes:
-    """The file of a policy's graph; `sensors` are those of model_metadata.json."""
+    """The graph's file."""
     return encode_graph(policy_nodes(weights, spec, sensors))
 
 
 def policy_nodes(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> list[Node]:
     """The graph of a policy.
 
-    It takes grey values from 0 to 255 of shape (n, 120, 160, cameras), and a lidar's values. Its
-    output are the probabilities of discrete actions, or continuous actions, nominally in [-1, 1],
-    of shape (n, num_actions). SAC's are squashed by tanh, because the car only clips them.
+    Takes grey values from 0 to 255 of shape (n, 120, 160, cameras), and a lidar's. Gives
+    probabilities, or continuous actions, nominally in [-1, 1], of shape (n, num_actions). SAC's are
+    squashed by tanh, because the car only clips them.
     """
     is_sac = "actor.1.0.weight" in weights
     graph = _Writer(weights, SAC_AGENT if is_sac else PPO_AGENT)
@@ -61,10 +57,7 @@ def policy_nodes(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> 
 
 
 def first_dense_kernel(weights: Weights, order: Sequence[Embedder]) -> NDArray[np.float32]:
-    """The kernel of the first dense layer, with its rows in the reference's order of features.
-
-    Ours are the camera's features before the lidar's. Shape (features, width).
-    """
+    """With rows in the reference's order of features. Shape (features, width)."""
     kernel = weights["body.dense.0.weight"].T
     if len(order) == 1 or not order[0].is_lidar:
         return kernel
@@ -72,49 +65,43 @@ def first_dense_kernel(weights: Weights, order: Sequence[Embedder]) -> NDArray[n
 
 
 class _Writer:
-    """The nodes of a graph, added one after the other."""
-
     def __init__(self, weights: Weights, agent: str) -> None:
         self.weights = weights
         self.agent = agent
         self.nodes: list[Node] = []
 
     def add(self, name: str, op: str, *inputs: str, **attrs: Attr) -> str:
-        """Add a node of the agent by its name below it; returns the full name."""
         full = f"{self.agent}/{name}"
         kinds: dict[str, Attr] = {"T": DataType.FLOAT, **attrs}
         self.nodes.append(Node(full, op, inputs, kinds))
         return full
 
     def constant(self, name: str, value: Array) -> str:
-        """Add a constant."""
         full = f"{self.agent}/{name}"
         self.nodes.append(Node(full, "Const", value=np.asarray(value, order="C")))
         return full
 
     def placeholder(self, full: str, shape: Shape) -> None:
-        """Add an input by its full name."""
         attrs: dict[str, Attr] = {"dtype": DataType.FLOAT, "shape": shape}
         self.nodes.append(Node(full, "Placeholder", (), attrs))
 
     def variable(self, name: str, value: Array) -> str:
-        """Add a weight, with the node that reads it, as in the reference's graphs."""
+        """With a node that reads it, as in the reference's graphs."""
         return self.add(f"{name}/read", "Identity", self.constant(name, value))
 
     def bias_add(self, scope: str, values: str, bias: Array) -> str:
-        """Add a bias to the last axis."""
         read = self.variable(f"{scope}/bias", bias)
         return self.add(f"{scope}/BiasAdd", "BiasAdd", values, read, data_format="NHWC")
 
     def matmul(self, scope: str, values: str, kernel: Array) -> str:
-        """Multiply rows by a kernel of shape (inputs, outputs)."""
+        """Kernel: (inputs, outputs)."""
         read = self.variable(f"{scope}/kernel", kernel)
         return self.add(
             f"{scope}/MatMul", "MatMul", values, read, transpose_a=False, transpose_b=False
         )
 
     def convolve(self, scope: str, values: str, kernel: Array, stride: tuple[int, int]) -> str:
-        """Convolve pictures with a kernel of shape (rows, columns, channels, filters)."""
+        """Kernel: (rows, columns, channels, filters)."""
         read = self.variable(f"{scope}/kernel", kernel)
         return self.add(
             f"{scope}/Conv2D",
@@ -129,12 +116,10 @@ class _Writer:
         )
 
     def reshape(self, name: str, values: str, width: int) -> str:
-        """Flatten everything but the first axis."""
         shape = self.constant(f"{name}/shape", np.array([-1, width], np.int32))
         return self.add(name, "Reshape", values, shape, Tshape=DataType.INT32)
 
     def dense(self, layer: Layer, values: str, kernel: Array | None = None) -> str:
-        """A dense layer on rows, with its activation."""
         if kernel is None:
             kernel = self.weights[f"{layer.ours}.weight"].T
         scope = f"{POLICY_BODY}/{layer.scope}"
@@ -142,7 +127,6 @@ class _Writer:
         return self._activated(layer, product)
 
     def convolution(self, layer: Layer, values: str) -> str:
-        """A convolution, or a dense layer on every pixel, with its activation."""
         weight = self.weights[f"{layer.ours}.weight"]
         scope = f"{POLICY_BODY}/{layer.scope}"
         if layer.stride is None:
@@ -160,7 +144,6 @@ class _Writer:
 
 
 def _features(graph: _Writer, order: Sequence[Embedder], spec: PolicySpec) -> str:
-    """The features of all sensors, joined."""
     parts = []
     for embedder in order:
         shape: tuple[int, ...] = (spec.scan_dims,)
@@ -195,8 +178,7 @@ def _embedded(graph: _Writer, embedder: Embedder, values: str) -> str:
 def _actor_mean(graph: _Writer, features: str, num_actions: int) -> str:
     """SAC's actor up to the mean before tanh.
 
-    Its layer norm subtracts the mean and divides by the standard deviation. The mean is linear in
-    the inputs, so it is subtracted from the kernel beforehand.
+    Layer norm's mean is linear in the inputs, so it is subtracted from the kernel beforehand.
     """
     w, scope = graph.weights, f"{POLICY_BODY}/sac_head_0"
     weight, bias = w["actor.0.0.weight"].astype(np.float64), w["actor.0.0.bias"].astype(np.float64)

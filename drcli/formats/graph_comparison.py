@@ -1,4 +1,4 @@
-"""Compares a frozen graph with the network that it was written from, on the same observations."""
+"""Compares a frozen graph with its network."""
 
 from dataclasses import dataclass
 
@@ -15,13 +15,11 @@ from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles.model_metadata import LIDARS
 
 TOLERANCE = 1e-4
-"""Greatest difference between two outputs that count as equal; rounding alone stays below 1e-5."""
+"""Rounding alone stays below 1e-5."""
 
 LEAST_SAME_ACTIONS = 0.999
-"""Share of the frames in which the likeliest action must be the same."""
-
 _BATCH = 32
-"""Frames at a time, which keeps the interpreter's memory small."""
+"""Keeps the interpreter's memory small."""
 
 Floats = NDArray[np.float32]
 
@@ -31,10 +29,8 @@ class GraphComparison:
     """How a graph and its network differ.
 
     Attributes:
-        frames: Number of observations.
-        same_actions: In how many of them the likeliest action is the same. Continuous actions are
-            the same if they differ by less than a ten thousandth.
-        greatest_difference: Of any output: a probability, or a continuous action from -1 to 1.
+        same_actions: Frames with the same likeliest action, or continuous actions within 1e-4.
+        greatest_difference: Of a probability, or of an action from -1 to 1.
     """
 
     frames: int
@@ -43,7 +39,7 @@ class GraphComparison:
 
     @property
     def is_equal(self) -> bool:
-        """Whether the graph can stand for the network."""
+        """Within both limits."""
         same = self.same_actions >= LEAST_SAME_ACTIONS * self.frames
         return same and self.greatest_difference <= TOLERANCE
 
@@ -51,11 +47,7 @@ class GraphComparison:
 def compare_graph(
     data: bytes, model: ActorCritic | SACAgent, seen: Observation, origin: str
 ) -> GraphComparison:
-    """Run the file of a graph and a network on the same observations.
-
-    Raises:
-        SettingsError: The graph, which messages call `origin`, cannot be run on them.
-    """
+    """SettingsError if the graph cannot run."""
     graph = Graph(decode_graph(data, origin), origin)
     steps = len(seen.frames)
     wanted, got = [], []
@@ -73,7 +65,7 @@ def compare_graph(
 
 
 def compare_outputs(expected: Floats, found: Floats, *, continuous: bool) -> GraphComparison:
-    """Compare two policies' outputs on the same observations, each of shape (n, num_actions)."""
+    """Of shape (n, num_actions)."""
     if not np.isfinite(found).all():
         return GraphComparison(len(found), 0, float("inf"))
     differences = np.abs(expected.astype(np.float64) - found)
@@ -87,11 +79,7 @@ def compare_outputs(expected: Floats, found: Floats, *, continuous: bool) -> Gra
 
 
 def policy_output(model: ActorCritic | SACAgent, seen: Observation) -> Floats:
-    """What the graph of a network has to compute: probabilities, or continuous actions.
-
-    Returns:
-        Shape (n, num_actions).
-    """
+    """Shape (n, num_actions)."""
     with torch.inference_mode():
         if isinstance(model, SACAgent):
             output = torch.tanh(model(model.features(seen))[0])
@@ -104,7 +92,7 @@ def policy_output(model: ActorCritic | SACAgent, seen: Observation) -> Floats:
 
 
 def graph_inputs(graph: Graph, seen: Observation) -> dict[str, Floats]:
-    """Observations as the inputs of a graph: pictures with their channels last, lidar values."""
+    """Pictures with channels last, lidar values."""
     frames = seen.frames.permute(0, 2, 3, 1).float().numpy()
     scan = seen.scan.float().numpy()
     return {name: scan if name.rpartition("/")[2] in LIDARS else frames for name in graph.inputs}

@@ -1,4 +1,4 @@
-"""Reads the bytes of an archive, compressed or not, piece by piece and within limits."""
+"""Reads the bytes of an archive within limits."""
 
 import bz2
 import lzma
@@ -6,16 +6,16 @@ import zlib
 from typing import Any, BinaryIO
 
 LARGEST_BYTES = 1 << 30
-"""Of an unpacked archive. Importers of models have the same limit."""
+"""Unpacked; importers of models have the same limit."""
 
 READ_BYTES = 1 << 18
 
 LARGEST_RATIO = 100
 RATIO_FROM_BYTES = 16 << 20
-"""Weights hardly shrink when they are compressed; a small archive that grows a lot is a trap."""
+"""A small archive that grows a lot is an attack."""
 
 _XZ_BYTES = 256 << 20
-"""Memory for an xz file, which says itself how much it needs; `xz -9` needs 65 MB."""
+"""`xz -9` needs 65 MB."""
 
 _COMPRESSED = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz"}
 _OTHER_FORMATS = {
@@ -26,7 +26,7 @@ _OTHER_FORMATS = {
 
 
 class ArchiveFault(Exception):
-    """What is wrong with an archive, to be read after its name, or after that of a member."""
+    """To be read after a name."""
 
     def __init__(self, reason: str, member: str = "") -> None:
         super().__init__(reason)
@@ -34,7 +34,7 @@ class ArchiveFault(Exception):
 
 
 class Stream:
-    """The unpacked bytes of an archive, from the first to the last; `position` counts them."""
+    """Unpacked bytes; `position` counts them."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -43,11 +43,7 @@ class Stream:
         self._produced = 0
 
     def read(self, size: int) -> bytes:
-        """Read so many bytes, fewer only at the end.
-
-        Raises:
-            ArchiveFault: The archive is damaged or too large.
-        """
+        """Fewer only at the end; ArchiveFault if damaged or too large."""
         pieces = []
         while size > 0:
             if not self._piece:
@@ -66,13 +62,10 @@ class Stream:
         return b"".join(pieces)
 
     def _next(self) -> bytes:
-        """Some more bytes; none at the end."""
         return self._file.read(READ_BYTES)
 
 
 class _Compressed(Stream):
-    """The same for a compressed archive."""
-
     def __init__(self, file: BinaryIO, mark: bytes) -> None:
         super().__init__(file)
         self._mark = mark
@@ -81,7 +74,6 @@ class _Compressed(Stream):
         self._consumed = 0
 
     def _begin(self) -> Any:
-        """What unpacks one compressed part."""
         match _COMPRESSED[self._mark]:
             case "gzip":
                 return zlib.decompressobj(wbits=31)
@@ -117,7 +109,7 @@ class _Compressed(Stream):
                 return piece
 
     def _continues(self) -> bool:
-        """Whether another compressed part follows; zeros after the last one are allowed."""
+        """Zeros may stand at the end."""
         rest: bytes = self._unpack.unused_data or self._file.read(READ_BYTES)
         if len(rest) < len(self._mark):
             rest += self._file.read(READ_BYTES)
@@ -133,7 +125,7 @@ class _Compressed(Stream):
 
 
 def open_stream(file: BinaryIO) -> Stream:
-    """Read a file from its beginning, decompressed if it is a gzip, bzip2 or xz file.
+    """Decompresses gzip, bzip2 and xz.
 
     Raises:
         ArchiveFault: It is empty, or of another format.

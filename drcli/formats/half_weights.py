@@ -1,4 +1,4 @@
-"""Weights in half precision, as the ready-made models are shipped: half the size."""
+"""Weights in half precision, as the ready-made models are shipped."""
 
 import numpy as np
 from safetensors import SafetensorError
@@ -7,12 +7,11 @@ from safetensors.numpy import load, save
 from drcli.base.errors import SettingsError
 
 LARGE = 256
-"""Numbers from which on a tensor is rounded. Smaller ones, such as biases and the critic's unit,
-take no room and stay exact."""
+"""Smaller tensors, such as biases, stay exact."""
 
 
 def halved(tensors: bytes) -> bytes:
-    """A safetensors file with its large float32 tensors in float16."""
+    """Large float32 tensors become float16."""
     found = load(tensors)
     return save(
         {
@@ -25,11 +24,7 @@ def halved(tensors: bytes) -> bytes:
 
 
 def restored(data: bytes, origin: str) -> bytes:
-    """The same weights as a checkpoint has them: float16 becomes float32, which loses nothing.
-
-    Raises:
-        SettingsError: The file is damaged; `origin` is what the message calls it.
-    """
+    """Back to float32, which loses nothing; SettingsError if damaged."""
     try:
         found = load(data)
     except SafetensorError as error:

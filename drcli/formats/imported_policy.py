@@ -1,4 +1,4 @@
-"""Makes the first checkpoint of a model here from a policy of another system."""
+"""Makes the first checkpoint of a model from a policy of another system."""
 
 import json
 import math
@@ -23,29 +23,23 @@ from drcli.modelfiles.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadat
 from drcli.store import keys
 
 FIRST_STD = 0.25
-"""Standard deviation of continuous actions where a file does not have one, as a share of half the
-range. The reference begins with 1, which would hide what a trained policy knows, and ends with
-about this."""
+"""Where a file has none, as a share of half the range. The reference begins with 1, which would
+hide what a policy knows, and ends with about this.
+"""
 
 CRITIC_WARMUP = 2
-"""Most updates in which a fresh critic learns alone. Measured with a model of the reference that
-laps four of five starts: without them its mean progress fell from 84 to 43 % and stayed there for
-five iterations, with two it never fell below 67 % and reached 94 % in the eighth; five of them only
-took longer."""
+"""Updates in which a fresh critic learns alone. Measured with a model of the reference that laps
+four of five starts: without them its mean progress fell from 84 to 43 % for five iterations,
+with two it stayed above 67 % and reached 94 % in the eighth; five only took longer.
+"""
 
 _SEED = 14
-"""Of a fresh critic: the same file gives the same weights, so that an import can be repeated."""
+"""The same file gives the same weights."""
 
 
 @dataclass(frozen=True)
 class FittedMetadata:
-    """A model_metadata.json that describes a policy.
-
-    Attributes:
-        data: Its content, perhaps corrected.
-        metadata: The same, read.
-        warnings: What was corrected or is odd, in sentences.
-    """
+    """Describes a policy, perhaps corrected; `warnings` say what."""
 
     data: bytes
     metadata: ModelMetadata
@@ -57,8 +51,8 @@ class FirstCheckpoint:
     """The weights to begin with, a safetensors file.
 
     Attributes:
-        fresh: What the file did not have and how it begins, in sentences.
-        critic_warmup: As in `Counters`; None if the file had a critic.
+        fresh: What the file did not have and how it begins.
+        critic_warmup: As in `Counters`; None if there was a critic.
     """
 
     tensors: bytes
@@ -67,16 +61,12 @@ class FirstCheckpoint:
 
 
 def read_frozen_graph(data: bytes, origin: str) -> ReadPolicy:
-    """Read a frozen graph; see `read_graph`."""
+    """See `read_graph`."""
     return read_graph(data, origin)
 
 
 def read_bundle_policy(index: bytes, data: Sequence[bytes], origin: str) -> ReadPolicy:
-    """Read a TensorFlow checkpoint of the reference.
-
-    Raises:
-        SettingsError: It is damaged, or not a policy that can be trained here.
-    """
+    """Read the reference's checkpoint; SettingsError if it cannot be trained here."""
     found = read_reference_checkpoint(index, data, origin)
     return ReadPolicy(
         network=found.network,
@@ -93,7 +83,7 @@ def read_bundle_policy(index: bytes, data: Sequence[bytes], origin: str) -> Read
 
 
 def same_policy(policy: ReadPolicy, graph: ReadPolicy) -> bool:
-    """Whether a frozen graph has exactly the weights of a checkpoint's policy."""
+    """Whether both have exactly the same weights."""
     return all(
         name in policy.weights and np.array_equal(policy.weights[name], array)
         for name, array in graph.weights.items()
@@ -101,15 +91,9 @@ def same_policy(policy: ReadPolicy, graph: ReadPolicy) -> bool:
 
 
 def fit_metadata(data: bytes, origin: str, policy: ReadPolicy, model: str) -> FittedMetadata:
-    """Check that a model_metadata.json describes a policy.
+    """Check that model_metadata.json describes a policy.
 
-    A wrong network is corrected, because the policy's layers leave no doubt about it.
-
-    Args:
-        data: Content of the file.
-        origin: What messages call the file.
-        policy: The policy.
-        model: What messages call the policy's file.
+    A wrong network is corrected, because the layers leave no doubt.
 
     Raises:
         ProblemsError: The file is wrong in itself.
@@ -145,7 +129,7 @@ def fit_metadata(data: bytes, origin: str, policy: ReadPolicy, model: str) -> Fi
 def fit_parameters(
     parameters: Hyperparameters, origin: str, policy: ReadPolicy, model: str
 ) -> tuple[Hyperparameters, list[str]]:
-    """The hyperparameters with the frame stack of a policy, and a warning if it was another."""
+    """With the policy's frame stack, and a warning if it was another."""
     if parameters.stack_size == policy.stack:
         return parameters, []
     warning = (
@@ -158,7 +142,7 @@ def fit_parameters(
 def first_checkpoint(
     policy: ReadPolicy, metadata: ModelMetadata, parameters: Hyperparameters
 ) -> FirstCheckpoint:
-    """The weights of a network with this policy; what the policy does not have is fresh."""
+    """What the policy does not have is fresh."""
     generator = torch.random.get_rng_state()
     torch.manual_seed(_SEED)
     try:
@@ -201,7 +185,7 @@ _FRESH_CRITIC = (
 def first_record(
     name: str, first: FirstCheckpoint, fitted: FittedMetadata, parameters: Hyperparameters
 ) -> CheckpointRecord:
-    """The record of the checkpoint of this name, with the parameter files that describe it."""
+    """With parameter files."""
     inputs = {
         keys.MODEL_METADATA_FILE: fitted.data.decode("utf-8-sig"),
         keys.HYPERPARAMETERS_FILE: parameters.canonical_json(fitted.metadata.training_algorithm),
@@ -211,7 +195,6 @@ def first_record(
 
 
 def _sides(metadata: ModelMetadata) -> dict[str, str]:
-    """What metadata says about a policy: beginnings of phrases and their ends."""
     space = metadata.action_space
     return {
         "training_algorithm=": metadata.training_algorithm,
@@ -222,7 +205,6 @@ def _sides(metadata: ModelMetadata) -> dict[str, str]:
 
 
 def _sides_of(policy: ReadPolicy) -> dict[str, str]:
-    """The same about a policy."""
     return {
         "training_algorithm=": policy.algorithm,
         "": _actions(policy.num_actions, continuous=policy.continuous),
@@ -237,6 +219,5 @@ def _actions(count: int, *, continuous: bool) -> str:
 
 
 def _sensors(names: Sequence[str]) -> str:
-    """The inputs; several names mean the same grey picture."""
     plain = ["FRONT_FACING_CAMERA" if name in SINGLE_CAMERAS else name for name in names]
     return " and ".join(sorted(plain, key=lambda name: name in LIDARS))

@@ -1,9 +1,8 @@
 """Writes graphs of policies as ONNX.
 
-Inputs are those of the frozen graph: pictures of shape (batch, 120, 160, cameras), grey values from
-0 to 255. Between them and the convolutions stands one `Transpose`, and one after them, because the
-pictures of ONNX have their channels first; kernels of convolutions are stored as ONNX has them.
-Nodes and initializers have the names of the frozen graph, so `onnx_reader` finds it again.
+Inputs are those of the frozen graph, of shape (batch, 120, 160, cameras). ONNX has channels first,
+so a `Transpose` stands before and after the convolutions. Names are those of the frozen graph, so
+that `onnx_reader` finds it again.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,10 +17,10 @@ from drcli.formats.tensorflow.graph import Array, Node
 from drcli.formats.tensorflow.interpreter import Graph
 
 OPSET, IR_VERSION = 13, 8
-"""Old enough for engines of 2021, which cars use, and for all newer ones."""
+"""For engines of 2021, which cars use."""
 
 PIXEL_RANGE = "Image.NominalPixelRange"
-"""Where an ONNX file says how its pictures are scaled. Source: ONNX's own list of metadata."""
+"""Source: ONNX's list of metadata."""
 RANGE_255 = "NominalRange_0_255"
 
 TO_NCHW, TO_NHWC = (0, 3, 1, 2), (0, 2, 3, 1)
@@ -32,8 +31,6 @@ _SAME_LAYOUT = {
     "StopGradient": "Identity",
     "Tanh": "Tanh",
 }
-"""Operations on each value alone, and ONNX's names of them."""
-
 _ARITHMETIC = {
     "Add": "Add",
     "AddV2": "Add",
@@ -45,11 +42,11 @@ _ARITHMETIC = {
 
 
 def encode_onnx(nodes: Sequence[Node], origin: str) -> bytes:
-    """The ONNX file of a policy's graph, which messages call `origin`; equal graphs, equal bytes.
+    """Equal graphs give equal bytes.
 
     Raises:
-        NotAvailable: The package `onnx` is missing.
-        SettingsError: The graph cannot be written as ONNX.
+        NotAvailable: `onnx` is missing.
+        SettingsError: The graph cannot be written.
     """
     onnx = library("onnx")
     model = _Writer(onnx, Graph(nodes, origin)).model()
@@ -65,10 +62,7 @@ def encode_onnx(nodes: Sequence[Node], origin: str) -> bytes:
 
 
 class _Writer:
-    """The nodes of an ONNX graph, added one after the other.
-
-    A result of the frozen graph exists with its channels last, first, or both.
-    """
+    """Results have their channels last, first, or both."""
 
     def __init__(self, onnx: Any, graph: Graph) -> None:
         self._onnx = onnx
@@ -86,7 +80,6 @@ class _Writer:
                 self._uses.setdefault(name, []).append(node)
 
     def model(self) -> Any:
-        """The complete model."""
         for node in self._graph.nodes:
             if node.op == "Placeholder":
                 self._last[node.name] = node.name
@@ -120,7 +113,6 @@ class _Writer:
         return model
 
     def last(self, name: str) -> str:
-        """The tensor of a result with its channels last, as the frozen graph has it."""
         if name in self._folded:
             return self.initializer(self._variable(name), self._folded[name])
         if name not in self._last:
@@ -129,18 +121,16 @@ class _Writer:
         return self._last[name]
 
     def first(self, name: str) -> str:
-        """The tensor of a result with its channels first."""
         if name not in self._first:
             tensor = self.last(name)
             self._first[name] = self.add("Transpose", f"{name}/NCHW", tensor, perm=TO_NCHW)
         return self._first[name]
 
     def tensors(self, node: Node) -> list[str]:
-        """The tensors of a node's inputs, with their channels last."""
         return [self.last(name) for name in node.inputs]
 
     def initializer(self, name: str, array: Array) -> str:
-        """Store a constant; whole numbers become int64, as ONNX wants them."""
+        """Whole numbers become int64, as ONNX wants."""
         if array.dtype == np.int32:
             array = array.astype(np.int64)
         if self._initializers.setdefault(name, array).shape != array.shape:
@@ -149,7 +139,6 @@ class _Writer:
         return name
 
     def add(self, op: str, result: str, *inputs: str, name: str = "", **attrs: Any) -> str:
-        """Add a node, called like its result if not named; returns the name of the result."""
         node = self._onnx.helper.make_node(op, inputs, [result], name=name or result, **attrs)
         self._nodes.append(node)
         return result
@@ -169,7 +158,6 @@ class _Writer:
             self.refuse(node, "ONNX has no such operation here")
 
     def _convolution(self, node: Node) -> None:
-        """A convolution together with its bias."""
         values, kernel = node.inputs
         if kernel not in self._folded:
             self.refuse(node, "its kernel is not constant")
@@ -200,19 +188,16 @@ class _Writer:
         )
 
     def _variable(self, name: str) -> str:
-        """The name of a weight, without that of the node that reads it."""
         read = self._by_name[name]
         return read.inputs[0] if read.op == "Identity" else name
 
     def folded(self, node: Node, place: int) -> Array:
-        """The value of an input that must be constant."""
         name = node.inputs[place]
         if name not in self._folded:
             self.refuse(node, f"{shown(name)} is not constant")
         return self._folded[name]
 
     def _width(self) -> int:
-        """Length of the policy's output, computed on one sample."""
         feeds = {
             name: np.zeros([1, *(max(1, d) for d in shape[1:])], np.float32)
             for name, shape in self._graph.inputs.items()
@@ -223,7 +208,6 @@ class _Writer:
         return int(result.shape[1])
 
     def refuse(self, node: Node, why: str) -> NoReturn:
-        """Raise the error for a node that cannot be written."""
         raise SettingsError(
             f"{self._graph.origin} cannot be written as ONNX: {node.op} of {shown(node.name)}: "
             f"{why}.",
@@ -233,7 +217,7 @@ class _Writer:
 
 
 def _constants(graph: Graph) -> dict[str, Array]:
-    """The results that do not depend on the inputs, computed; weights under all their names."""
+    """Weights under all their names."""
     found: dict[str, Array] = {}
     for node in graph.nodes:
         if node.value is not None:
@@ -274,7 +258,6 @@ def _pack(writer: _Writer, node: Node) -> str:
 
 
 def _strided_slice(writer: _Writer, node: Node) -> str:
-    """A slice whose bounds are constant and without negative steps, as policies have them."""
     begin, end, step = (writer.folded(node, k).astype(np.int64) for k in (1, 2, 3))
     if node.attrs.get("ellipsis_mask") or node.attrs.get("new_axis_mask") or (step < 1).any():
         writer.refuse(node, "it is no simple slice")
@@ -331,4 +314,3 @@ _OTHERS: Mapping[str, Callable[[_Writer, Node], str]] = {
     "StridedSlice": _strided_slice,
     "Transpose": _transpose,
 }
-"""How the other operations are written."""

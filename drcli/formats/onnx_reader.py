@@ -1,7 +1,7 @@
-"""Reads the ONNX file of a policy as the nodes of a frozen graph.
+"""Reads an ONNX file as the nodes of a frozen graph.
 
-What `encode_onnx` wrote from our own graphs comes back node for node and bit for bit. Files of
-others may have pictures with their channels first or last, and `Gemm` for dense layers.
+Our own files come back bit for bit. Others may have channels first or last, and `Gemm` for dense
+layers.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,25 +17,23 @@ from drcli.formats.tensorflow.graph import Array, Attr, Node, Shape
 from drcli.formats.tensorflow.messages import DataType
 
 _LARGEST = 1 << 29
-"""Most bytes of one weight, as in frozen graphs."""
-
 _REMEDY = (
     "Use a file that `dr-export onnx` wrote; `dr-evaluate --model FILE` drives any policy in ONNX."
 )
 
 
 def read_onnx(data: bytes, origin: str) -> tuple[Node, ...]:
-    """The graph in an ONNX file that messages call `origin`.
+    """The graph in a file.
 
     Raises:
-        NotAvailable: The package `onnx` is missing.
-        SettingsError: The file is damaged, or has an operation that no policy needs.
+        NotAvailable: `onnx` is missing.
+        SettingsError: It is damaged, or has an operation that no policy needs.
     """
     return _Reader(parse_onnx(data, origin), origin).nodes()
 
 
 def parse_onnx(data: bytes, origin: str) -> Any:
-    """The message of an ONNX file, checked."""
+    """Checked."""
     onnx = library("onnx")
     try:
         model = onnx.load_model_from_string(data)
@@ -60,10 +58,10 @@ def parse_onnx(data: bytes, origin: str) -> Any:
 
 
 class _Reader:
-    """The nodes of a frozen graph, added when they are first needed.
+    """Adds nodes when needed.
 
     Attributes:
-        first: Tensors with their channels first; their nodes have the channels last.
+        first: Tensors with their channels first; their nodes have them last.
         roots: Square roots, and what they are taken from.
     """
 
@@ -87,7 +85,6 @@ class _Reader:
         }
 
     def nodes(self) -> tuple[Node, ...]:
-        """The whole graph."""
         for node in self._graph.node:
             if node.op_type == "Constant":
                 found = [a.t for a in node.attribute if a.name == "value"]
@@ -104,24 +101,20 @@ class _Reader:
         return tuple(self._nodes)
 
     def attrs(self, node: Any) -> dict[str, Any]:
-        """The attributes of a node as Python values."""
         onnx = library("onnx")
         return {a.name: onnx.helper.get_attribute_value(a) for a in node.attribute}
 
     def add(self, name: str, op: str, *inputs: str, attrs: Mapping[str, Attr] | None = None) -> str:
-        """Add a node with the names of its inputs; returns its name."""
         kinds: dict[str, Attr] = {"T": DataType.FLOAT, **(attrs or {})}
         self._nodes.append(Node(name, op, inputs, kinds))
         return name
 
     def give(self, tensor: str, node: str, *, first: bool = False) -> None:
-        """Say which node computes a tensor."""
         self._node_of[tensor] = node
         if first:
             self.first.add(tensor)
 
     def plain(self, tensor: str) -> str:
-        """The node of a tensor as it is."""
         if tensor not in self.first:
             return self.any(tensor)
         name = f"{tensor}/channels_first"
@@ -130,7 +123,6 @@ class _Reader:
         return name
 
     def last(self, tensor: str) -> str:
-        """The node of a picture, with its channels last."""
         if tensor in self.first:
             return self._node_of[tensor]
         name = f"{tensor}/channels_last"
@@ -139,7 +131,6 @@ class _Reader:
         return name
 
     def any(self, tensor: str) -> str:
-        """The node of a tensor, whatever its layout."""
         if tensor in self._node_of:
             return self._node_of[tensor]
         if tensor in self._inputs:
@@ -154,7 +145,6 @@ class _Reader:
         return self._node_of[tensor]
 
     def constant(self, name: str, value: Array) -> str:
-        """Add a constant; a weight gets the node that reads it, as in the reference's graphs."""
         if value.dtype == np.int64:
             value = value.astype(np.int32)
         self._nodes.append(Node(name, "Const", value=np.asarray(value, order="C")))
@@ -163,18 +153,15 @@ class _Reader:
         return self.add(f"{name}/read", "Identity", name)
 
     def value(self, node: Any, place: int) -> Array:
-        """The value of an input that must be constant."""
         name = node.input[place] if place < len(node.input) else ""
         if name not in self._constants:
             self.refuse(node, f"its input {place + 1} is not constant")
         return self._constants[name]
 
     def is_constant(self, tensor: str) -> bool:
-        """Whether a tensor is stored in the file."""
         return tensor in self._constants
 
     def refuse(self, node: Any, why: str) -> NoReturn:
-        """Raise the error for a node that cannot be read."""
         self._fail(f"cannot be read: {node.op_type} of {shown(node.output[0])}: {why}")
 
     def _turn(self, name: str, node: str, perm: Sequence[int]) -> None:
@@ -348,4 +335,3 @@ _READERS: Mapping[str, Callable[[_Reader, Any, Mapping[str, Any]], None]] = {
     "Tanh": _each_value("Tanh"),
     "Transpose": _transpose,
 }
-"""How each operation is read; the others are refused."""

@@ -1,4 +1,4 @@
-"""Recognises Python pickles: reading one may run any program, so nothing here ever does."""
+"""Recognises Python pickles; loading one may run any program."""
 
 import pickletools
 import re
@@ -13,18 +13,18 @@ _WEIGHT_FILE = re.compile(
 )
 
 _CERTAIN_AFTER = 200
-"""Operations of a pickle; other data does not contain so many in a row."""
+"""Other data does not have so many operations in a row."""
 
 _PICKLE_IN_ZIP = re.compile(r"(^|/)[^/]*\.(pkl|pickle)$|(^|/)data$", re.IGNORECASE)
 
 
 def is_weight_file(name: str) -> bool:
-    """Whether a file of this name may hold weights."""
+    """By name."""
     return _WEIGHT_FILE.search(name) is not None
 
 
 def is_pickle(data: bytes) -> bool:
-    """Whether data is a pickle, or a file of PyTorch or NumPy that contains one."""
+    """Also a file of PyTorch or NumPy that contains one."""
     if data.startswith(b"PK\x03\x04"):
         try:
             with zipfile.ZipFile(BytesIO(data)) as archive:
@@ -37,7 +37,6 @@ def is_pickle(data: bytes) -> bool:
 
 
 def _has_operations(data: bytes) -> bool:
-    """Whether data begins with the operations of a pickle, and goes on to its end or for long."""
     stream = BytesIO(data)
     count = 0
     name = ""

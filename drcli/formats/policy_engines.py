@@ -1,4 +1,4 @@
-"""The engines that run a policy's graph: named arrays in, arrays out."""
+"""The engines that run a policy's graph."""
 
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -27,20 +27,15 @@ RUNS: Mapping[Form, tuple[Runtime, ...]] = {
     "openvino": ("openvino",),
     "tflite": ("tflite", "openvino"),
 }
-"""What runs a file of each form; the first is meant if none is named."""
+"""The first is the default."""
 
 SCALES = {"NominalRange_0_255": 1.0, "Normalized_0_1": 1.0 / 255.0}
-"""What pixels from 0 to 255 are multiplied by, for each range that an ONNX file may state."""
+"""For ranges of pixels that an ONNX file may state."""
 
 
 @dataclass(frozen=True)
 class Port:
-    """An input of a graph.
-
-    Attributes:
-        shape: -1 for a length that is not fixed; None if not even their number is.
-        dtype: What it takes.
-    """
+    """`shape` has -1 for a length that is not fixed, and is None if unknown."""
 
     name: str
     shape: tuple[int, ...] | None
@@ -48,12 +43,7 @@ class Port:
 
 
 class Engine(Protocol):
-    """A graph that is ready to run.
-
-    Attributes:
-        name: The engine, for messages.
-        pixel_scale: What pixels from 0 to 255 are multiplied by.
-    """
+    """A graph that is ready to run; pixels from 0 to 255 are multiplied by `pixel_scale`."""
 
     name: str
     pixel_scale: float
@@ -63,15 +53,11 @@ class Engine(Protocol):
         """What it takes."""
 
     def run(self, feeds: Mapping[str, Array]) -> dict[str, Array]:
-        """Compute all outputs, by name in the order of the file.
-
-        Args:
-            feeds: For each input an array of its type, all with equally many rows.
-        """
+        """Outputs in the file's order, from equally many rows."""
 
 
 def check_runtime(form: Form, runtime: Runtime, origin: str) -> None:
-    """Check that an engine runs files of a form and is installed; loads nothing.
+    """Check an engine without loading it.
 
     Raises:
         SettingsError: It does not run such files.
@@ -98,11 +84,7 @@ def check_runtime(form: Form, runtime: Runtime, origin: str) -> None:
 
 
 def check_converter(form: Form) -> None:
-    """Check that what writes files of a form, and runs them, is installed; loads nothing.
-
-    Raises:
-        NotAvailable: It is not.
-    """
+    """NotAvailable if a form cannot be written or run; loads nothing."""
     runtime = RUNS[form][0]
     if runtime == "tflite":
         require("tensorflow")
@@ -112,18 +94,10 @@ def check_converter(form: Form) -> None:
 def open_engine(
     form: Form, data: bytes, weights: bytes, runtime: Runtime, origin: str, threads: int = 1
 ) -> Engine:
-    """Load a graph into an engine.
-
-    Args:
-        form: Of the file.
-        data: Its content.
-        weights: The second file of OpenVINO's pair.
-        runtime: The engine; graphs of another form are converted.
-        origin: Name of the file in messages.
-        threads: Most threads of the engine.
+    """Load a graph, converted if needed; `weights`: the second file of OpenVINO's pair.
 
     Raises:
-        SettingsError: The engine does not run such a file, or the file is damaged.
+        SettingsError: The engine does not run it, or it is damaged.
         NotAvailable: The engine is not installed.
     """
     check_runtime(form, runtime, origin)
@@ -148,7 +122,7 @@ def open_engine(
 
 
 def cannot_load(origin: str, engine: str, error: Exception) -> NoReturn:
-    """Raise the error for a file that an engine does not load."""
+    """Raise SettingsError."""
     raise SettingsError(
         f"{origin} cannot be loaded by {engine}: {reason_of(error)}",
         remedy="Write the file again, or name another one.",
@@ -156,7 +130,7 @@ def cannot_load(origin: str, engine: str, error: Exception) -> NoReturn:
 
 
 def reason_of(error: Exception) -> str:
-    """The line of an engine's error that says most; engines put places in their code first."""
+    """The line that says most; engines put places in their code first."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     told = [line for line in lines if ".cpp:" not in line and not line.startswith("Exception from")]
     text = (told or lines or [type(error).__name__])[0]
@@ -193,7 +167,6 @@ _ONNX_DTYPES = {
     "tensor(int32)": np.int32,
     "tensor(int64)": np.int64,
 }
-"""Types of inputs in the words of onnxruntime."""
 
 
 class _OnnxRuntime:
@@ -261,7 +234,6 @@ class _OpenVino:
 
 
 def _name(port: Any, number: int) -> str:
-    """The name of a tensor of OpenVINO, which may have none or several."""
     return min(port.get_names(), default=f"{number}")
 
 
@@ -304,7 +276,6 @@ class _TensorFlowLite:
 
 
 def _quantized(detail: Mapping[str, Any], values: Array) -> Array:
-    """Values as an input takes them, which may be whole numbers of a step."""
     step, zero = detail["quantization"]
     if not step:
         return values
@@ -320,7 +291,6 @@ def _unquantized(detail: Mapping[str, Any], values: Array) -> Array:
 
 
 def _pixel_scale(data: bytes, origin: str) -> float:
-    """How an ONNX file wants pixels."""
     model = parse_onnx(data, origin)
     stated = {item.key: item.value for item in model.metadata_props}.get(PIXEL_RANGE)
     if stated is None:

@@ -1,4 +1,4 @@
-"""Finds and reads the file of a policy, and the metadata that belongs to it."""
+"""Finds and reads a policy's file and metadata."""
 
 import os
 import stat
@@ -14,12 +14,12 @@ from drcli.formats.pickles import is_pickle
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 Form = Literal["pb", "onnx", "openvino", "tflite"]
-"""Frozen TensorFlow graph, ONNX, OpenVINO's pair of files, TensorFlow Lite."""
+"""Frozen TensorFlow graph, ONNX, OpenVINO's pair, TensorFlow Lite."""
 
 METADATA = "model_metadata.json"
 
 LARGEST_BYTES = 1 << 30
-"""More than any policy: the largest network of the reference takes 230 MB."""
+"""The reference's largest takes 230 MB."""
 
 DOCUMENTED = "docs/formats.md says how policies of other programs come in"
 
@@ -36,14 +36,7 @@ _PICKLES = (".pt", ".pth", ".pkl", ".pickle")
 
 @dataclass(frozen=True)
 class PolicyFile:
-    """The content of a policy's file.
-
-    Attributes:
-        weights: The `.bin` of OpenVINO's pair; empty for other forms.
-        origin: Path for messages.
-        metadata_origin: Where the metadata was read, for messages.
-        sha256: Of the graph and its weights.
-    """
+    """A policy's file; `weights` is the `.bin` of OpenVINO's pair, `sha256` is of both."""
 
     form: Form
     data: bytes
@@ -57,12 +50,11 @@ class PolicyFile:
 def read_policy_file(path: Path, metadata: Path | None = None) -> PolicyFile:
     """Read a policy's file.
 
-    Its model_metadata.json is the one that is given; else the one in the archive, or beside the
-    file as `NAME.model_metadata.json` or `model_metadata.json`.
+    Its metadata is the given file, or in the archive, or beside it as `NAME.model_metadata.json` or
+    `model_metadata.json`.
 
     Raises:
-        SettingsError: It is missing, unreadable or of a form that no engine runs; or its metadata
-            is missing or wrong.
+        SettingsError: File or metadata is missing or wrong, or no engine runs it.
     """
     name = path.name.casefold()
     if name.endswith(_PICKLES) or (name.endswith(".zip") and is_pickle(_read(path))):
@@ -101,12 +93,11 @@ def read_policy_file(path: Path, metadata: Path | None = None) -> PolicyFile:
 
 
 def metadata_path(path: Path) -> Path:
-    """Where the metadata of an exported file is written: `NAME.model_metadata.json` beside it."""
+    """`NAME.model_metadata.json` beside it."""
     return path.with_name(f"{path.stem}.{METADATA}")
 
 
 def _beside(path: Path) -> tuple[str, bytes]:
-    """Place and content of the metadata beside a file."""
     for place in (metadata_path(path), path.with_name(METADATA)):
         if place.exists():
             return str(place), _read(place)
@@ -118,7 +109,6 @@ def _beside(path: Path) -> tuple[str, bytes]:
 
 
 def _from_archive(path: Path) -> tuple[str, bytes, tuple[str, bytes] | None]:
-    """Place and content of an archive's graph, and those of its metadata if it has one."""
     members = read_archive(path)
     graphs = [name for name in members if name.endswith(".pb")]
     if "agent/model.pb" in graphs:

@@ -1,8 +1,7 @@
-"""Finds the layers of a policy in a frozen graph by what its operations do, not by their names.
+"""Finds the layers of a policy by what operations do.
 
-Frozen graphs of different versions name their layers differently, and a dense layer on every pixel
-is a convolution here and a chain of reshapes there. So the graph is followed from its inputs to its
-output, and every product with a constant kernel is a layer.
+Versions name layers differently, and a dense layer on every pixel is a convolution or a chain of
+reshapes. So every product with a constant kernel between input and output is a layer.
 """
 
 from collections.abc import Mapping
@@ -20,17 +19,13 @@ from drcli.formats.tensorflow.interpreter import Graph
 Floats = NDArray[np.float32]
 
 _PASSING = ("Identity", "Pack", "Reshape", "StopGradient", "StridedSlice", "Transpose")
-"""Operations that change no value, as the reference's graphs use them."""
-
 _AFFINE = ("Add", "AddV2", "BiasAdd", "Mul", "RealDiv", "Sub")
-"""Operations of a value with a constant, which may belong to the layer before them."""
-
 _TWO_INPUTS = ("Conv2D", "MatMul", *_AFFINE)
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A layer: a convolution, or a dense layer.
+    """A convolution, or a dense layer.
 
     Attributes:
         kernel: Shape (rows, columns, channels, filters) or (inputs, outputs); a convolution of one
@@ -44,13 +39,7 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class Trunk:
-    """The layers of a graph.
-
-    Attributes:
-        branches: The layers on each input before all are joined, by the input's name, in the order
-            in which they are joined. Empty lists for a single input.
-        layers: The layers after that.
-    """
+    """`branches` on each input in the order of joining (empty for one input), then `layers`."""
 
     branches: Mapping[str, tuple[Linear, ...]]
     layers: tuple[Linear, ...]
@@ -58,23 +47,18 @@ class Trunk:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """What a node's result was made from; `is_open` while a constant still belongs to a layer."""
+    """`is_open` while a constant still belongs to a layer."""
 
     branches: Mapping[str, tuple[Linear, ...]]
     layers: tuple[Linear, ...] = ()
     is_open: bool = False
 
     def same_as(self, other: "_Path") -> bool:
-        """Whether both results come from the same layers."""
         return self.layers == other.layers and self.branches == other.branches
 
 
 def find_layers(graph: Graph) -> Trunk:
-    """The layers of a policy's graph.
-
-    Raises:
-        SettingsError: It is not a chain of convolutions and dense layers.
-    """
+    """SettingsError if it is not a chain of convolutions and dense layers."""
     finder = _Finder(graph)
     path = finder.paths.get(graph.output.name)
     if path is None:
@@ -83,8 +67,6 @@ def find_layers(graph: Graph) -> Trunk:
 
 
 class _Finder:
-    """Follows a graph; `paths` are those of all nodes that depend on an input's values."""
-
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
         self._by_name = {node.name: node for node in graph.nodes}
@@ -99,11 +81,9 @@ class _Finder:
                 self.paths[node.name] = path
 
     def refuse(self, what: str) -> NoReturn:
-        """Refuse the graph."""
         raise SettingsError(f"{self._graph.origin} {what}.", remedy=REMEDY)
 
     def _path(self, node: Node) -> _Path | None:
-        """The path of a node's result; None if it depends on the inputs' shapes only."""
         before = [self.paths[name] for name in node.inputs if name in self.paths]
         if node.op == "Shape" or not before:
             return None
@@ -151,10 +131,9 @@ class _Finder:
         return Linear(np.asarray(kernel, np.float32), bias)
 
     def _affine(self, node: Node, path: _Path) -> _Path:
-        """A constant that is added or multiplied: part of the layer before it, if it follows one.
+        """A constant, part of the layer before it, if it follows one.
 
-        After an activation and on the input, it is left out; the comparison of the whole network
-        shows whether that is right.
+        Otherwise it is left out; comparing whole networks shows whether that is right.
         """
         if not path.is_open:
             return path
@@ -172,7 +151,7 @@ class _Finder:
         return replace(path, layers=(*others, folded))
 
     def _folded(self, node: Node, layer: Linear, values: Array, is_first: bool) -> Linear:
-        """A layer and the operation after it as one, as batch norm needs it."""
+        """For batch norm."""
         kernel, bias = layer.kernel.astype(np.float64), layer.bias.astype(np.float64)
         if node.op in ("Add", "AddV2", "BiasAdd"):
             bias = bias + values
@@ -189,7 +168,6 @@ class _Finder:
         return Linear(kernel.astype(np.float32), bias.astype(np.float32))
 
     def _value(self, name: str) -> Array:
-        """The value of a constant node, which may be made from others."""
         needed: dict[str, Node] = {}
         stack = [name]
         while stack:

@@ -26,31 +26,27 @@ from drcli.modelfiles.model_metadata import CAMERAS, LIDARS
 _NAME = re.compile(
     r"(?P<agent>main_level/agent(?:_\d+)?/main/)(?P<copy>online|global)/(?P<rest>.+)"
 )
-"""A variable of a PPO agent: trained alone (`online`) or by several processes (`global`)."""
+"""Trained alone (`online`) or by several processes (`global`)."""
 
 _SAC = re.compile(r"main_level/agent(?:_\d+)?/(policy|q|v)/")
 
 _SLOTS = re.compile(r".*/(Adam|Adam_1|RMSProp|RMSProp_1|Momentum)")
-"""State of an optimizer."""
-
 _REMEDY = "Name a checkpoint that the reference simulator or `dr-export tf-checkpoint` wrote."
 
 _LISTED = 3
-"""How many differences a message names."""
 
 
 @dataclass(frozen=True)
 class ReadCheckpoint:
-    """A policy that was read from a checkpoint.
+    """A policy from a checkpoint.
 
     Attributes:
-        network: `neural_network` of model_metadata.json.
-        sensors: The inputs by their names, the camera first.
+        network: As in model_metadata.json.
+        sensors: The camera first.
         eyes: Cameras, 1 or 2.
-        scan_dims: Values of the lidar, 0 without one.
-        weights: Under our names. Without a critic, `fresh_critic` is true.
-        fresh_critic: Whether training on starts with a new critic.
-        notes: What a racer should know, in sentences.
+        scan_dims: 0 without a lidar.
+        weights: Under our names, without a critic if `fresh_critic`.
+        notes: For the racer.
     """
 
     network: str
@@ -68,16 +64,10 @@ class ReadCheckpoint:
 def read_reference_checkpoint(
     index: bytes, data: bytes | Sequence[bytes], origin: str
 ) -> ReadCheckpoint:
-    """Read the policy of a checkpoint.
-
-    Args:
-        index: The `.index` file.
-        data: The `.data-00000-of-00001` file, or all data files in order.
-        origin: Name of the checkpoint for messages, such as `model/5_Step-500.ckpt`.
+    """Read a policy from its `.index` and data files in order.
 
     Raises:
-        SettingsError: A file is damaged, or its variables are not those of one of the reference's
-            networks.
+        SettingsError: It is damaged, or not one of the reference's networks.
     """
     bundle = open_bundle(index, origin)
     names = _names(bundle)
@@ -114,7 +104,6 @@ def read_reference_checkpoint(
 
 
 def _names(bundle: Bundle) -> dict[str, str]:
-    """Names of the agent's variables by their names below its scope."""
     found: dict[tuple[str, str], dict[str, str]] = {}
     for name in bundle.entries:
         part = _NAME.fullmatch(name)
@@ -137,7 +126,6 @@ def _names(bundle: Bundle) -> dict[str, str]:
 
 
 def _sensors(shapes: Mapping[str, Shape], origin: str) -> tuple[str, ...]:
-    """The sensors of the policy's body, the camera first."""
     scopes = {name.split("/")[1] for name in shapes if name.startswith(BODIES[1])}
     scopes -= {"middleware_fc_embedder", "ppo_head_0", RESCALER}
     cameras = [name for name in CAMERAS if name in scopes]
@@ -152,11 +140,7 @@ def _sensors(shapes: Mapping[str, Shape], origin: str) -> tuple[str, ...]:
 
 
 def _spec(shapes: Mapping[str, Shape], sensors: Sequence[str], origin: str) -> PolicySpec:
-    """The network whose variables these are.
-
-    Raises:
-        SettingsError: It is none, with what distinguishes it from the most similar one.
-    """
+    """SettingsError says how the most similar network differs."""
     head = BODIES[1] + "ppo_head_0/"
     heads = [name for name in shapes if name.startswith(head)]
     continuous = any("policy_mean" in name or "policy_log_std" in name for name in heads)
@@ -195,7 +179,6 @@ def _spec(shapes: Mapping[str, Shape], sensors: Sequence[str], origin: str) -> P
 def _values(
     bundle: Bundle, name: str, data: bytes | Sequence[bytes], notes: list[str]
 ) -> NDArray[np.float32]:
-    """The values of a variable as float32."""
     values: NDArray[Any] = bundle.read(name, data)
     if values.dtype != np.float32:
         if values.dtype.kind != "f":

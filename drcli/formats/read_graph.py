@@ -1,7 +1,7 @@
 """Reads a policy from a frozen TensorFlow graph, and proves that ours computes the same.
 
-The layers are found, matched with our networks by their shapes, and loaded into one. Then both
-compute the same pictures: if the results differ, the graph is refused.
+Layers are matched with our networks by shape. Then both compute the same pictures: if results
+differ, the graph is refused.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,15 +27,10 @@ from drcli.modelfiles.model_metadata import CAMERAS, LIDARS
 Weights = dict[str, NDArray[np.float32]]
 
 TOLERANCE = 1e-4
-"""Greatest difference between both networks, as a share of the greatest result. Sums of thousands
-of products differ by 1e-6 between two libraries."""
+"""Sums of thousands of products differ by 1e-6 between two libraries."""
 
 _MOST_CHANNELS = 32
-"""Of two cameras and a long frame stack."""
-
 _SAC = ("/agent/policy/online/", "/sac_head_", "sac_policy_head")
-"""Parts of names that only SAC agents have."""
-
 _REMEDY = (
     "Name the frozen graph of a PPO model that the reference simulator or drcli wrote, such as "
     "model_30.pb."
@@ -44,19 +39,16 @@ _REMEDY = (
 
 @dataclass(frozen=True)
 class ReadPolicy:
-    """A policy that was read from a file.
+    """A policy from a file.
 
     Attributes:
-        network: `neural_network` of model_metadata.json.
-        sensors: The inputs by their names, the camera first.
+        network: As in model_metadata.json.
+        sensors: The camera first.
         eyes: Cameras, 1 or 2.
-        scan_dims: Values of the lidar, 0 without one.
-        num_actions: Outputs.
-        continuous: Whether the outputs are the means of a Gaussian, not probabilities.
-        algorithm: `training_algorithm` of model_metadata.json.
-        weights: Under our names; what a file does not have is missing.
-        stack: Frames that are seen together.
-        notes: What a racer should know about the file, in sentences.
+        scan_dims: 0 without a lidar.
+        continuous: Outputs are means of a Gaussian, not probabilities.
+        weights: Under our names, as far as the file has them.
+        notes: For the racer.
     """
 
     network: str
@@ -72,7 +64,7 @@ class ReadPolicy:
 
     @property
     def spec(self) -> PolicySpec:
-        """The network's shape, with a critic that sees what the policy sees."""
+        """Its critic sees what the policy sees."""
         return PolicySpec(
             self.num_actions,
             self.continuous,
@@ -84,20 +76,16 @@ class ReadPolicy:
 
 
 def read_graph(data: bytes, origin: str) -> ReadPolicy:
-    """Read the file of a frozen graph that messages call `origin`.
+    """Read a frozen graph.
 
     Raises:
-        SettingsError: It is damaged, or not a policy that can be trained here.
+        SettingsError: It is damaged, or cannot be trained here.
     """
     return read_nodes(decode_graph(data, origin), origin)
 
 
 def read_nodes(nodes: Sequence[Node], origin: str) -> ReadPolicy:
-    """Read a policy from a graph.
-
-    Raises:
-        SettingsError: It is not a policy that can be trained here.
-    """
+    """Like `read_graph`."""
     if any(part in node.name for node in nodes for part in _SAC):
         refuse_sac(origin)
     graph = Graph(nodes, origin)
@@ -109,7 +97,7 @@ def read_nodes(nodes: Sequence[Node], origin: str) -> ReadPolicy:
 
 
 def refuse_sac(origin: str) -> NoReturn:
-    """Refuse a SAC policy: the reference's has other layers than ours."""
+    """The reference's has other layers."""
     raise SettingsError(
         f"{origin} is a SAC policy, which cannot be trained on: it lacks the critics and the "
         "spread of its actions, and the reference's policy has other layers than ours.",
@@ -122,7 +110,6 @@ def _refuse(origin: str, what: str, remedy: str = _REMEDY) -> NoReturn:
 
 
 def _sensors(graph: Graph) -> dict[str, str]:
-    """Names of the inputs by their sensors, the camera first."""
     found: dict[str, str] = {}
     for name in graph.inputs:
         sensor = name.rpartition("/")[2]
@@ -141,7 +128,6 @@ def _sensors(graph: Graph) -> dict[str, str]:
 
 
 def _matched(graph: Graph, sensors: Mapping[str, str], found: Trunk) -> ReadPolicy:
-    """The policy with the network that has these layers."""
     camera, *lidars = sensors
     eyes = 2 if camera == "STEREO_CAMERAS" else 1
     head = found.layers[-1:] or ()
@@ -189,7 +175,6 @@ def _matched(graph: Graph, sensors: Mapping[str, str], found: Trunk) -> ReadPoli
 
 
 def _check_shape(graph: Graph, name: str, wanted: tuple[int, ...]) -> None:
-    """Refuse an input of another shape; a graph may leave lengths open."""
     shape = graph.inputs[name]
     one = Shape((1, *wanted))
     if shape and (
@@ -205,12 +190,10 @@ def _check_shape(graph: Graph, name: str, wanted: tuple[int, ...]) -> None:
 
 
 def _in_our_order(found: Trunk, inputs: Sequence[str]) -> list[Linear]:
-    """The layers as our networks list them: the camera's, the lidar's, those on all features."""
     return [*(layer for name in inputs for layer in found.branches[name]), *found.layers]
 
 
 def _camera_first(found: Trunk, layers: list[Linear]) -> list[Linear]:
-    """The same with the rows of the first common layer as ours: camera before lidar."""
     place = len(layers) - len(found.layers)
     joined = layers[place]
     rows = joined.kernel
@@ -221,7 +204,6 @@ def _camera_first(found: Trunk, layers: list[Linear]) -> list[Linear]:
 
 
 def _loaded(spec: PolicySpec, layers: Sequence[Linear]) -> Weights | None:
-    """The weights of a network from layers; None if they have other shapes."""
     with torch.device("meta"):
         model = ActorCritic(spec)
     shapes = {
@@ -245,13 +227,7 @@ def _loaded(spec: PolicySpec, layers: Sequence[Linear]) -> Weights | None:
 def _prove(
     nodes: Sequence[Node], graph: Graph, sensors: Mapping[str, str], policy: ReadPolicy
 ) -> None:
-    """Compute pictures with both networks.
-
-    Probabilities near 0 and 1 hide differences, so the values before them are compared.
-
-    Raises:
-        SettingsError: The results differ.
-    """
+    """Probabilities near 0 and 1 hide differences, so values before them are compared."""
     for name, array in policy.weights.items():
         if not np.isfinite(array).all():
             _refuse(graph.origin, f"is damaged: {name} has values that are not finite")
@@ -286,9 +262,9 @@ def _prove(
 
 
 def _pictures(channels: int, random: np.random.Generator) -> Iterator[NDArray[np.uint8]]:
-    """Pictures to compare networks with, in small batches. Each of shape (n, channels, 120, 160).
+    """Noise, even grey, gradients and edges excite different parts of a network.
 
-    Noise, even grey, gradients and edges, which excite different parts of a network.
+    Batches of shape (n, channels, 120, 160).
     """
     shape = (4, channels, FRAME_HEIGHT, FRAME_WIDTH)
     yield random.integers(0, 256, shape, np.uint8)

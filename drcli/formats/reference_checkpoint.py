@@ -1,7 +1,7 @@
-"""Our weights as the variables of a PPO checkpoint of the reference, and back.
+"""Our weights as variables of the reference's PPO checkpoints, and back.
 
-The reference trains two bodies, one for the value and one for the policy. Ours share one, so an
-export writes it twice, and an import takes the policy's.
+The reference has two bodies, for value and policy. Ours share one: an export writes it twice, an
+import takes the policy's.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,8 +25,6 @@ from drcli.learn.policy import PolicySpec
 
 Array = NDArray[np.float32]
 Weights = Mapping[str, Array]
-"""Weights by their names in `ActorCritic`."""
-
 VALUE_HEAD = "network_0/v_values_head_0/output"
 LOG_STD = "network_1/ppo_head_0/policy_log_std"
 
@@ -37,11 +35,7 @@ _INSTEAD = (
 
 
 def refuse_other_networks(spec: PolicySpec, *, is_sac: bool) -> None:
-    """Refuse networks that the reference cannot rebuild from a checkpoint.
-
-    Raises:
-        SettingsError: It has other layers than the reference's network of that name.
-    """
+    """SettingsError where layers differ from the reference's."""
     if is_sac:
         raise SettingsError(
             "training_algorithm=sac: our SAC policy has other layers than the reference "
@@ -66,12 +60,7 @@ def refuse_other_networks(spec: PolicySpec, *, is_sac: bool) -> None:
 def reference_variables(
     weights: Weights, spec: PolicySpec, sensors: Sequence[str]
 ) -> dict[str, Array]:
-    """The variables of a checkpoint by their full names, compared with the reference's layout.
-
-    Args:
-        weights: Of an `ActorCritic`.
-        spec: Its shape.
-        sensors: Those of model_metadata.json.
+    """All variables by full name.
 
     Raises:
         SettingsError: The reference has no such network, or a weight is not a number.
@@ -97,7 +86,7 @@ def reference_variables(
 
 
 def encode_reference_checkpoint(variables: Mapping[str, Array]) -> dict[str, bytes]:
-    """The `.index` and the `.data-00000-of-00001` file, by their ends, read back and compared."""
+    """`.index` and data file, read back and compared."""
     index, data = write_bundle(variables)
     again = read_bundle(index, data, "the export")
     if again.keys() != variables.keys() or any(
@@ -108,7 +97,7 @@ def encode_reference_checkpoint(variables: Mapping[str, Array]) -> dict[str, byt
 
 
 def export_notes(weights: Weights, spec: PolicySpec) -> list[str]:
-    """What a racer should know about the critic of an exported checkpoint."""
+    """About the exported critic."""
     if spec.state_dims:
         return [
             "critic=state: the critic of this model sees the simulation's state, which the "
@@ -129,9 +118,9 @@ def export_notes(weights: Weights, spec: PolicySpec) -> list[str]:
 def ours_from_variables(
     variables: Mapping[str, Array], spec: PolicySpec, sensors: Sequence[str]
 ) -> dict[str, Array]:
-    """Our weights from the variables of the policy's body, named without `SCOPE`.
+    """Our weights from variables named without `SCOPE`.
 
-    Has no critic unless the value's body is the same as the policy's: the value head then fits.
+    Has a critic only if the value's body is the policy's, so that its head fits.
     """
     body = BODIES[1]
     order = embedders(spec, sensors)
@@ -154,7 +143,7 @@ def ours_from_variables(
 
 
 def critic_from_variables(variables: Mapping[str, Array]) -> dict[str, Array] | None:
-    """The value head, if it stands on the same body as the policy; in units of reward."""
+    """In units of reward, if it stands on the policy's body."""
     bodies = [
         {
             name.removeprefix(body): array
@@ -181,7 +170,6 @@ def critic_from_variables(variables: Mapping[str, Array]) -> dict[str, Array] | 
 def _kernels(
     weights: Weights, spec: PolicySpec, sensors: Sequence[str]
 ) -> list[tuple[Layer, Array]]:
-    """The layers of a body, each with its kernel as TensorFlow has it."""
     order = embedders(spec, sensors)
     found = []
     for embedder in order:
@@ -195,7 +183,7 @@ def _kernels(
 
 
 def _value_head(weights: Weights, spec: PolicySpec) -> tuple[Array, Array]:
-    """Kernel and bias of the value in units of reward; zeros for a critic that sees the state."""
+    """In units of reward; zeros for a critic that sees the state."""
     if spec.state_dims:
         width = weights["policy_head.weight"].shape[1]
         return np.zeros((width, 1), np.float32), np.zeros(1, np.float32)
@@ -213,7 +201,6 @@ def _add(found: dict[str, Array], scope: str, kernel: Array, bias: Array) -> Non
 
 
 def _compare(found: Mapping[str, Array], spec: PolicySpec, sensors: Sequence[str]) -> None:
-    """Refuse an export that the reference would not read completely."""
     wanted = reference_layout(
         spec.network,
         sensors,
@@ -230,7 +217,6 @@ def _compare(found: Mapping[str, Array], spec: PolicySpec, sensors: Sequence[str
 
 
 def _plain(name: str, array: Array) -> Array:
-    """A variable as it is written."""
     if not np.isfinite(array).all():
         raise SettingsError(
             f"The weights of this checkpoint are damaged: {name} is not finite.",
@@ -240,7 +226,6 @@ def _plain(name: str, array: Array) -> Array:
 
 
 def _ours(layer: Layer, body: str, variables: Mapping[str, Array]) -> dict[str, Array]:
-    """Weight and bias of a layer under our names."""
     kernel = variables[f"{body}{layer.scope}/kernel"]
     weight = kernel.T if kernel.ndim == 2 else kernel.transpose(3, 2, 0, 1)
     bias = variables[f"{body}{layer.scope}/bias"]
@@ -248,5 +233,4 @@ def _ours(layer: Layer, body: str, variables: Mapping[str, Array]) -> dict[str, 
 
 
 def _copy(array: Array) -> Array:
-    """The values in rows, in memory of their own."""
     return np.array(array, np.float32, order="C")

@@ -1,19 +1,16 @@
-"""Names and shapes of the variables in a PPO checkpoint of the reference, written down as data.
+"""Names and shapes of variables in a PPO checkpoint of the reference.
 
-This list is independent of our networks and of the code that names variables for an export: an
-export is compared with it, because the reference skips variables that do not match without a word.
+Independent of the export, which is compared with it: the reference silently skips variables that do
+not match.
 
-Sources: a checkpoint of the console (continuous, shallow) has exactly these names; for the other
-networks, heads and sensors, TensorFlow 2.12 gives these names to layers that are built below the
-same scopes as in the reference, with `tf.layers` (the consoles) and with `tf.keras.layers`
-(release 6). Layers are numbered together with the activations between them: 0, 2, 4 ...
+Sources: a checkpoint of the console (continuous, shallow); for others, TensorFlow 2.12 gives these
+names below the reference's scopes, with `tf.layers` (the consoles) and `tf.keras.layers` (release
+6). Layers are numbered with the activations between them: 0, 2, 4 ...
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 
 SCOPE = "main_level/agent/main/online/"
-"""Before every name."""
-
 Shape = tuple[int, ...]
 
 _SHALLOW = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
@@ -21,8 +18,6 @@ _MIDDLE = "DEEP_CONVOLUTIONAL_NETWORK"
 _DEEP = "DEEP_CONVOLUTIONAL_NETWORK_DEEP"
 
 NETWORKS = (_SHALLOW, _MIDDLE, _DEEP)
-"""The reference's networks."""
-
 _STEREO: dict[str, Shape] = {
     "Conv2d_0": (3, 3, 2, 32),
     "Conv2d_2": (3, 3, 32, 64),
@@ -60,8 +55,7 @@ _CAMERA: dict[tuple[str, int], dict[str, Shape]] = {
     },
     (_DEEP, 2): _STEREO,
 }
-"""Kernels of the camera's embedder, by network and number of cameras. Shapes of convolutions are
-(rows, columns, channels, filters), of dense layers (inputs, outputs)."""
+"""Kernels: (rows, columns, channels, filters), or (inputs, outputs) of dense layers."""
 
 _FEATURES = {
     (_SHALLOW, 1): 11_264,
@@ -71,15 +65,11 @@ _FEATURES = {
     (_DEEP, 1): 9_216,
     (_DEEP, 2): 112_000,
 }
-"""Values that come out of the camera's embedder."""
-
 _MIDDLEWARE: dict[str, tuple[tuple[str, int], ...]] = {
     _SHALLOW: (("Dense_0", 512),),
     _MIDDLE: (("Dense_0", 512),),
     _DEEP: (("Dense_0", 256), ("Dense_2", 128)),
 }
-"""Dense layers on all features, with their widths."""
-
 _LIDAR_WIDTHS = (("Dense_0", 256), ("Dense_2", 256))
 
 BODIES = ("network_0/", "network_1/")
@@ -96,15 +86,7 @@ def reference_layout(
     num_actions: int,
     continuous: bool,
 ) -> dict[str, Shape]:
-    """Shapes of all variables of a PPO checkpoint by name, without `SCOPE`.
-
-    Args:
-        network: One of `NETWORKS`.
-        sensors: Names of one camera and at most one lidar.
-        scan_dims: Values of the lidar; 0 without one.
-        num_actions: Length of a discrete action list; 2 for continuous actions.
-        continuous: Whether the policy is a Gaussian.
-    """
+    """Shapes of all variables by name, without `SCOPE`."""
     found: dict[str, Shape] = {}
     for body in BODIES:
         for sensor in sensors:
@@ -128,7 +110,7 @@ def reference_layout(
 
 
 def differences(found: Mapping[str, Shape], wanted: Mapping[str, Shape]) -> list[str]:
-    """What distinguishes variables from those of a layout, in words; empty if nothing does."""
+    """In words."""
     missing = [f"{name} is missing" for name in wanted if name not in found]
     extra = [f"{name} is not known" for name in found if name not in wanted]
     other = [
@@ -140,7 +122,6 @@ def differences(found: Mapping[str, Shape], wanted: Mapping[str, Shape]) -> list
 
 
 def _dense(width: int, layers: Iterable[tuple[str, int]]) -> dict[str, Shape]:
-    """Kernels of dense layers that follow each other."""
     kernels: dict[str, Shape] = {}
     for name, after in layers:
         kernels[name] = (width, after)
@@ -149,7 +130,6 @@ def _dense(width: int, layers: Iterable[tuple[str, int]]) -> dict[str, Shape]:
 
 
 def _variables(scope: str, kernels: Mapping[str, Shape]) -> dict[str, Shape]:
-    """Kernels and biases of layers."""
     found: dict[str, Shape] = {}
     for name, shape in kernels.items():
         found[f"{scope}{name}/kernel"] = shape

@@ -1,4 +1,4 @@
-"""Policies that any engine runs: PyTorch, our interpreter, onnxruntime, OpenVINO, LiteRT."""
+"""Policies in PyTorch, our interpreter, onnxruntime, OpenVINO or LiteRT."""
 
 import numpy as np
 import torch
@@ -19,14 +19,13 @@ from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 _LEAST_PROBABILITY = 1e-30
-"""Stands for 0 under a logarithm."""
 
 
 class EnginePolicy:
     """A graph in an engine as a `Policy`.
 
-    Discrete actions can be drawn from it unless it only says which one is the likeliest. Of
-    continuous actions the graph has the mean alone.
+    Discrete actions are drawn unless it only says the likeliest; of continuous ones it has the mean
+    alone.
     """
 
     def __init__(self, engine: Engine, found: Fit, spec: PolicySpec, origin: str) -> None:
@@ -36,17 +35,14 @@ class EnginePolicy:
         self._origin = origin
 
     def outputs(self, frames: NDArray[np.uint8], scans: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Probabilities of the actions, or continuous actions.
+        """Probabilities (1 for an index) or continuous actions, shape (n, num_actions).
 
         Args:
             frames: Shape (n, stack * eyes, 120, 160).
-            scans: Lidar values. Shape (n, d).
-
-        Returns:
-            Shape (n, num_actions). An index becomes a probability of 1.
+            scans: Shape (n, d).
 
         Raises:
-            SettingsError: The graph gives values that are not numbers.
+            SettingsError: Outputs are not numbers.
         """
         values = self._fit.run(self._engine, frames, scans)
         if not np.isfinite(values).all():
@@ -64,14 +60,11 @@ class EnginePolicy:
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Choose actions; see `Policy.act`.
-
-        A graph has no critic, so all estimates are 0, and so are the log-probabilities of
-        continuous actions.
+        """See `Policy.act`; estimates and log-probabilities of continuous actions are 0.
 
         Raises:
-            NotAvailable: Actions are to be drawn that the graph knows only the mean of.
-            SettingsError: The graph gives values that are not numbers.
+            NotAvailable: Only the mean is known, so nothing can be drawn.
+            SettingsError: Outputs are not numbers.
         """
         values = torch.from_numpy(self.outputs(seen.frames.numpy(), seen.scan.numpy()))
         nothing = torch.zeros(len(values), dtype=torch.float64)
@@ -93,7 +86,6 @@ class EnginePolicy:
         return actions, distributions.log_prob_categorical(logits, actions), nothing
 
     def _certain(self, indices: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Probabilities of actions that are chosen for sure."""
         count = self.spec.num_actions
         if indices.min() < 0 or indices.max() >= count:
             raise SettingsError(
@@ -114,16 +106,10 @@ class EnginePolicy:
 def policy_of_file(
     file: PolicyFile, runtime: Runtime | None = None, threads: int = 1
 ) -> EnginePolicy:
-    """The policy in a file.
-
-    Args:
-        file: It, with its metadata.
-        runtime: The engine; None for the one that the file's form is made for.
-        threads: Most threads of the engine.
+    """The policy in a file, by default in the engine of its form.
 
     Raises:
-        SettingsError: The file is damaged or does not fit its metadata, or that engine does not
-            run it.
+        SettingsError: It is damaged, does not fit, or that engine does not run it.
         NotAvailable: The engine is not installed.
     """
     runtime = runtime or RUNS[file.form][0]
@@ -139,14 +125,7 @@ def policy_of_model(
     origin: str,
     threads: int = 1,
 ) -> Policy:
-    """The policy of a network, run by an engine: the network itself, or its exported graph.
-
-    Args:
-        model: The network, with its weights.
-        metadata: What it was trained with.
-        runtime: The engine.
-        origin: Name of the weights in messages.
-        threads: Most threads of the engine.
+    """The network itself, or its graph in an engine.
 
     Raises:
         NotAvailable: The engine or its converter is not installed.

@@ -1,7 +1,4 @@
-"""Reads a checkpoint of a model in the bucket: ours, or a TensorFlow checkpoint of the reference.
-
-A TensorFlow checkpoint becomes one of ours in memory; nothing is written.
-"""
+"""Reads a checkpoint in the bucket; one of the reference is converted in memory."""
 
 import re
 
@@ -19,13 +16,13 @@ _DATA = re.compile(r"\.data-\d{5}-of-\d{5}")
 
 
 def load_checkpoint(bucket: Bucket, prefix: str, name: str) -> Checkpoint:
-    """Read one checkpoint and check it.
+    """Read and check a checkpoint.
 
     Raises:
-        ObjectMissing: It does not exist, or lacks a file.
-        ObjectDamaged: A file of ours is not what was written.
-        SettingsError: A TensorFlow checkpoint is damaged, or not a policy that can be trained here.
-        ProblemsError: A parameter file of its model is wrong.
+        ObjectMissing: A file is missing.
+        ObjectDamaged: A file is not what was written.
+        SettingsError: It is damaged, or cannot be trained here.
+        ProblemsError: A parameter file is wrong.
     """
     listed = [info.key for info in bucket.list(keys.model_folder(prefix))]
     if not is_tensorflow(listed, prefix, name):
@@ -57,10 +54,10 @@ def load_checkpoint(bucket: Bucket, prefix: str, name: str) -> Checkpoint:
 
 
 def driving_graph(bucket: Bucket, prefix: str, name: str) -> PolicyFile | None:
-    """The frozen graph that drives for a TensorFlow checkpoint of SAC; None for all others.
+    """The graph that drives for a TensorFlow checkpoint of SAC, else None.
 
     Raises:
-        ObjectMissing: The checkpoint has no frozen graph.
+        ObjectMissing: That has no graph.
     """
     listed = [info.key for info in bucket.list(keys.model_folder(prefix))]
     if not is_tensorflow(listed, prefix, name):

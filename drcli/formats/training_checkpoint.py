@@ -1,4 +1,4 @@
-"""Turns a checkpoint of ours into the files of the reference's: variables, graph, frozen graph."""
+"""Turns our checkpoints into files of the reference's."""
 
 from dataclasses import dataclass
 
@@ -23,10 +23,9 @@ class TrainingCheckpoint:
     """A checkpoint as the reference's trainer has it.
 
     Attributes:
-        parts: The `.index`, `.data-00000-of-00001` and `.meta` file by the end of their names.
-        graph: The frozen graph, `model_<N>.pb`.
-        variables: Number of variables.
-        notes: What a racer should know, in sentences.
+        parts: By the ends of their names.
+        graph: `model_<N>.pb`.
+        notes: For the racer.
     """
 
     parts: dict[str, bytes]
@@ -38,17 +37,7 @@ class TrainingCheckpoint:
 def encode_training_checkpoint(
     weights: bytes, origin: str, metadata: ModelMetadata, parameters: Hyperparameters
 ) -> TrainingCheckpoint:
-    """Write a checkpoint for the reference.
-
-    Args:
-        weights: A safetensors file of ours.
-        origin: What messages call it.
-        metadata: Of the model.
-        parameters: Of the model.
-
-    Raises:
-        SettingsError: The reference has no such network, or the weights do not fit the files.
-    """
+    """SettingsError if the reference has no such network, or the weights do not fit."""
     spec = policy_spec(metadata, parameters)
     refuse_other_networks(spec, is_sac=metadata.training_algorithm == "sac")
     model = build_policy(metadata, parameters)

@@ -1,4 +1,4 @@
-"""Writes a network in another form, and compares the result with PyTorch."""
+"""Writes a network in another form, and compares it with PyTorch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,25 +26,16 @@ from drcli.modelfiles.network_shape import Design
 Network = ActorCritic | SACAgent
 
 FRAMES = 32
-"""Pictures with which a written file is compared."""
-
 _AT_A_TIME = 8
 
 _ALLOWED = 1e-4
 _ALLOWED_HALF = 1e-2
-"""Greatest difference of a probability, or of an action where it is larger than 1 in proportion;
-with weights in half precision the second one."""
+"""Of a probability or action (in proportion above 1), in half precision."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """How a file's output differs from PyTorch's.
-
-    Attributes:
-        frames: Pictures that were compared.
-        same_actions: Share of them with the same likeliest action; 1 for continuous actions.
-        greatest_difference: Of a probability, or of a continuous action.
-    """
+    """With PyTorch."""
 
     frames: int
     same_actions: float
@@ -53,7 +44,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class WrittenForm:
-    """Files of an exported policy by the ends of their names, the one that is named last."""
+    """Files by their ends, the one that is named last."""
 
     files: Mapping[str, bytes]
     engine: Runtime
@@ -65,17 +56,11 @@ def write_form(
 ) -> WrittenForm:
     """Write a checkpoint in another form, run it, and compare it with PyTorch.
 
-    Args:
-        form: The form.
-        design: Of its model.
-        weights: Its safetensors file.
-        origin: Its name in messages.
-        fp16: Whether OpenVINO's weights are stored in half precision. TensorFlow Lite's always are.
+    `fp16` is for OpenVINO; TensorFlow Lite always has half precision.
 
     Raises:
-        NotAvailable: The converter or the engine is not installed.
-        SettingsError: The checkpoint does not fit its model, or the written file gives other
-            actions than PyTorch.
+        NotAvailable: Converter or engine is not installed.
+        SettingsError: The checkpoint does not fit, or the file gives other actions.
     """
     model = build_policy(design.metadata, design.parameters)
     load_weights(model, weights, origin)
@@ -127,14 +112,7 @@ def compare(
     frames: NDArray[np.uint8],
     scans: NDArray[np.float32],
 ) -> Comparison:
-    """Compare a policy in an engine with the network that it was made from.
-
-    Args:
-        model: The network.
-        policy: Its copy.
-        frames: Pictures of shape (n, stack * eyes, 120, 160).
-        scans: Lidar values. Shape (n, d).
-    """
+    """Frames have shape (n, stack * eyes, 120, 160), scans (n, d)."""
     return compare_outputs(
         torch_outputs(model, frames, scans), policy, frames, scans, continuous=model.spec.continuous
     )
@@ -148,7 +126,7 @@ def compare_outputs(
     *,
     continuous: bool,
 ) -> Comparison:
-    """The same with what `torch_outputs` gave before."""
+    """With what `torch_outputs` gave."""
     parts = [slice(begin, begin + _AT_A_TIME) for begin in range(0, len(frames), _AT_A_TIME)]
     theirs = np.concatenate([policy.outputs(frames[part], scans[part]) for part in parts])
     same = 1.0
@@ -161,7 +139,7 @@ def compare_outputs(
 def torch_outputs(
     model: Network, frames: NDArray[np.uint8], scans: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Probabilities of discrete actions, or continuous actions, of shape (n, num_actions)."""
+    """Shape (n, num_actions)."""
     if len(frames) > _AT_A_TIME:
         parts = [slice(begin, begin + _AT_A_TIME) for begin in range(0, len(frames), _AT_A_TIME)]
         return np.concatenate([torch_outputs(model, frames[part], scans[part]) for part in parts])
@@ -181,11 +159,7 @@ def torch_outputs(
 def sample_inputs(
     spec: PolicySpec, count: int, seed: int = 0
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Made-up pictures and lidar values: patches of grey of all sizes, with noise on top.
-
-    Returns:
-        Shapes (count, stack * eyes, 120, 160) and (count, scan_dims).
-    """
+    """Patches of grey with noise: shapes (count, stack * eyes, 120, 160) and (count, scan_dims)."""
     random = np.random.default_rng(seed)
     frames = np.empty((count, spec.channels, FRAME_HEIGHT, FRAME_WIDTH), np.uint8)
     for number, picture in enumerate(frames):

@@ -1,1 +1,1 @@
-"""Other systems over the network: DeepRacer on AWS, and the web page of the physical car."""
+"""DeepRacer on AWS, and the physical car."""

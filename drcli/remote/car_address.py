@@ -1,4 +1,4 @@
-"""Which car is meant: its address, from an option or the setting DR_CAR_ADDRESS."""
+"""The address of a car."""
 
 from dataclasses import dataclass
 
@@ -11,29 +11,25 @@ HTTPS_PORT = 443
 
 @dataclass(frozen=True)
 class CarAddress:
-    """Host and port of a car's web page."""
+    """Of its page."""
 
     host: str
     port: int = HTTPS_PORT
 
     @property
     def place(self) -> str:
-        """As people write it: host, or host:port if the port is unusual."""
+        """For people."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return host if self.port == HTTPS_PORT else f"{host}:{self.port}"
 
     @property
     def url(self) -> str:
-        """The web address, without a slash at its end."""
+        """Without final slash."""
         return f"https://{self.place}"
 
 
 def read_address(text: str, given_by: str) -> CarAddress:
-    """The address in a text that an option or a variable gave.
-
-    Raises:
-        SettingsError: It is not one.
-    """
+    """The address in a text; SettingsError if it is not one."""
     if not text:
         raise SettingsError(
             "No car is named.",

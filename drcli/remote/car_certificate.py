@@ -1,8 +1,7 @@
 """Checks that a car is the one it was before.
 
-Cars make their own certificates, which no authority has signed, so the usual check fails for every
-one of them. The first login keeps the fingerprint of the certificate, and later connections must
-show the same one, as with SSH.
+No authority has signed its certificate. As with SSH, the first login keeps the fingerprint, and
+later connections must match.
 """
 
 import hashlib
@@ -19,15 +18,10 @@ if TYPE_CHECKING:
     import requests
 
 CONNECT_TIMEOUT_S = 5.0
-"""How long to wait for a connection; cars are in the same network."""
 
 
 def read_fingerprint(address: CarAddress) -> str:
-    """SHA-256 of the certificate that a car shows now, in hexadecimal digits.
-
-    Raises:
-        CarError: Nothing answers, or not with TLS.
-    """
+    """SHA-256 of a car's certificate now, or CarError."""
     context = _unchecked()
     try:
         place = (address.host, address.port)
@@ -47,19 +41,17 @@ def read_fingerprint(address: CarAddress) -> str:
 
 
 def readable(fingerprint: str) -> str:
-    """A fingerprint as browsers and openssl show it: pairs of digits with colons."""
+    """With colons."""
     pairs = (fingerprint[i : i + 2] for i in range(0, len(fingerprint), 2))
     return ":".join(pairs).upper()
 
 
 def trusting_session(login: CarLogin) -> "requests.Session":
-    """A session that accepts only the car of a login, and uses no proxy."""
+    """Accepts only the car of a login; uses no proxy."""
     import requests
     from requests.adapters import HTTPAdapter
 
     class Unsigned(HTTPAdapter):
-        """Compares the certificate of each connection with the one of the first login."""
-
         def init_poolmanager(self, *args: Any, **named: Any) -> None:
             pinned = login.fingerprint if login.trust == "fingerprint" else None
             context = _unchecked()
@@ -74,7 +66,7 @@ def trusting_session(login: CarLogin) -> "requests.Session":
 
 
 def _unchecked() -> "SSLContext":
-    """Settings of TLS that check no signature; the authorities of the system take 0.1 s to load."""
+    """Authorities take 0.1 s to load."""
     import ssl
 
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -84,7 +76,7 @@ def _unchecked() -> "SSLContext":
 
 
 def unreachable(address: CarAddress, error: BaseException) -> CarError:
-    """The sentence for a connection that failed."""
+    """The error."""
     import ssl
 
     causes = list(_causes(error))
@@ -129,7 +121,6 @@ def unreachable(address: CarAddress, error: BaseException) -> CarError:
 
 
 def _causes(error: BaseException) -> "list[BaseException]":
-    """An error, and those behind it; libraries wrap one in the other."""
     found: list[BaseException] = []
     waiting: list[object] = [error]
     while waiting:
@@ -141,7 +132,6 @@ def _causes(error: BaseException) -> "list[BaseException]":
 
 
 def _reason(causes: "list[BaseException]") -> str:
-    """A short reason without addresses of objects."""
     if any(isinstance(cause, TimeoutError) for cause in causes):
         return "no answer"
     for cause in causes:

@@ -16,11 +16,7 @@ from drcli.remote.car_web import CarWeb
 
 STOP_ATTEMPTS = 3
 STOP_TIMEOUT_S = 5.0
-"""How often a stop is sent if the car does not confirm it, and the wait for each answer."""
-
 WATCH_S = 3.0
-"""How often a driving car is asked whether it can still be reached."""
-
 _BY_HAND = "Stop the car by hand: lift it, and switch it off."
 
 
@@ -44,7 +40,7 @@ class CarDrive:
     Attributes:
         car: Address of the car.
         driving: Whether the car still drives, because the command did not wait.
-        seconds: How long it drove; None if that is unknown.
+        seconds: How long it drove; None if unknown.
         interrupted: Whether Ctrl-C or another signal ended it.
     """
 
@@ -55,7 +51,7 @@ class CarDrive:
 
 
 def set_speed(car: CarWeb, percent: int) -> CarSpeed:
-    """Limit the throttle; the car keeps it until it restarts.
+    """Limit the throttle until the car restarts.
 
     Raises:
         SettingsError: It is not from 0 to 100; the car would take it unchecked.
@@ -69,11 +65,7 @@ def set_speed(car: CarWeb, percent: int) -> CarSpeed:
 
 
 def refuse_without_model(car: CarWeb) -> None:
-    """Refuse to start a car that has no model to drive with.
-
-    Raises:
-        SettingsError: None is loaded, or it is still being loaded.
-    """
+    """SettingsError if no model is loaded yet."""
     state = loading_state(car)
     if state == LOADING:
         raise SettingsError(
@@ -88,11 +80,11 @@ def refuse_without_model(car: CarWeb) -> None:
 
 
 def stop(car: CarWeb) -> CarDrive:
-    """Stop the car; sends nothing else before, and repeats it if there is no answer.
+    """Stop the car at once, and again if it does not answer.
 
     Raises:
-        CarError: The car did not confirm it.
-        NotLoggedIn: The car has forgotten the login.
+        CarError: It did not confirm.
+        NotLoggedIn: It has forgotten the login.
     """
     failure: CarError | None = None
     for _ in range(STOP_ATTEMPTS):
@@ -112,10 +104,10 @@ def stop(car: CarWeb) -> CarDrive:
 
 
 def start(car: CarWeb) -> CarDrive:
-    """Let the car drive with its model, and leave it driving. If that fails, it is stopped.
+    """Leave the car driving; a failed start stops it.
 
     Raises:
-        KeyboardInterrupt: A signal ended the start; the car has stopped.
+        KeyboardInterrupt: A signal came; the car has stopped.
         CarError: It failed.
     """
     _set_autonomous(car)
@@ -137,12 +129,12 @@ def start(car: CarWeb) -> CarDrive:
 def drive(
     car: CarWeb, *, seconds: float | None, warn: Callable[[str], None], say: Callable[[str], None]
 ) -> CarDrive:
-    """Start the car, and stop it when the time is over, or at a signal to end.
+    """Start the car, and stop it after the time, or at a signal.
 
-    The stop is sent whatever ends the wait, and another Ctrl-C does not prevent it.
+    The stop is sent whatever ends the wait, also at Ctrl-C.
 
     Raises:
-        CarError: The car did not start, or did not confirm the stop.
+        CarError: The car did not confirm start or stop.
     """
     _set_autonomous(car)
     started_s = time.monotonic()
@@ -178,7 +170,6 @@ def _watch(
     seconds: float | None,
     warn: Callable[[str], None],
 ) -> None:
-    """Wait for the end; warn once if the car can no longer be reached, and so not be stopped."""
     reachable = True
     end_s = inf if seconds is None else started_s + seconds
     while not ended.wait(max(0.0, min(WATCH_S, end_s - time.monotonic()))):
@@ -197,18 +188,10 @@ def _watch(
 
 @dataclass
 class _Signals:
-    """What a signal to end does.
-
-    Attributes:
-        raises: Whether the first one raises KeyboardInterrupt, to leave a request that hangs.
-        ended: Set by each of them.
-    """
-
     raises: bool = True
     ended: threading.Event = field(default_factory=threading.Event)
 
     def handle(self, _number: int, _frame: FrameType | None) -> None:
-        """A signal arrived."""
         self.ended.set()
         if self.raises:
             self.raises = False
@@ -217,7 +200,6 @@ class _Signals:
 
 @contextmanager
 def _ending_signals() -> Iterator[_Signals]:
-    """Catch Ctrl-C, SIGTERM and the end of the terminal, which would leave the car driving."""
     signals = _Signals()
     if threading.current_thread() is not threading.main_thread():
         yield signals

@@ -1,4 +1,4 @@
-"""What can go wrong with a car, apart from wrong settings and files."""
+"""What can go wrong with a car."""
 
 from typing import ClassVar
 
@@ -12,17 +12,11 @@ class CarError(DrError):
 
 
 class CarSilent(CarError):
-    """No answer came, so it is unknown whether the car has done what it was asked."""
+    """It is unknown whether the car did what it was asked."""
 
 
 class CarRefused(CarError):
-    """The car answered that it did not do what it was asked.
-
-    Args:
-        message: The whole sentence.
-        remedy: What to do.
-        reason: The car's own words; empty without any.
-    """
+    """The car did not do it; `reason` has its own words."""
 
     def __init__(self, message: str, *, remedy: str, reason: str = "") -> None:
         super().__init__(message, remedy=remedy)
@@ -30,4 +24,4 @@ class CarRefused(CarError):
 
 
 class NotLoggedIn(SettingsError):
-    """There is no login at the car, or the car does not accept it any more."""
+    """There is no login, or the car does not accept it any more."""

@@ -1,4 +1,4 @@
-"""Checks an archive by the car's rules before it is sent, because the car names no reasons."""
+"""Checks archives before they are sent: the car names no reasons."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +11,7 @@ from drcli.formats.car_rules import END
 
 @dataclass(frozen=True)
 class CarFile:
-    """An archive that keeps the car's rules.
-
-    Attributes:
-        name: Of the model on the car: the file's name without its end.
-        sensors: That the model needs.
-    """
+    """Checked."""
 
     path: Path
     name: str
@@ -24,11 +19,7 @@ class CarFile:
 
 
 def check_file(path: Path) -> CarFile:
-    """Read an archive and check its name and its content; nothing is unpacked.
-
-    Raises:
-        SettingsError: It cannot be read, or the car would not take it.
-    """
+    """Read an archive; SettingsError if the car would not take it."""
     check = check_car_archive(read_packed(path), str(path))
     refuse(check.problems)
     return CarFile(path, path.name.removesuffix(END), check.sensors)

@@ -1,6 +1,6 @@
-"""The login at a car between two commands: a file that only this user can read.
+"""The login at a car, in a file for this user alone.
 
-It holds the cookies of the car's web page, never the password, and how the car proves who it is.
+It holds cookies, never the password.
 """
 
 import os
@@ -14,12 +14,12 @@ from drcli.base.errors import SettingsError
 from drcli.remote.car_address import CarAddress
 
 Trust = Literal["fingerprint", "ca", "none"]
-"""How a car proves that it is the same one: by the certificate seen first, by a certificate
-authority, or not at all."""
+"""By the certificate seen first, an authority, or not at all."""
 
 LOGIN_HOURS = 12
-"""How long a login counts on cars with the community's software. Source: its login page; cars with
-the original software forget a login when somebody else logs in."""
+"""With the community's software (source: its login page); the original forgets a login at the next
+one.
+"""
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,9 @@ class CarLogin:
     """What is kept about one car.
 
     Attributes:
-        trust: How the car proves that it is the same one.
-        fingerprint: SHA-256 of its certificate in hexadecimal digits, for `fingerprint`.
-        ca_file: File with certificates of authorities, for `ca`.
-        cookies: Of the car's web page, by name; empty without a login.
-        csrf_token: Proves to the car that a change comes from somebody who has read its page.
+        fingerprint: SHA-256, hexadecimal.
+        ca_file: Certificates of authorities.
+        csrf_token: For changes.
     """
 
     trust: Trust = "fingerprint"
@@ -42,21 +40,17 @@ class CarLogin:
 
     @property
     def is_open(self) -> bool:
-        """Whether there was a login; the car may have forgotten it."""
+        """May have expired."""
         return bool(self.cookies)
 
 
 def load_login(address: CarAddress) -> CarLogin | None:
-    """What is kept about a car; None if nothing is, or if it cannot be read."""
+    """None if unreadable."""
     return load_record(CarLogin, login_file(address))
 
 
 def save_login(address: CarAddress, login: CarLogin) -> None:
-    """Keep a login.
-
-    Raises:
-        SettingsError: The file cannot be written.
-    """
+    """Or SettingsError."""
     path = login_file(address)
     try:
         write_private_json(path, {**asdict(login), "cookies": dict(login.cookies)})
@@ -69,7 +63,7 @@ def save_login(address: CarAddress, login: CarLogin) -> None:
 
 
 def forget_login(address: CarAddress) -> bool:
-    """Forget the cookies, and keep the certificate; False if there was no login."""
+    """Keeps the certificate."""
     kept = load_login(address)
     if kept is None or not kept.is_open:
         return False
@@ -78,7 +72,7 @@ def forget_login(address: CarAddress) -> bool:
 
 
 def login_file(address: CarAddress) -> Path:
-    """Where the login at a car is kept."""
+    """Its path."""
     named = os.environ.get("XDG_CACHE_HOME", "")
     cache = Path(named) if Path(named).is_absolute() else Path.home() / ".cache"
     host = address.host.casefold().replace(":", "-")

@@ -13,24 +13,17 @@ from drcli.remote.car_file import CarFile
 from drcli.remote.car_web import CarWeb
 
 POLL_S = 1.0
-"""How often the car is asked whether it is done."""
-
 UPLOAD_TIMEOUT_S = 180.0
-"""Longest wait for the answer to an upload; the car's own gateway gives up after 60 s."""
+"""The car's own gateway gives up after 60 s."""
 
 LISTED_WITHIN_S = 60.0
-"""How long after an upload a model may take to be listed. The car reports a failure after 10 s,
-although the installation goes on."""
+"""The car reports a failure after 10 s, although the installation goes on."""
 
 LOAD_TIMEOUT_S = 90.0
-"""Longest wait for the answer to a load."""
-
 LOADED_WITHIN_S = 120.0
-"""How long a model may take to be loaded: it is converted for the car's processor first."""
+"""Models are converted for the car's processor."""
 
 LOADED, LOADING = "loaded", "loading"
-"""States that the car reports."""
-
 _SIMILAR = 0.6
 
 T = TypeVar("T")
@@ -48,7 +41,7 @@ class CarModel:
         action_space: As the car shows it.
         sensors: As the car shows them.
         size: As the car shows it, such as 12M; empty if unknown.
-        file: Of the model in its folder, without its end.
+        file: In its folder, without its end.
     """
 
     name: str
@@ -67,7 +60,7 @@ class CarModels:
 
     Attributes:
         car: Address of the car.
-        models: Those that can be used first.
+        models: Usable ones first.
     """
 
     car: str
@@ -109,7 +102,7 @@ class CarLoad:
 
 
 def list_models(car: CarWeb) -> CarModels:
-    """List the models, also those that the car cannot use."""
+    """Also those that the car cannot use."""
     usable, disabled = _listed(car)
     action = "list its folders"
     folders = car.get("/api/uploaded_model_list", action=action)
@@ -132,10 +125,10 @@ def list_models(car: CarWeb) -> CarModels:
 
 
 def upload_model(car: CarWeb, file: CarFile, *, say: Callable[[str], None]) -> CarUpload:
-    """Send an archive and wait until the car lists the model; a model of that name is replaced.
+    """Send an archive and wait for it; replaces a model.
 
     Raises:
-        SettingsError: The file cannot be read any more.
+        SettingsError: The file cannot be read.
         CarError: The car did not install it.
     """
     try:
@@ -159,7 +152,7 @@ def upload_model(car: CarWeb, file: CarFile, *, say: Callable[[str], None]) -> C
 
 
 def load_model(car: CarWeb, name: str) -> CarLoad:
-    """Load a model and wait until the car reports it as loaded.
+    """Load a model and wait for that.
 
     Raises:
         SettingsError: The car has no such model, or cannot use it now.
@@ -184,13 +177,12 @@ def load_model(car: CarWeb, name: str) -> CarLoad:
 
 
 def loading_state(car: CarWeb) -> str:
-    """What the car says about the model to drive with: loaded, loading, or another word."""
+    """The car's word."""
     answer = car.get("/api/isModelLoading", action="say which model is loaded")
     return str(answer.get("isModelLoading", "")) if isinstance(answer, dict) else ""
 
 
 def _listed(car: CarWeb) -> tuple[list[CarModel], list[CarModel]]:
-    """The models that can be loaded, and those that cannot."""
     answer = car.get("/api/models", action="list its models")
     if not isinstance(answer, dict) or not isinstance(answer.get("models"), list):
         raise CarError(
@@ -222,7 +214,6 @@ def _model(entry: dict[str, Any], states: dict[str, Any]) -> CarModel:
 
 
 def _missing_sensor(sensors: list[str], states: dict[str, Any]) -> str:
-    """Why a model is disabled, from the words that the car shows for its sensors."""
     kinds = {"lidar": "lidar_status", "stereo": "stereo_status", "camera": "camera_status"}
     for sensor in sensors:
         kind = next((kind for kind in kinds if kind in sensor.casefold()), None)
@@ -261,10 +252,7 @@ def _settled(state: str) -> str | None:
 
 
 def _wait_for(look: Callable[[], T | None], most_s: float) -> T | None:
-    """Look again and again until there is something; None if there is nothing in time.
-
-    A single look without an answer is no failure: a car that installs or converts is busy.
-    """
+    """A busy car may be silent."""
     end_s = time.monotonic() + most_s
     while True:
         try:

@@ -9,7 +9,6 @@ from drcli.remote.car_models import loading_state
 from drcli.remote.car_web import CarWeb
 
 Software = Literal["original", "community"]
-"""Which software the car runs: Amazon's, or that of the community (deepracer-custom-car)."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class CarStatus:
 
 
 def read_status(car: CarWeb) -> CarStatus:
-    """Ask a car for everything that it tells.
+    """Ask a car for everything.
 
     Raises:
         NotLoggedIn: The login has expired.
@@ -74,7 +73,6 @@ def read_status(car: CarWeb) -> CarStatus:
 
 
 def _asked(car: CarWeb, path: str, action: str) -> dict[str, Any]:
-    """An answer; empty if the car cannot give it. A battery that is not connected is no failure."""
     try:
         answer = car.find(path, action=action)
     except CarRefused:
@@ -94,7 +92,6 @@ def _text(value: object) -> str | None:
 
 
 def _numbers(answer: dict[str, Any]) -> dict[str, float]:
-    """The values of an answer that are numbers."""
     return {
         key: value
         for key, value in answer.items()

@@ -1,9 +1,7 @@
-"""The web page of a physical car, as a program uses it: login, requests, refusals.
+"""The web page of a physical car: aws-deepracer-webserver-pkg, or the community's.
 
-The page belongs to the car's web server (aws-deepracer-webserver-pkg, and its version of the
-community). Facts of it that matter here: requests need the cookie of a login; each change also
-needs a token that is on the page (CSRF), which counts for an hour; most failures are answers with
-status 200 and `success: false`.
+Requests need the cookie of a login; changes also need a token on the page (CSRF), for an hour. Most
+failures have status 200 and `success: false`.
 """
 
 from dataclasses import replace
@@ -26,22 +24,15 @@ if TYPE_CHECKING:
     import requests
 
 TOKEN_COOKIE = "deepracer_token"
-"""Cookie of a login."""
-
 ANSWER_TIMEOUT_S = 15.0
-"""How long to wait for an answer; the car itself gives its programs 10 s."""
+"""The car's own is 10 s."""
 
 _CHANGES = frozenset({"POST", "PUT"})
 _LOG_IN = "Log in with `dr-car login`."
 
 
 class CarWeb:
-    """One car's web page.
-
-    Args:
-        address: Of the car.
-        login: What is kept about it.
-    """
+    """One car's page."""
 
     def __init__(self, address: CarAddress, login: CarLogin) -> None:
         self.address = address
@@ -51,11 +42,7 @@ class CarWeb:
 
     @classmethod
     def opened(cls, address: CarAddress) -> Self:
-        """The page with the login of an earlier command; sends nothing.
-
-        Raises:
-            NotLoggedIn: There is no login.
-        """
+        """Sends nothing; NotLoggedIn without a login."""
         kept = load_login(address)
         if kept is None or not kept.is_open:
             raise NotLoggedIn(f"There is no login at the car {address.place}.", remedy=_LOG_IN)
@@ -63,16 +50,16 @@ class CarWeb:
 
     @property
     def login(self) -> CarLogin:
-        """What is kept about the car, with the newest cookies."""
+        """With newest cookies."""
         cookies = {cookie.name: cookie.value or "" for cookie in self._session.cookies}
         return replace(self._login, cookies=cookies)
 
     def log_in(self, password: str) -> None:
-        """Log in, and keep the login for later commands.
+        """Log in, and keep that.
 
         Raises:
             SettingsError: The password is wrong.
-            CarError: The car cannot be reached, or is not a car.
+            CarError: It is not a car, or not reached.
         """
         self._session.cookies.clear()
         self._read_token()
@@ -89,18 +76,16 @@ class CarWeb:
         save_login(self.address, self.login)
 
     def get(self, path: str, *, action: str, timeout_s: float = ANSWER_TIMEOUT_S) -> Any:
-        """Ask for something below /api/ and return the JSON of the answer.
-
-        `action` says what it is for, as in "list its models".
+        """JSON from below /api/; `action` as in "list its models".
 
         Raises:
             NotLoggedIn: The login has expired.
-            CarError: There is no answer, or it is a failure.
+            CarError: There is no answer, or a failure.
         """
         return self._call("GET", path, action=action, timeout_s=timeout_s)
 
     def find(self, path: str, *, action: str) -> Any:
-        """Like `get`, but None if this car's software does not have that path."""
+        """None for an unknown path."""
         answer = self._send("GET", path)
         if answer.status_code == 404:
             return None
@@ -109,16 +94,16 @@ class CarWeb:
     def put(
         self, path: str, content: Any, *, action: str, timeout_s: float = ANSWER_TIMEOUT_S
     ) -> Any:
-        """Change something; like `get` otherwise. CarRefused if the car says that it failed."""
+        """CarRefused if the car says that it failed."""
         return self._call("PUT", path, action=action, timeout_s=timeout_s, json=content)
 
     def upload(self, path: str, name: str, content: bytes, *, action: str, timeout_s: float) -> Any:
-        """Send a file; like `put` otherwise."""
+        """Like `put`."""
         files = {"file": (name, content, "application/gzip")}
         return self._call("POST", path, action=action, timeout_s=timeout_s, files=files)
 
     def _call(self, method: str, path: str, *, action: str, timeout_s: float, **body: Any) -> Any:
-        """Send a request; with a fresh token again if the car does not accept the old one."""
+        """With a fresh token if the old one is refused."""
         answer = self._send(method, path, timeout_s=timeout_s, **body)
         if answer.status_code == 400 and method in _CHANGES:
             self._read_token()
@@ -131,7 +116,7 @@ class CarWeb:
     def _send(
         self, method: str, path: str, *, timeout_s: float = ANSWER_TIMEOUT_S, **body: Any
     ) -> "requests.Response":
-        """Send one request; redirects are not followed, because cookies would go with them."""
+        """Redirects are not followed: cookies would go with them."""
         import warnings
 
         import requests
@@ -161,7 +146,6 @@ class CarWeb:
             raise unreachable(self.address, e) from e
 
     def _read_token(self) -> None:
-        """Read the token that changes need from the page."""
         answer = self._send("GET", "/")
         if answer.status_code >= 500:
             self._refuse_status(answer, "show its page")
@@ -174,7 +158,6 @@ class CarWeb:
         self._login = replace(self._login, csrf_token=token)
 
     def _content(self, answer: "requests.Response", action: str) -> Any:
-        """The JSON of an answer that is a success."""
         self._refuse_status(answer, action)
         try:
             content = answer.json()
@@ -196,7 +179,6 @@ class CarWeb:
         return content
 
     def _refuse_status(self, answer: "requests.Response", action: str) -> None:
-        """Refuse answers with a status that is a failure."""
         status, place = answer.status_code, self.address.place
         if status in (401, 403) or status in (301, 302, 303, 307, 308):
             raise NotLoggedIn(
@@ -241,14 +223,7 @@ class CarWeb:
 def first_login(
     address: CarAddress, *, ca_file: str, insecure: bool, new_certificate: bool
 ) -> tuple[CarLogin, bool]:
-    """How to trust a car at a login: what the options ask for, else as before.
-
-    Returns:
-        The login without cookies, and whether its certificate is seen for the first time.
-
-    Raises:
-        CarError: The car cannot be reached.
-    """
+    """How to trust a car, and whether its certificate is new; CarError without one."""
     kept = load_login(address)
     seen = "" if kept is None else kept.fingerprint
     if insecure:
@@ -261,14 +236,11 @@ def first_login(
 
 
 class _Page(HTMLParser):
-    """Finds the token in a page: in a meta element or in a form."""
-
     def __init__(self) -> None:
         super().__init__()
         self.token = ""
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Look at one element."""
         named = dict(attrs)
         name = (named.get("name") or named.get("id") or "").replace("_", "-")
         if tag in ("meta", "input") and name == "csrf-token":

@@ -1,4 +1,7 @@
-"""The interface of DeepRacer on AWS for programs: models, imports, downloads."""
+"""The interface of DeepRacer on AWS for programs.
+
+Failed calls raise StorageError.
+"""
 
 import json
 import re
@@ -23,7 +26,7 @@ _LONGEST_MESSAGE = 300
 
 
 class Droa:
-    """Calls the interface as one user."""
+    """For one user."""
 
     def __init__(self, session: DroaSession, web: Web) -> None:
         self.session = session
@@ -31,40 +34,26 @@ class Droa:
 
     @property
     def pause(self) -> Pause:
-        """Waits that many seconds."""
+        """Takes seconds."""
         return self.web.pause
 
     @property
     def place(self) -> str:
-        """What to call the site in a sentence."""
+        """For sentences."""
         return self.session.site.place
 
     def models(self) -> list[RemoteModel]:
-        """All models of the user, the newest first.
-
-        Raises:
-            StorageError: The call failed.
-        """
+        """The newest first."""
         found = [read_model(item, self.place) for page in self._pages() for item in page]
         return sorted(found, key=lambda model: model.created_at, reverse=True)
 
     def model(self, model_id: str) -> RemoteModel:
-        """One model, by its id.
-
-        Raises:
-            NoSuchModel: There is none.
-            StorageError: The call failed.
-        """
+        """NoSuchModel if there is none."""
         answer = self._call("GET", f"/models/{_checked(model_id)}", model=model_id)
         return read_model(answer.get("model", answer), self.place)
 
     def find(self, wanted: str) -> RemoteModel:
-        """One model, by its id or its name.
-
-        Raises:
-            NoSuchModel: There is none, or several have this name.
-            StorageError: The call failed.
-        """
+        """By id or name; NoSuchModel without exactly one."""
         if _ID.fullmatch(wanted):
             try:
                 return self.model(wanted)
@@ -85,16 +74,7 @@ class Droa:
         return self.model(named[0].model_id)
 
     def import_model(self, path: str, name: str, description: str) -> str:
-        """Begin the import of files in the upload bucket; the id of the new model.
-
-        Args:
-            path: The folder in the upload bucket, without a slash at the end.
-            name: Name of the model.
-            description: Its description; empty for none.
-
-        Raises:
-            StorageError: The call failed.
-        """
+        """Begin the import of a folder in the upload bucket; returns the model's id."""
         body = {
             "s3Bucket": self.session.site.upload_bucket,
             "s3Path": path,
@@ -108,21 +88,11 @@ class Droa:
         return model_id
 
     def delete(self, model_id: str) -> None:
-        """Begin to delete a model.
-
-        Raises:
-            NoSuchModel: There is none.
-            StorageError: The call failed.
-        """
+        """Begin to delete a model."""
         self._call("DELETE", f"/models/{_checked(model_id)}", model=model_id)
 
     def asset(self, model_id: str, kind: AssetType, evaluation_id: str = "") -> Asset:
-        """The address of a file that belongs to a model.
-
-        Raises:
-            NoSuchModel: There is no such model, or it has no such file.
-            StorageError: The call failed.
-        """
+        """The address of a model's file; NoSuchModel if there is none."""
         query = {"assetType": kind, **({"evaluationId": evaluation_id} if evaluation_id else {})}
         path = f"/models/{_checked(model_id)}/getasset"
         answer = self._call("GET", path, query=query, model=model_id)
@@ -151,7 +121,6 @@ class Droa:
         body: Mapping[str, str] | None = None,
         model: str = "",
     ) -> Mapping[str, Any]:
-        """Send one signed request; with keys that the server thinks are old, once more."""
         url = self.session.site.api_endpoint + path
         if query:
             url += "?" + urlencode(query, quote_via=quote)
@@ -170,11 +139,6 @@ class Droa:
         return self.web.send(make, repeat=method == "GET")
 
     def _read(self, answer: "requests.Response", model: str) -> Mapping[str, Any]:
-        """The JSON object of an answer.
-
-        Raises:
-            StorageError: The server refused, failed, or answered something else.
-        """
         status = answer.status_code
         message = _message(answer)
         if status == 404 and model:
@@ -208,7 +172,7 @@ class Droa:
 def _signed(
     method: str, url: str, data: bytes, keys: Keys, region: str, origin: str
 ) -> "requests.Request":
-    """A request with AWS signature version 4 for API Gateway."""
+    """AWS signature version 4 for API Gateway."""
     import requests
     from botocore.auth import SigV4Auth
     from botocore.awsrequest import AWSRequest
@@ -226,7 +190,6 @@ def _signed(
 
 
 def _checked(model_id: str) -> str:
-    """An id that can stand in an address."""
     if not _ID.fullmatch(model_id):
         raise NoSuchModel(
             f"{shown(model_id)} is not the id of a model: 15 letters and digits.",
@@ -236,7 +199,6 @@ def _checked(model_id: str) -> str:
 
 
 def _message(answer: "requests.Response") -> str:
-    """The sentence of the server, without its full stop; a web page has none."""
     try:
         values = answer.json()
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""Clients of Amazon's services for a DeepRacer on AWS, and what their failures mean."""
+"""Clients of Amazon's services, and their failures."""
 
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -14,10 +14,9 @@ if TYPE_CHECKING:
 
 
 def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
-    """A client of one service in the region of a site.
+    """With these temporary keys, or none.
 
-    It uses these temporary keys, or none. Profiles, keys and addresses in the AWS files and in the
-    environment are ignored: they belong to other buckets.
+    Settings of AWS belong to other buckets, so they are ignored.
     """
     from botocore import UNSIGNED
     from botocore.config import Config
@@ -42,7 +41,7 @@ def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
 
 @cache
 def _session() -> "Session":
-    """Reads no files of AWS; it keeps the descriptions of services, slow to load, for reuse."""
+    """Keeps descriptions of services, slow to load."""
     from botocore.session import Session
 
     # Each is (name in the files, variable, default, type).
@@ -52,13 +51,7 @@ def _session() -> "Session":
 
 
 def aws_failure(error: Exception, action: str, site: Site) -> StorageError:
-    """The failure of a call as one sentence.
-
-    Args:
-        error: What botocore raised.
-        action: What was tried, to be read after "Cannot".
-        site: Where.
-    """
+    """`action` is read after "Cannot"."""
     from botocore import exceptions as boto
 
     where = site.aws_endpoint_url or f"Amazon in {site.region}"

@@ -1,4 +1,4 @@
-"""Takes a model of the racer's bucket in the form that DeepRacer on AWS imports."""
+"""Takes a model of the racer's bucket for DeepRacer on AWS."""
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
@@ -33,13 +33,10 @@ from drcli.tracks.track_list import list_tracks
 
 
 def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice) -> Files:
-    """The files of a model, by their names in an import.
-
-    DeepRacer on AWS restores a TensorFlow checkpoint. One that the model has is taken as it is;
-    else it is written here, as `dr-export droa` does.
+    """A model's files with a TensorFlow checkpoint, its own or as of `dr-export droa`.
 
     Raises:
-        SettingsError: There is no such model or checkpoint, or it cannot be imported there.
+        SettingsError: There is none, or it cannot be imported there.
         StorageError: The bucket cannot be read.
     """
     bucket = bucket_to_look_at(settings.transfer, upload=False)
@@ -84,7 +81,6 @@ def _parameters(settings: Settings, data: bytes, prefix: str) -> bytes:
 
 
 def _route(settings: Settings, data: bytes) -> Direction | None:
-    """How the route of the model's track runs; None if that is not needed, or not known here."""
     world = str(read_parameters(data).get("WORLD_NAME", ""))
     track, named = split_world(world)
     if named is not None or len(DROA_TRACKS.get(track, ())) == 1:

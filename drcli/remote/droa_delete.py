@@ -15,7 +15,7 @@ class DeletedModel:
         site: Address of DeepRacer on AWS.
         model_id: Id of the model.
         name: Its name.
-        status: DELETING; the server goes on deleting by itself.
+        status: DELETING; the server goes on by itself.
     """
 
     site: str
@@ -25,11 +25,7 @@ class DeletedModel:
 
 
 def refuse_undeletable(model: RemoteModel) -> None:
-    """Refuse a model that DeepRacer on AWS would not delete now.
-
-    Raises:
-        SettingsError: Its status is neither READY nor ERROR.
-    """
+    """Raises SettingsError."""
     if model.status not in DELETABLE:
         raise SettingsError(
             f"The model {model.name} ({model.model_id}) has the status "
@@ -42,7 +38,7 @@ def delete_model(droa: Droa, model: RemoteModel) -> DeletedModel:
     """Begin to delete a model.
 
     Raises:
-        SettingsError: Its status does not allow it.
+        SettingsError: Its status is neither READY nor ERROR.
         StorageError: The call failed.
     """
     refuse_undeletable(model)

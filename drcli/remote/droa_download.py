@@ -1,4 +1,4 @@
-"""Downloads a file of a model from DeepRacer on AWS: logs, or the model itself."""
+"""Downloads files of models from DeepRacer on AWS."""
 
 import os
 import re
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     import requests
 
 ASSET_PATIENCE_S = 300.0
-"""Longest wait until a model is packed."""
-
 _PIECE_BYTES = 1 << 16
 
 
@@ -83,18 +81,9 @@ def download(
     progress: Progress,
     replaces: Callable[[Path], None],
 ) -> Path:
-    """Download a file: the whole file appears, or nothing.
+    """Download a whole file or nothing.
 
-    Args:
-        droa: Whose connection to use.
-        url: A presigned address.
-        target: File to write, or folder to put it into under its own name.
-        otherwise: Its name if the server does not give one.
-        progress: Shows how much has arrived.
-        replaces: Called with a file that is already there; raises to keep it.
-
-    Returns:
-        The file.
+    `replaces` gets an existing file, and raises to keep it.
 
     Raises:
         StorageError: It cannot be downloaded.
@@ -128,7 +117,7 @@ def _shown(
 
 
 def _ask(droa: Droa, url: str) -> "requests.Response":
-    """The answer whose body is the file. The address holds a signature, so no error shows it."""
+    """The address holds a signature, so no error shows it."""
     import requests
 
     def make() -> "requests.Request":
@@ -147,7 +136,6 @@ def _ask(droa: Droa, url: str) -> "requests.Response":
 
 
 def _name(answer: "requests.Response", url: str, otherwise: str) -> str:
-    """The file's own name, from the header or the address, without any folder."""
     header = answer.headers.get("Content-Disposition", "")
     given = re.search(r"filename\*?=(?:UTF-8'')?\"?([^\";]+)", header, re.IGNORECASE)
     names = [given[1] if given else "", urlsplit(url).path]
@@ -159,7 +147,7 @@ def _name(answer: "requests.Response", url: str, otherwise: str) -> str:
 
 
 def _write(answer: "requests.Response", file: Path, watch: Callable[[int], None]) -> None:
-    """Write the body beside the file, then rename it."""
+    """Beside the file, then renamed."""
     scratch = ""
     try:
         number, scratch = tempfile.mkstemp(prefix=f".{file.name}-", dir=file.parent)

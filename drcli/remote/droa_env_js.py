@@ -1,7 +1,6 @@
-"""Reads env.js, the small script in which a DeepRacer on AWS names its parts.
+"""Reads env.js, in which a DeepRacer on AWS names its parts.
 
-The file is JavaScript, not JSON: keys may lack quotes, texts may have single quotes, there may be
-comments and commas too many, and the object may stand in a variable. Nothing is executed.
+It is JavaScript: other quotes or none, comments, extra commas, variables. Nothing is executed.
 """
 
 import json
@@ -10,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 NAME = "EnvironmentConfig"
-"""The variable of the web page that holds the object. Source: deepracer-on-aws, its website."""
+"""Source: deepracer-on-aws."""
 
 _TOKEN = re.compile(
     r"""
@@ -27,7 +26,7 @@ _CLOSING = {"{": "}", "[": "]", "(": ")"}
 
 
 class NotEnvJs(ValueError):
-    """The text has no object of that name; the sentence says what it has instead."""
+    """Says what there is instead."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,7 @@ class _Token:
 
 
 def read_env_js(script: str) -> dict[str, str]:
-    """The keys of `window.EnvironmentConfig` whose values are texts.
-
-    Raises:
-        NotEnvJs: There is no such object.
-    """
+    """The texts of `window.EnvironmentConfig`, or NotEnvJs."""
     if script.lstrip("\ufeff \t\r\n").startswith("<"):
         raise NotEnvJs("it is a web page")
     tokens = tuple(_tokens(script))
@@ -59,7 +54,6 @@ def _tokens(script: str) -> Iterator[_Token]:
 
 
 def _names(tokens: tuple[_Token, ...], at: int) -> str:
-    """The last part of the name before an equals sign: `a.b = `, `a["b"] = `."""
     if at and tokens[at - 1].kind == "word":
         return tokens[at - 1].text.rpartition(".")[2]
     if at > 1 and tokens[at - 1].text == "]" and tokens[at - 2].kind == "text":
@@ -68,7 +62,6 @@ def _names(tokens: tuple[_Token, ...], at: int) -> str:
 
 
 def _object(tokens: tuple[_Token, ...], at: int) -> dict[str, str]:
-    """The object that starts here, or that a variable or a call here leads to."""
     for place in range(at, len(tokens)):
         token = tokens[place]
         following = tokens[place + 1].text if place + 1 < len(tokens) else ";"
@@ -101,7 +94,6 @@ def _from_json(text: str) -> dict[str, str]:
 
 
 def _pairs(tokens: tuple[_Token, ...], at: int) -> dict[str, str]:
-    """The pairs of key and text up to the end of an object that starts before `at`."""
     found: dict[str, str] = {}
     item: list[_Token] = []
     ends = ["}"]
@@ -122,7 +114,7 @@ def _pairs(tokens: tuple[_Token, ...], at: int) -> dict[str, str]:
 
 
 def _pair(item: list[_Token]) -> dict[str, str]:
-    """One `key: "text"`, or nothing where the value is no text; `"a" + "b"` is one text."""
+    """`"a" + "b"` is one text."""
     if len(item) < 3 or item[1].text != ":" or item[0].kind == "sign":
         return {}
     parts = item[2:]
@@ -134,8 +126,6 @@ def _pair(item: list[_Token]) -> dict[str, str]:
 
 
 def _plain(quoted: str) -> str:
-    """A text without its quotes and escapes."""
-
     def letter(match: "re.Match[str]") -> str:
         number = match[1] or match[2] or match[3]
         if number:

@@ -1,4 +1,4 @@
-"""Imports a model into DeepRacer on AWS: check, upload, call, wait for its verdict."""
+"""Imports a model into DeepRacer on AWS."""
 
 import hashlib
 from collections.abc import Callable, Mapping
@@ -16,27 +16,16 @@ from drcli.remote.droa_upload import Watch, remove_files, upload_files
 from drcli.remote.web_request import polls
 
 POLL_S = 5.0
-"""Seconds between two questions for a status."""
-
 IMPORT_PATIENCE_S = 1800.0
-"""Longest wait for an import; the server's own check may take 15 minutes, and it has a queue."""
+"""The server's check may take 15 minutes."""
 
 Progress = Callable[[str, int], AbstractContextManager[Watch]]
-"""Shows a progress bar inside a `with` block; takes a title and the number of bytes."""
-
 Waiting = Callable[[str], AbstractContextManager[None]]
-"""Shows inside a `with` block what is waited for."""
 
 
 @dataclass(frozen=True)
 class ImportPlan:
-    """A model that passed the checks before an import.
-
-    Attributes:
-        name: Its name at DeepRacer on AWS.
-        description: Its description; empty for none.
-        files: Contents by name below the folder of the model.
-    """
+    """Passed the checks."""
 
     name: str
     description: str
@@ -71,24 +60,18 @@ class ImportReport:
 
 
 class ImportFailed(SettingsError):
-    """DeepRacer on AWS has looked at the model and refused it."""
+    """DeepRacer on AWS has refused the model."""
 
 
 def plan_import(
     files: Mapping[str, bytes], name: str, description: str = "", *, unchecked: bool = False
 ) -> ImportPlan:
-    """Check a model, its name and its description, before anything is sent.
+    """Check a model before anything is sent, and show warnings.
 
-    Warnings are shown. This is the way in for models that are not on disk.
-
-    Args:
-        files: Contents by name below the folder of the model, as in `package_problems`.
-        name: Its name.
-        description: Its description; empty for none.
-        unchecked: Show errors in the files as warnings too.
+    `unchecked` makes errors in files warnings.
 
     Raises:
-        SettingsError: DeepRacer on AWS would refuse the name, the description or the files.
+        SettingsError: DeepRacer on AWS would refuse it.
     """
     check_name(name)
     check_description(description)
@@ -105,13 +88,13 @@ def plan_import(
 
 
 def planned_report(site: str, plan: ImportPlan) -> ImportReport:
-    """The report of a dry run."""
+    """After -d."""
     size = sum(map(len, plan.files.values()))
     return ImportReport(site, "", plan.name, "", len(plan.files), size, "", dry_run=True)
 
 
 def fingerprint_of(files: Mapping[str, bytes]) -> str:
-    """Sixteen letters and digits that stand for the weights of a model, for its description."""
+    """Sixteen characters."""
     whole = hashlib.sha256()
     for name in sorted(files):
         if ".ckpt" in name or name.endswith(".pb"):
@@ -121,10 +104,7 @@ def fingerprint_of(files: Mapping[str, bytes]) -> str:
 
 
 def find_import(droa: Droa, plan: ImportPlan) -> ImportReport | None:
-    """The report of an earlier import of the same model; None if there is none.
-
-    It has the same name and description, and was not refused.
-    """
+    """An earlier one with the same name and description."""
     for listed in droa.models():
         if listed.name != plan.name or listed.status in ("ERROR", "DELETING"):
             continue
@@ -143,17 +123,11 @@ def import_files(
     progress: Progress,
     waiting: Waiting | None = None,
 ) -> ImportReport:
-    """Import a model.
-
-    Args:
-        droa: Where.
-        plan: What.
-        progress: Shows how much has been sent.
-        waiting: Shows the wait for the verdict; None not to wait.
+    """Import a model; `waiting` None: do not wait.
 
     Raises:
-        ImportFailed: The server refused the model.
-        StorageError: The upload or a call failed, or the wait took too long.
+        ImportFailed: The server refused it.
+        StorageError: It failed, or took too long.
     """
     size = sum(map(len, plan.files.values()))
     with progress("Uploading model", size) as watch:

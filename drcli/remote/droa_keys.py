@@ -1,7 +1,6 @@
-"""The temporary keys of a user of DeepRacer on AWS, which commands keep for each other.
+"""Temporary keys, kept between commands, never a password.
 
-Place and format are those of DeepRacer-for-Cloud, so both may use one file. Only its
-owner can read it, and it never holds a password.
+Place and format as in DeepRacer-for-Cloud.
 """
 
 import hashlib
@@ -18,16 +17,11 @@ from typing import Any
 from drcli.base.regular_file import read_regular
 
 LEAST_VALIDITY = timedelta(seconds=60)
-"""Keys that end earlier are not used any more."""
 
 
 @dataclass(frozen=True)
 class Keys:
-    """Temporary keys of AWS. None of them is ever printed.
-
-    Attributes:
-        expires: When they end, with time zone.
-    """
+    """Never printed."""
 
     access_key: str = field(repr=False)
     secret_key: str = field(repr=False)
@@ -36,13 +30,13 @@ class Keys:
 
 
 def cache_path(identity_pool_id: str, username: str) -> Path:
-    """The file with the keys of a user."""
+    """Per user."""
     digest = hashlib.sha256(f"{identity_pool_id}:{username}".encode()).hexdigest()
     return Path.home() / ".droa-cache" / f"{digest[:16]}.json"
 
 
 def load_keys(path: Path, now: datetime) -> Keys | None:
-    """The keys in a file; None if there are none, if they end soon, or if the file is damaged."""
+    """None also if they end soon."""
     try:
         if not _is_ours(path):
             return None
@@ -53,11 +47,7 @@ def load_keys(path: Path, now: datetime) -> Keys | None:
 
 
 def save_keys(path: Path, keys: Keys) -> None:
-    """Write keys: the whole file or nothing, folder 0700 and file 0600.
-
-    Raises:
-        OSError: It cannot be written.
-    """
+    """Folder 0700 and file 0600."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     path.parent.chmod(0o700)
     values = {
@@ -79,11 +69,7 @@ def save_keys(path: Path, keys: Keys) -> None:
 
 
 def forget_keys(path: Path) -> bool:
-    """Delete a file with keys; whether there was one.
-
-    Raises:
-        OSError: It cannot be deleted.
-    """
+    """Whether there were any."""
     try:
         path.unlink()
     except FileNotFoundError:
@@ -92,13 +78,11 @@ def forget_keys(path: Path) -> bool:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether it is an ordinary file of this user, not a link or something that another laid."""
     found = path.lstat()
     return stat.S_ISREG(found.st_mode) and (os.name == "nt" or found.st_uid == os.getuid())
 
 
 def _keys(values: Any) -> Keys:
-    """Keys from JSON; raises KeyError, TypeError or ValueError if something is missing."""
     texts = [values["access_key"], values["secret_key"], values["session_token"], values["expiry"]]
     if not all(isinstance(text, str) and text for text in texts):
         raise ValueError("a value is not a text")

@@ -1,4 +1,4 @@
-"""Signs in to a DeepRacer on AWS: Cognito takes name and password, and gives temporary keys."""
+"""Signs in to a DeepRacer on AWS: Cognito gives temporary keys."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -11,16 +11,12 @@ from drcli.remote.droa_site import Site
 from drcli.store.s3_errors import error_code, error_text
 
 Ask = Callable[[str], str]
-"""Asks the user, without showing the answer; takes the question."""
-
 
 CODE_CHALLENGES = {
     "SOFTWARE_TOKEN_MFA": ("SOFTWARE_TOKEN_MFA_CODE", "Code of your authenticator app"),
     "SMS_MFA": ("SMS_MFA_CODE", "Code of the text message"),
     "EMAIL_OTP": ("EMAIL_OTP_CODE", "Code of the e-mail"),
 }
-"""What Cognito may ask for besides the password, the name of the answer, and the question."""
-
 _OTHER_CHALLENGES = {
     "NEW_PASSWORD_REQUIRED": "your password is a temporary one and must be replaced first",
     "MFA_SETUP": "your account needs a second factor, which is not set up yet",
@@ -28,8 +24,6 @@ _OTHER_CHALLENGES = {
     "CUSTOM_CHALLENGE": "your account has a sign-in of its own",
     "SELECT_CHALLENGE": "your account has several ways to sign in, and one must be chosen",
 }
-"""What Cognito may ask for and a command cannot answer."""
-
 _REFUSALS = {
     "UserNotFoundException": "there is no such user",
     "UserNotConfirmedException": "the e-mail address of the account is not confirmed yet",
@@ -43,23 +37,16 @@ _REFUSALS = {
 
 
 def log_in(site: Site, username: str, password: str, ask: Ask) -> Keys:
-    """Get temporary keys for a user.
-
-    Args:
-        site: Where to sign in.
-        username: Name or e-mail address.
-        password: Sent to Cognito only.
-        ask: Asks for the code of a second factor.
+    """Temporary keys; only Cognito gets the password.
 
     Raises:
-        StorageError: Cognito refuses, or cannot be reached.
+        StorageError: Cognito refuses, or is not reached.
     """
     token = _id_token(site, username, password, ask)
     return _keys(site, token)
 
 
 def _id_token(site: Site, username: str, password: str, ask: Ask) -> str:
-    """Sign in to the user pool; the token says who somebody is."""
     from botocore.exceptions import BotoCoreError, ClientError
 
     action = f"sign in to {site.place} as {username}"
@@ -97,7 +84,6 @@ def _id_token(site: Site, username: str, password: str, ask: Ask) -> str:
 
 
 def _keys(site: Site, token: str) -> Keys:
-    """Exchange the token of the user pool for keys of the identity pool."""
     from botocore.exceptions import BotoCoreError, ClientError
 
     logins = {f"cognito-idp.{site.region}.amazonaws.com/{site.user_pool_id}": token}
@@ -134,7 +120,6 @@ def _read_keys(credentials: Any) -> Keys:
 
 
 def _refusal(error: Exception, action: str, site: Site) -> StorageError:
-    """Why Cognito does not accept somebody."""
     code, message = error_code(error), error_text(error)
     if code == "NotAuthorizedException":
         return StorageError(

@@ -1,4 +1,4 @@
-"""Means of the metrics of a model at DeepRacer on AWS."""
+"""Means of a model's metrics at DeepRacer on AWS."""
 
 import json
 import math
@@ -23,7 +23,7 @@ class PhaseMeans:
         episodes: How many episodes there are.
         mean_reward: Mean reward of an episode.
         mean_progress: Mean part of the lap, percent.
-        full_laps: How many episodes completed the lap, with or without resets.
+        full_laps: Episodes that completed the lap, with or without resets.
         best_lap_s: Shortest time of a clean lap; None if there is none.
         clean_laps: How many completed it without reset and penalty.
     """
@@ -49,7 +49,7 @@ class ModelReport:
         training_status: Such as COMPLETED; empty if unknown.
         created_at: When it was created, ISO 8601; empty if unknown.
         import_error: Why its import failed; empty if it did not.
-        values: Everything that the interface says about it, with its keys, such as metadata.
+        values: Everything that the interface says, with its keys, such as metadata.
         means: With --summary: means of its training metrics.
     """
 
@@ -80,12 +80,7 @@ class ModelReport:
 
 
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
-    """The means of a model's training metrics.
-
-    Raises:
-        StorageError: They cannot be read.
-        SettingsError: It has none.
-    """
+    """Of training; SettingsError without any."""
     import requests
 
     url = model.text("trainingMetricsUrl")
@@ -111,11 +106,7 @@ def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
 
 
 def archive_summary(file: Path) -> list[PhaseMeans]:
-    """The means of all metrics in an archive of logs.
-
-    Raises:
-        SettingsError: It is not an archive, or has no metrics.
-    """
+    """Of logs; SettingsError without any."""
     found, fault = unpack_readable(BytesIO(read_packed(file)), lambda name: name.endswith(".json"))
     if fault is not None:
         raise SettingsError(
@@ -131,7 +122,7 @@ def archive_summary(file: Path) -> list[PhaseMeans]:
 
 
 def means_of(files: list[bytes]) -> list[PhaseMeans]:
-    """The means of the episodes in metrics files, by phase; others are skipped."""
+    """By phase."""
     by_phase: dict[str, list[_Episode]] = {}
     for data in files:
         for entry in _entries(data):

@@ -1,4 +1,4 @@
-"""Models at DeepRacer on AWS, as its interface shows them."""
+"""Models at DeepRacer on AWS."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,25 +11,15 @@ AssetType = Literal[
 ]
 
 DELETABLE = ("READY", "ERROR")
-"""The only statuses in which a model can be deleted."""
 
 
 class NoSuchModel(SettingsError):
-    """The account has no model of that id or name."""
+    """The account has none of that id or name."""
 
 
 @dataclass(frozen=True)
 class RemoteModel:
-    """A model in the account.
-
-    Attributes:
-        model_id: Its id, 15 letters and digits.
-        name: Its name; several models can have the same.
-        status: Such as READY, ERROR, IMPORTING or TRAINING.
-        training_status: Such as COMPLETED; empty if the server gives none.
-        created_at: ISO 8601; empty if the server gives none.
-        values: Everything that the server says about it, with the keys of its interface.
-    """
+    """A model in the account; several can have the same name."""
 
     model_id: str
     name: str
@@ -39,7 +29,7 @@ class RemoteModel:
     values: Mapping[str, Any]
 
     def text(self, *path: str) -> str:
-        """A value inside `values` as text; empty if there is none."""
+        """Maybe empty."""
         value: Any = self.values
         for key in path:
             value = value.get(key) if isinstance(value, Mapping) else None
@@ -47,24 +37,20 @@ class RemoteModel:
 
     @property
     def import_error(self) -> str:
-        """Why its import failed; empty if it did not."""
+        """Maybe empty."""
         return self.text("importErrorMessage")
 
 
 @dataclass(frozen=True)
 class Asset:
-    """A file to download, or the status of the work that makes it."""
+    """May be unfinished."""
 
     url: str
     status: str
 
 
 def read_model(value: Any, place: str) -> RemoteModel:
-    """A model as the interface shows it.
-
-    Raises:
-        StorageError: It has no id.
-    """
+    """StorageError without id."""
     if not isinstance(value, dict) or not isinstance(value.get("modelId"), str):
         raise StorageError(
             f"{place} lists a model without an id.",

@@ -1,4 +1,4 @@
-"""Reads the files of a model to import, from a folder or an archive, into memory."""
+"""Reads the files of a model to import."""
 
 from io import BytesIO
 from pathlib import Path
@@ -9,29 +9,22 @@ from drcli.base.problems import shown
 from drcli.formats.archive import read_packed, unpack_archive
 
 Files = dict[str, bytes]
-"""The files of a model by their names below its folder, with slashes."""
-
 MOST_BYTES = 1024**3
-"""Size of a model that can be imported. Source: deepracer-on-aws, its import page."""
+"""Source: deepracer-on-aws."""
 
 MOST_FILES = 1_000
-"""Its importer copies no more than one page of a list of objects."""
+"""The importer reads one page of a list."""
 
 _SKIPPED_ENDS = (".gz", ".zip")
 
 ROOT_FILE = "model_metadata.json"
-"""A folder with this file is the root of a model."""
 
 
 def read_package(source: Path) -> Files:
-    """Read the files of a model.
-
-    Files that the importer does not want, such as archives inside, are left out. An archive may
-    hold the files in one folder. Nothing is written to disk.
+    """Read a folder or an archive, without unwanted files.
 
     Raises:
-        SettingsError: There is no such folder or archive, it is damaged or too large, or it
-            contains something else than files and folders.
+        SettingsError: It is missing, damaged or too large.
     """
     try:
         if source.is_dir():
@@ -58,7 +51,7 @@ def read_package(source: Path) -> Files:
 
 
 def is_wanted(name: str) -> bool:
-    """Whether a file belongs to an import; archives and files of file managers do not."""
+    """Archives are not."""
     return not is_left_behind(name) and not name.casefold().endswith(_SKIPPED_ENDS)
 
 
@@ -82,10 +75,7 @@ def _folder(source: Path) -> Files:
 
 
 def _from_root(files: Files) -> Files:
-    """The files by their names below the root of the model.
-
-    An archive may hold it in one folder, as the models that DeepRacer on AWS exports do.
-    """
+    """It may be one folder of an archive."""
     if ROOT_FILE in files:
         return files
     tops = {name.partition("/")[0] for name in files}

@@ -1,4 +1,4 @@
-"""Checks training_params.yaml before an import: track, direction, car, obstacles."""
+"""Checks training_params.yaml before an import."""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
@@ -12,13 +12,13 @@ FILE = "training_params.yaml"
 
 MOST_OBSTACLES = 6
 FIRST_OBSTACLE, LAST_OBSTACLE = 0.07, 0.90
-"""Parts of the lap at which the first obstacle may stand, and the last."""
+"""Of the lap."""
 LEAST_GAP = 0.13
 _ROUNDING = 1e-9
 
 
 def race_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
-    """What DeepRacer on AWS would refuse or misunderstand in these values."""
+    """Of training_params.yaml."""
     yield from _track(values)
     yield from _car(values)
     race = values.get("RACE_TYPE")
@@ -149,7 +149,6 @@ def _obstacles(values: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _places(positions: Any) -> list[float] | None:
-    """Where the obstacles stand, as parts of the lap; None if they are not written so."""
     if not isinstance(positions, list):
         return None
     try:

@@ -1,7 +1,7 @@
-"""Checks a model before an import, by the rules of DeepRacer on AWS. Its own answers are general.
+"""Checks a model by the rules of DeepRacer on AWS, whose answers are general.
 
-Source of all rules: deepracer-on-aws, its import page, importModel.ts, validation.ts and
-ImportHelper.ts of November 2026.
+Source: deepracer-on-aws, its import page, importModel.ts, validation.ts and ImportHelper.ts of
+November 2026.
 """
 
 import ast
@@ -29,8 +29,6 @@ INDEX = "model/deepracer_checkpoints.json"
 
 LARGEST_PARAMETERS_BYTES = 10 * 1024**2
 LONGEST_REWARD = 140_000
-"""Characters of a reward function."""
-
 _IMPORTS = frozenset({"math", "random", "numpy", "scipy", "shapely"})
 _CHECKPOINT = re.compile(r"\d+_Step-\d+\.ckpt")
 _LOSSES = ("huber", "mean_squared_error")
@@ -38,11 +36,7 @@ _EXPLORATIONS = ("categorical", "e-greedy")
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that DeepRacer on AWS does not accept.
-
-    Raises:
-        SettingsError: It has other characters or is too long.
-    """
+    """SettingsError if not accepted."""
     if not NAME_RULE.fullmatch(name):
         usable = re.sub(r"[^a-zA-Z0-9]+", "-", name).strip("-")[:64].strip("-")
         raise SettingsError(
@@ -52,11 +46,7 @@ def check_name(name: str) -> None:
 
 
 def check_description(description: str) -> None:
-    """Refuse a description that DeepRacer on AWS does not accept; an empty one is none.
-
-    Raises:
-        SettingsError: It has other characters or is too long.
-    """
+    """SettingsError if not accepted."""
     if description and not DESCRIPTION_RULE.fullmatch(description):
         raise SettingsError(
             f"'{shown(description)}' cannot be a description: up to 255 letters, digits, spaces "
@@ -66,12 +56,12 @@ def check_description(description: str) -> None:
 
 
 def package_problems(files: Mapping[str, bytes]) -> list[Problem]:
-    """Everything that DeepRacer on AWS would refuse (errors) or lose (warnings) of a model."""
+    """What it would refuse (errors) or lose (warnings)."""
     return [*_layout(files), *_checkpoint(files), *_contents(files)]
 
 
 def problem(file: str, message: str, remedy: str, severity: Severity = "error") -> Problem:
-    """A problem in one of the files."""
+    """In a file."""
     return Problem(RULE, severity, file, None, message, remedy)
 
 
@@ -117,7 +107,6 @@ def _layout(files: Mapping[str, bytes]) -> Iterator[Problem]:
 
 
 def _checkpoint(files: Mapping[str, bytes]) -> Iterator[Problem]:
-    """Problems with the weights: a TensorFlow checkpoint, and a pointer to it."""
     export = "Use `dr-export droa`, which writes a TensorFlow checkpoint."
     in_model = [name.removeprefix("model/") for name in files if name.startswith("model/")]
     if not any(".ckpt." in name and not name.endswith(".pb") for name in in_model):
@@ -164,7 +153,6 @@ def _indexed(data: bytes) -> Iterator[str]:
 
 
 def _contents(files: Mapping[str, bytes]) -> Iterator[Problem]:
-    """Problems inside the files that the importer reads."""
     objects: dict[str, dict[str, Any]] = {}
     for name in ("model_metadata.json", HYPERPARAMETERS):
         if files.get(name, b"").strip():
@@ -200,7 +188,6 @@ def _contents(files: Mapping[str, bytes]) -> Iterator[Problem]:
 
 
 def _json(data: bytes) -> tuple[dict[str, Any] | None, str]:
-    """A JSON object, or why there is none."""
     try:
         values = json.loads(data)
     except json.JSONDecodeError as e:
@@ -259,7 +246,6 @@ def _algorithm(
 
 
 def _shown_values(hyperparameters: Mapping[str, Any]) -> Iterator[Problem]:
-    """Warnings about values that its pages do not know."""
     for key, known in (("loss_type", _LOSSES), ("exploration_type", _EXPLORATIONS)):
         value = hyperparameters.get(key)
         if value is not None and value not in known:
@@ -272,7 +258,6 @@ def _shown_values(hyperparameters: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _reward(data: bytes) -> Iterator[Problem]:
-    """What its check of reward functions refuses at first sight; `dr-validate` looks closer."""
     file = "reward_function.py"
     text = data.decode("utf-8", "replace")
     if len(text) > LONGEST_REWARD:

@@ -1,4 +1,4 @@
-"""A user at a DeepRacer on AWS: temporary keys from the cache, or from a new sign-in."""
+"""A user at a DeepRacer on AWS."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,21 +18,13 @@ from drcli.remote.droa_site import Site
 
 
 def now() -> datetime:
-    """The time, with time zone."""
+    """With time zone."""
     return datetime.now(UTC)
 
 
 @dataclass
 class DroaSession:
-    """Signs in when keys are needed, and keeps them for the next command.
-
-    Attributes:
-        site: Where.
-        username: Who.
-        password: Gets the password; called only for a sign-in, and asked for nothing else.
-        ask: Asks for the code of a second factor.
-        clock: Tells the time.
-    """
+    """Signs in when needed, and keeps keys."""
 
     site: Site
     username: str
@@ -50,9 +42,7 @@ class DroaSession:
         self._keys: Keys | None = None
 
     def keys(self) -> Keys:
-        """Keys that had at least another minute when they were first used.
-
-        The server says when they have ended; then `renew` gets others.
+        """Valid for a minute at first; `renew` gets others.
 
         Raises:
             StorageError: The sign-in failed.
@@ -62,11 +52,7 @@ class DroaSession:
         return self._keys
 
     def renew(self) -> Keys:
-        """New keys, whatever is in the cache.
-
-        Raises:
-            StorageError: The sign-in failed.
-        """
+        """Ignores the cache."""
         self._keys = log_in(self.site, self.username, self.password(), self.ask)
         try:
             save_keys(self._path, self._keys)
@@ -78,11 +64,7 @@ class DroaSession:
         return self._keys
 
     def forget(self) -> bool:
-        """Delete the keys from the cache; whether there were any.
-
-        Raises:
-            SettingsError: The file cannot be deleted.
-        """
+        """Whether there were any."""
         self._keys = None
         try:
             return forget_keys(self._path)

@@ -1,4 +1,4 @@
-"""Finds the parts of a DeepRacer on AWS: its sign-in, its interface for programs, its bucket."""
+"""Finds the parts of a DeepRacer on AWS."""
 
 import re
 from dataclasses import dataclass, fields
@@ -16,19 +16,12 @@ _LOOPBACK = re.compile(r"localhost|127(\.\d{1,3}){3}|::1")
 URL_SETTING = "DR_DROA_URL"
 
 PASSWORD_VARIABLE = "DR_DROA_PASSWORD"
-"""Variable of the environment with the password, for trainings that nobody watches."""
-
 _LARGEST_BYTES = 1 << 20
-"""A larger env.js is something else."""
 
 
 @dataclass(frozen=True)
 class SiteOptions:
-    """What the command line says about a site; None where it says nothing.
-
-    Attributes:
-        url: Address of its web page; None for that of the settings.
-    """
+    """Of commands."""
 
     url: str | None = None
     region: str | None = None
@@ -41,17 +34,12 @@ class SiteOptions:
 
 @dataclass(frozen=True)
 class Site:
-    """One DeepRacer on AWS.
+    """One DeepRacer on AWS; addresses have no slash at the end.
 
     Attributes:
-        url: Address of its web page, without a slash at the end; empty if only options name it.
-        region: AWS region.
-        user_pool_id: Cognito user pool.
-        user_pool_client_id: Its client for the web page.
-        identity_pool_id: Cognito identity pool, which gives temporary keys.
-        api_endpoint: Address of its interface, without a slash at the end.
-        upload_bucket: Bucket that models are imported from.
-        aws_endpoint_url: Another address of Cognito and S3; empty for Amazon's own.
+        url: Empty if only options name it.
+        identity_pool_id: Gives temporary keys.
+        aws_endpoint_url: Of Cognito and S3; empty for Amazon's own.
     """
 
     url: str
@@ -65,7 +53,7 @@ class Site:
 
     @property
     def place(self) -> str:
-        """What to call it in a sentence."""
+        """For sentences."""
         return self.url or self.api_endpoint
 
 
@@ -77,15 +65,11 @@ _KEYS = {
     "api_endpoint": "apiEndpointUrl",
     "upload_bucket": "uploadBucketName",
 }
-"""The keys of env.js. Source: deepracer-on-aws, its website."""
+"""Source: deepracer-on-aws."""
 
 
 def refuse_no_site(options: SiteOptions, url: str) -> None:
-    """Refuse options and a DR_DROA_URL that name no site; asks nobody.
-
-    Raises:
-        SettingsError: The address is missing or wrong.
-    """
+    """Raises SettingsError."""
     address = _given_address(options, url)
     if not address and len(_own_values(options)) < len(_KEYS):
         raise SettingsError(
@@ -96,16 +80,10 @@ def refuse_no_site(options: SiteOptions, url: str) -> None:
 
 
 def find_site(options: SiteOptions, url: str, aws_endpoint_url: str, web: Web) -> Site:
-    """Read env.js of a site; options replace its values, and make it unnecessary if complete.
-
-    Args:
-        options: From the command line.
-        url: DR_DROA_URL, for options without an address.
-        aws_endpoint_url: DR_DROA_AWS_ENDPOINT_URL.
-        web: Sends the request.
+    """Read env.js of a site; options replace its values.
 
     Raises:
-        SettingsError: An address or another value is missing or wrong.
+        SettingsError: A value is missing or wrong.
         StorageError: env.js cannot be read.
     """
     refuse_no_site(options, url)
@@ -132,13 +110,11 @@ def _given_address(options: SiteOptions, url: str) -> str:
 
 
 def _own_values(options: SiteOptions) -> dict[str, str]:
-    """The values of env.js that options replace."""
     values = {field.name: getattr(options, field.name) for field in fields(options)}
     return {name: value.strip() for name, value in values.items() if value and name in _KEYS}
 
 
 def _address(given: str, setting: str) -> str:
-    """The address of a web page as `https://host/path`, without what a browser adds."""
     text = given.strip()
     try:
         parts = urlsplit(text if "://" in text else f"https://{text}")
@@ -162,7 +138,7 @@ def _address(given: str, setting: str) -> str:
 
 
 def _refuse_plain_http(scheme: str, host: str, what: str) -> None:
-    """Refuse to take from an unprotected page where a password is sent to."""
+    """An unprotected page must not say where a password goes."""
     if scheme != "https" and not _LOOPBACK.fullmatch(host):
         raise SettingsError(
             f"{what} is not protected: it begins with {scheme}://.",
@@ -192,7 +168,7 @@ def _read(address: str, web: Web) -> dict[str, str]:
 
 
 def _check(own: dict[str, str], address: str) -> None:
-    """Refuse values that would lead somewhere else than to Amazon."""
+    """Only Amazon's."""
     source = f"{address}/env.js or an option" if address else "an option"
     if not _REGION.fullmatch(own["region"]):
         raise SettingsError(

@@ -1,4 +1,4 @@
-"""Copies the files of a model to the bucket from which DeepRacer on AWS imports."""
+"""Copies models to the bucket from which DeepRacer on AWS imports."""
 
 import io
 import uuid
@@ -14,7 +14,7 @@ from drcli.remote.droa_session import DroaSession
 from drcli.store.s3_errors import error_code
 
 FOLDER = "uploads/models"
-"""Where its importer expects models. Source: deepracer-on-aws, its website."""
+"""Source: deepracer-on-aws."""
 
 _REFUSED = ("AccessDenied", "403", "AllAccessDisabled", "InvalidAccessKeyId", "ExpiredToken")
 
@@ -26,25 +26,14 @@ _TYPES = {
     ".csv": "text/csv",
     ".txt": "text/plain",
 }
-"""Content types by the end of a name; all others are plain bytes."""
-
 Watch = Callable[[int], None]
-"""Takes the number of bytes sent since its last call."""
 
 
 def upload_files(session: DroaSession, files: Mapping[str, bytes], watch: Watch) -> str:
-    """Copy files to a new folder of the upload bucket.
+    """Copy files to a new folder, which is returned.
 
-    The smallest file goes first: it proves that writing is allowed before anything large is sent.
-    After a failure, what was sent is deleted again as far as that is allowed.
-
-    Args:
-        session: Whose keys to use.
-        files: Contents by name below the folder of the model.
-        watch: Gets the progress.
-
-    Returns:
-        The folder, without a slash at the end.
+    The smallest goes first, to prove that writing is allowed. A failure deletes what was sent, if
+    possible.
 
     Raises:
         StorageError: The bucket cannot be written.
@@ -71,7 +60,7 @@ def upload_files(session: DroaSession, files: Mapping[str, bytes], watch: Watch)
 
 
 def remove_files(session: DroaSession, folder: str, names: list[str]) -> None:
-    """Delete files that were uploaded, as far as that is allowed; a failure changes nothing."""
+    """If allowed."""
     with suppress(Exception):
         client = aws_client("s3", session.site, session.keys())
         for name in names:
@@ -83,10 +72,7 @@ def _put(client: Any, bucket: str, key: str, data: bytes, watch: Watch) -> None:
     from s3transfer.subscribers import BaseSubscriber
 
     class Progress(BaseSubscriber):
-        """Tells the watch what was sent."""
-
         def on_progress(self, future: Any, bytes_transferred: int, **_: Any) -> None:
-            """Called by s3transfer after each piece."""
             watch(bytes_transferred)
 
     kind = _TYPES.get(PurePosixPath(key).suffix.casefold(), "application/octet-stream")

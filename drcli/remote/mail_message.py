@@ -16,10 +16,9 @@ class Mail:
     """Sends mails from one address to some.
 
     Args:
-        url: The server: smtps://user:password@host:port, encrypted from the beginning; or smtp://,
-            encrypted with STARTTLS, without which no password is sent.
-        to: Addresses, with commas or spaces between them.
-        sender: Address; empty for the first of `to`.
+        url: smtps://, or smtp:// with STARTTLS, without which no password is sent.
+        to: With commas or spaces.
+        sender: Empty for the first of `to`.
     """
 
     def __init__(self, url: str, to: str, sender: str = "") -> None:
@@ -33,8 +32,8 @@ class Mail:
         """Send a mail.
 
         Raises:
-            SettingsError: The server offers no encryption, which the password needs.
-            StorageError: It refuses the mail or the login, or does not answer.
+            SettingsError: The password needs encryption.
+            StorageError: The server refuses, or does not answer.
         """
         import smtplib
 
@@ -98,7 +97,6 @@ def _addresses(text: str) -> list[str]:
 
 
 def _reason(error: Exception) -> str:
-    """What the server said, in one line."""
     said = getattr(error, "smtp_error", b"") or str(error) or type(error).__name__
     text = said.decode("utf-8", "replace") if isinstance(said, bytes) else str(said)
     return " ".join(text.split()).rstrip(".")[:200]

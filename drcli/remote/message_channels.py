@@ -1,4 +1,4 @@
-"""Sends messages about a training to the places that the settings name."""
+"""Sends messages about a training."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -11,22 +11,13 @@ from drcli.config.groups.unattended import MessageSettings
 from drcli.remote import mail_message, sns_message, webhook_message
 
 TIMEOUT_S = 10.0
-"""How long a server may take to accept a connection, and to answer."""
-
 TOPIC_VARIABLE = "MY_SNS_TOPIC"
-"""Variable with the topic on machines of deepracer-on-the-spot."""
+"""Of deepracer-on-the-spot."""
 
 
 @dataclass(frozen=True)
 class Message:
-    """A message.
-
-    Attributes:
-        event: What it is about: one of the events of DR_MESSAGE_EVENTS, or "test".
-        subject: One short line.
-        text: One or a few sentences.
-        facts: The same for programs: JSON values.
-    """
+    """`event` as in DR_MESSAGE_EVENTS, or "test"."""
 
     event: str
     subject: str
@@ -35,7 +26,7 @@ class Message:
 
     @property
     def lines(self) -> str:
-        """The text, and below it a line for each fact."""
+        """Text and facts."""
         facts = [
             f"{name}: {value}" for name, value in self.facts.items() if value not in ("", None)
         ]
@@ -44,24 +35,14 @@ class Message:
 
 @dataclass(frozen=True)
 class Channel:
-    """One place that messages go to.
-
-    Attributes:
-        name: For people: what it is, without secrets.
-        send: Sends a message; raises DrError.
-    """
+    """Its name has no secrets; `send` raises DrError."""
 
     name: str
     send: Callable[[Message], None]
 
 
 def open_channels(settings: MessageSettings, profile: str | None = None) -> list[Channel]:
-    """The places that the settings name; nothing is sent yet.
-
-    Args:
-        settings: Addresses.
-        profile: Of the AWS files, for the topic; None leaves the search for keys to boto3.
-    """
+    """Sends nothing."""
     found = []
     topic = settings.sns_topic_arn or os.environ.get(TOPIC_VARIABLE, "")
     if topic:
@@ -78,7 +59,7 @@ def open_channels(settings: MessageSettings, profile: str | None = None) -> list
 
 
 def try_channels(channels: list[Channel], message: Message) -> dict[str, DrError | None]:
-    """Send a message to all of them; for each name, why it failed or None."""
+    """Why each failed, or None."""
     results: dict[str, DrError | None] = {}
     for channel in channels:
         try:
@@ -96,7 +77,7 @@ def _to_topic(topic: str, profile: str | None, message: Message) -> None:
 
 
 def _body(message: Message) -> dict[str, Any]:
-    """The message as JSON: `text` for Slack and Mattermost, `content` for Discord."""
+    """For Slack and Mattermost, and Discord."""
     import json
 
     facts = json.loads(json.dumps(message.facts, default=json_default))

@@ -1,4 +1,4 @@
-"""Publishes a message to a topic of Amazon SNS."""
+"""Publishes to a topic of Amazon SNS."""
 
 import hashlib
 from typing import Any
@@ -15,9 +15,7 @@ _LONGEST_TEXT = 200_000
 def publish(
     topic: str, subject: str, text: str, event: str, *, profile: str | None, timeout_s: float
 ) -> None:
-    """Publish a message; the attribute `event` lets subscriptions filter.
-
-    The keys need `sns:Publish` on the topic.
+    """Publish a message; the keys need `sns:Publish`.
 
     Raises:
         StorageError: The topic does not exist, the keys may not publish, or nobody answers.
@@ -56,13 +54,11 @@ def _client(topic: str, profile: str | None, timeout_s: float) -> Any:
 
 
 def _subject(subject: str) -> str:
-    """The subject as SNS takes it: one line of printable ASCII."""
     plain = "".join(letter if " " <= letter <= "~" else "?" for letter in subject)
     return plain[:_LONGEST_SUBJECT].strip() or "drcli"
 
 
 def _order(topic: str, text: str) -> dict[str, str]:
-    """What a topic that keeps the order needs besides."""
     if not topic.endswith(".fifo"):
         return {}
     unique = hashlib.sha256(text.encode()).hexdigest()

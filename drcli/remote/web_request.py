@@ -1,4 +1,4 @@
-"""Sends web requests: repeats those that may be repeated, and explains what went wrong."""
+"""Sends web requests, and explains what went wrong."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -17,22 +17,16 @@ if TYPE_CHECKING:
 USER_AGENT = f"drcli/{__version__}"
 
 CONNECT_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 60.0
-"""How long a server may take to accept a connection, and between two pieces of an answer."""
-
 ATTEMPTS = 4
-"""How often a request is sent that may be repeated."""
-
 _PASSING = frozenset({429, 500, 502, 503, 504})
-"""Answers that the next attempt may not get again."""
-
 Pause = Callable[[float], None]
 Trace = Callable[[str], None]
 Make = Callable[[], "requests.Request"]
-"""Makes a request anew for each attempt, because a signature holds the time."""
+"""Each time, because a signature holds the time."""
 
 
 def polls(interval_s: float, patience_s: float, pause: Pause) -> Iterator[None]:
-    """Yield at once, and then after each pause, until the pauses reach the patience."""
+    """Yield at once, and then after each pause."""
     for number in range(int(patience_s / interval_s) + 1):
         if number:
             pause(interval_s)
@@ -40,13 +34,7 @@ def polls(interval_s: float, patience_s: float, pause: Pause) -> Iterator[None]:
 
 
 class Web:
-    """Sends requests.
-
-    Args:
-        setting: What names the server, for the remedy of an error: a setting or an option.
-        pause: Waits that many seconds; tests replace it.
-        trace: Gets a line for each request, without secrets.
-    """
+    """`setting` is for remedies; `trace` gets no secrets."""
 
     def __init__(
         self, setting: str, *, pause: Pause = time.sleep, trace: Trace | None = None
@@ -62,17 +50,7 @@ class Web:
     def send(
         self, make: Make, *, repeat: bool, stream: bool = False, redirects: bool = False
     ) -> "requests.Response":
-        """Send a request, and return the answer whatever its status.
-
-        Args:
-            make: Makes the request.
-            repeat: Whether it may be sent again after an answer was lost.
-            stream: Whether the caller reads the body in pieces.
-            redirects: Whether to follow other addresses.
-
-        Raises:
-            StorageError: There is no answer.
-        """
+        """Return the answer whatever its status; StorageError without one."""
         import requests
         from urllib3.exceptions import LocationParseError
 
@@ -117,7 +95,7 @@ class Web:
 
 
 def explain(error: Exception, url: str, setting: str) -> StorageError:
-    """The error of a request without an answer, as one sentence."""
+    """One sentence."""
     import requests
     from urllib3.exceptions import LocationParseError
 
@@ -151,7 +129,6 @@ def explain(error: Exception, url: str, setting: str) -> StorageError:
 
 
 def _may_pass(error: Exception) -> bool:
-    """Whether another attempt may do better."""
     import requests
 
     lasting = (requests.exceptions.SSLError, requests.exceptions.InvalidURL)

@@ -1,4 +1,4 @@
-"""Posts a message to a webhook of Slack, Discord, Mattermost or a program of one's own."""
+"""Posts to a webhook of Slack, Discord, Mattermost or one's own."""
 
 from typing import Any
 from urllib.parse import urlsplit
@@ -9,19 +9,19 @@ from drcli.remote.web_request import USER_AGENT, explain
 SETTING = "DR_WEBHOOK_URL"
 
 _LONGEST = 1900
-"""Characters; Discord takes 2,000."""
+"""Discord takes 2,000."""
 
 
 def host_of(url: str) -> str:
-    """The server of a webhook; the rest of its address is a secret."""
+    """The rest of the address is a secret."""
     return urlsplit(url).hostname or "?"
 
 
 def body_of(event: str, subject: str, text: str, facts: dict[str, Any]) -> dict[str, Any]:
-    """The body of the request.
+    """Slack and Mattermost show `text`, Discord `content`.
 
-    Slack and Mattermost show `text`, Discord `content`; each ignores the rest. Names of models
-    cannot call people: Slack's signs are escaped, and Discord is told not to look for any.
+    Names of models cannot call people: Slack's signs are escaped, and Discord is told not to look
+    for any.
     """
     shown = f"{subject}\n{text}"[:_LONGEST]
     escaped = shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
@@ -35,10 +35,10 @@ def body_of(event: str, subject: str, text: str, facts: dict[str, Any]) -> dict[
 
 
 def post(url: str, body: dict[str, Any], timeout_s: float) -> None:
-    """Post a message. Redirections are not followed: they would get the message too.
+    """Redirections would get the message, so they are not followed.
 
     Raises:
-        StorageError: The server refuses it, or does not answer.
+        StorageError: The server refuses, or does not answer.
     """
     import requests
 

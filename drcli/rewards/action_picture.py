@@ -1,4 +1,4 @@
-"""The picture of an action space: steering as the direction, speed as the distance."""
+"""Draws an action space: steering as direction, speed as distance."""
 
 import math
 from collections.abc import Sequence
@@ -18,13 +18,7 @@ _LEAST_WIDTH_DEG = 30.0
 
 
 def draw_actions(space: ActionSpace, shares: Sequence[float], title: str) -> bytes:
-    """The picture of actions, a PNG file.
-
-    Args:
-        space: The actions.
-        shares: Share of the steps in which each action was taken, 0 .. 1; empty where unknown.
-        title: Line above it.
-    """
+    """`shares` of the steps, 0 .. 1, may be empty."""
     corners = [space.low, space.high] if space.low and space.high else space.values
     widest = max(_LEAST_WIDTH_DEG, *(abs(angle) for angle, _ in corners))
     fastest = max(speed for _, speed in corners)

@@ -1,4 +1,4 @@
-"""Checks a reward function on the configured track, in the configured race."""
+"""Checks a reward function on the configured track and race."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -39,7 +39,7 @@ class DriverReport:
     Attributes:
         name: The driver.
         about: Its way of driving.
-        steps: Number of steps with a reward.
+        steps: Steps with a reward.
         seconds: Simulated time.
         progress: Percent of the lap.
         end: How it ended, in the words of traces.
@@ -82,7 +82,7 @@ class TimeReport:
         median_us: Median of all calls.
         mean_us: Mean of all calls.
         worst_us: The longest call.
-        worst_place: The place of that call.
+        worst_place: Place of that call.
         slower_percent: How much longer the simulation takes because of it.
     """
 
@@ -95,12 +95,12 @@ class TimeReport:
 
 @dataclass(frozen=True)
 class OtherRace:
-    """The race of another worker, in which the function was tried too.
+    """Another worker's race.
 
     Attributes:
         world: The track.
         race_type: The race.
-        reversed: Whether it is driven against the direction of the track.
+        reversed: Whether it is driven against the track's direction.
         calls: Calls that were made.
     """
 
@@ -112,25 +112,25 @@ class OtherRace:
 
 @dataclass(frozen=True)
 class RewardReport:
-    """The result of a check; numbers and drivers are those of the first worker's race.
+    """The result of a check, with numbers of the first worker's race.
 
     Attributes:
         file: The file.
         world: The track.
         race_type: The race.
-        reversed: Whether it is driven against the direction of the track.
+        reversed: Whether it is driven against the track's direction.
         calls: Calls that were made.
         returns: Types that it returned.
-        least: The least reward.
+        least: Least reward.
         mean: Their mean.
-        greatest: The greatest reward.
-        time: Duration of the calls.
+        greatest: Greatest reward.
+        time: Duration of calls.
         parameters: All parameters.
-        drivers: The rewards of each driver.
-        curve: Reward of the steady driver at each step.
+        drivers: Rewards of each driver.
+        curve: The steady driver's reward at each step.
         errors: Problems that end a training or do harm, in any race.
         warnings: Problems that may surprise its author, in any race.
-        others: Races of other workers, in which it was tried too.
+        others: Races of other workers.
     """
 
     file: str
@@ -157,15 +157,10 @@ class RewardReport:
 
 
 def check(settings: Settings, file: Path | None, directory: Path) -> RewardReport:
-    """Try a reward function on a drive over the configured track of each worker.
-
-    Args:
-        settings: The tracks, the races and the directions.
-        file: The file; None takes that of a training.
-        directory: The racer's working folder.
+    """Try a reward function on each worker's track.
 
     Raises:
-        SettingsError: The file or the track does not exist, or the race does not fit on it.
+        SettingsError: File or track is missing, or the race does not fit.
     """
     read = read_racers_file(settings, file, directory)
     return report_of(try_in_each_race(settings, read, directory, lambda own: Course.of(drive(own))))
@@ -178,10 +173,9 @@ def try_in_each_race(
     course_of: Callable[[RaceConfig], Course],
     given_up: Event | None = None,
 ) -> list[TriedReward]:
-    """Try a reward function as before a start, and on the course of each distinct race.
+    """As before a start, and on the course of each distinct race.
 
-    The arguments are those of `check`; `course_of` gives the course of a race, and `given_up` ends
-    the trial early when it is set. The first result has the samples of all races.
+    The first result has the samples of all races.
     """
     tried: list[TriedReward] = []
     tolerated = tolerated_share(settings.run)
@@ -195,7 +189,7 @@ def try_in_each_race(
 
 
 def report_of(races: Sequence[TriedReward]) -> RewardReport:
-    """The report on the first race, with the problems that only show in the others."""
+    """On the first race, with problems that only show in others."""
     found: list[Problem] = []
     for each in races:
         drive_ = each.course.drive

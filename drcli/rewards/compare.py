@@ -1,4 +1,4 @@
-"""Compares two reward functions: their rewards for the same drivers, and where they differ."""
+"""Compares two reward functions."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,6 @@ Floats = NDArray[np.float64]
 
 _PLACES = 3
 _ALIKE = 0.05
-"""A smaller difference, as a share of the range, is not reported."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +28,10 @@ class DriverComparison:
     Attributes:
         name: The driver.
         about: Its way of driving.
-        steps: Number of steps with a reward.
+        steps: Steps with a reward.
         seconds: Simulated time.
-        first_total: Sum of the rewards of the first function.
-        second_total: Sum of the rewards of the second one.
+        first_total: Sum of the first function's rewards.
+        second_total: Sum of the second one's.
         first_mean: Reward per step of the first one.
         second_mean: Reward per step of the second one.
     """
@@ -73,15 +72,14 @@ class ComparisonReport:
         second: File of the second one.
         world: The track.
         race_type: The race.
-        correlation: Correlation of the rewards of all steps, -1 to 1; None if one is constant.
+        correlation: Correlation of the rewards, -1 to 1; None if one is constant.
         rank_correlation: Correlation of their ranks.
-        drivers: The rewards of each driver.
-        places: Where they differ most, each scaled to its range on the drive; empty if one is
-            constant.
-        first_prefers_fast: Whether the first one gives more reward for a fast lap than for a slow
-            one; None if a lap was not completed.
-        second_prefers_fast: The same for the second one.
-        picture: File of the picture, if one was requested.
+        drivers: Rewards of each driver.
+        places: Where they differ most, each scaled to its range; empty if one is constant.
+        first_prefers_fast: Whether the first gives more for a fast lap than for a slow one; None if
+            a lap was not completed.
+        second_prefers_fast: The same for the second.
+        picture: File of the picture, if requested.
     """
 
     first: str
@@ -106,19 +104,10 @@ def compare(
     *,
     force: bool = False,
 ) -> ComparisonReport:
-    """Try two functions on the same drive over the configured track.
-
-    Args:
-        settings: The track, the race and the direction.
-        first: A function.
-        second: Another one.
-        out: A picture to draw, a PNG file, or None.
-        directory: The racer's working folder.
-        force: Whether an existing picture may be replaced.
+    """Try two functions on the same drive; `out`: a PNG file.
 
     Raises:
-        SettingsError: A function fails, the track does not exist, or the picture cannot be
-            written.
+        SettingsError: A function fails, or track or picture does.
     """
     files = read_files([first, second], directory)
     if out is not None:
@@ -162,7 +151,6 @@ def _drivers(first: TriedReward, second: TriedReward) -> list[DriverComparison]:
 
 
 def _places(tried: TriedReward, a: Floats, b: Floats) -> list[PlaceComparison]:
-    """The steps at which the functions differ most, at most one of each driver."""
     difference = scaled(b, b) - scaled(a, a)
     steps = [(trip, k) for trip in tried.course.drive.trips for k in range(len(trip.calls))]
     chosen: dict[str, PlaceComparison] = {}
@@ -184,7 +172,7 @@ def _correlation(a: Floats, b: Floats) -> float | None:
 
 
 def _ranks(values: Floats) -> Floats:
-    """Rank of each value; equal values share theirs. Shape (n,)."""
+    """Equal values share theirs. Shape (n,)."""
     _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
     ends = np.cumsum(counts)
     shared: Floats = (ends - (counts - 1) / 2.0)[which]

@@ -1,4 +1,4 @@
-"""The calls that reward functions are tried with, and the rewards of one function."""
+"""The calls that reward functions are tried with."""
 
 import math
 from collections.abc import Sequence
@@ -28,28 +28,23 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Course:
-    """All calls that functions are tried with.
-
-    Attributes:
-        drive: The calls of the drivers.
-        grid: Places on and off the road.
-    """
+    """All calls."""
 
     drive: Drive
     grid: Grid
 
     @staticmethod
     def of(drive: Drive) -> "Course":
-        """The course of a drive."""
+        """A drive's."""
         return Course(drive, track_grid(drive))
 
     @property
     def sequences(self) -> list[list[dict[str, Any]]]:
-        """All calls: the drivers' first, then the grid."""
+        """The drivers' first, then the grid."""
         return [*(trip.calls for trip in self.drive.trips), self.grid.calls]
 
     def describe(self, place: CallIndex) -> str:
-        """A call in words."""
+        """In words."""
         trips = self.drive.trips
         if place.sequence == len(trips):
             return f"a car placed on the track, {position(self.grid.calls[place.index])}"
@@ -60,15 +55,7 @@ class Course:
 
 @dataclass(frozen=True)
 class TriedReward:
-    """One reward function on a course.
-
-    Attributes:
-        name: The author's name for its file.
-        course: The calls.
-        result: What the sandbox found.
-        text: The function; empty if it cannot be decoded.
-        problems: Everything that every check finds.
-    """
+    """One reward function on a course."""
 
     name: str
     course: Course
@@ -77,60 +64,60 @@ class TriedReward:
     problems: list[Problem]
 
     def values(self, driver: ScriptedDriver) -> list[float | None]:
-        """The rewards of a driver, step by step."""
+        """By step."""
         return self.result.values[self.course.drive.trips.index(self.trip(driver))]
 
     def trip(self, driver: ScriptedDriver) -> Trip:
-        """The trip of a driver."""
+        """Of a driver."""
         return self.course.drive.trip(driver)
 
     def total(self, driver: ScriptedDriver) -> float | None:
-        """The sum of a driver's rewards; None if a call failed or was not made."""
+        """None if a call failed or was not made."""
         values = self.values(driver)
         paid = [value for value in values if value is not None]
         return sum(paid) if len(paid) == len(values) else None
 
     def mean(self, driver: ScriptedDriver) -> float | None:
-        """The reward per step of a driver; None as for `total`."""
+        """Per step."""
         total = self.total(driver)
         return None if total is None else total / len(self.values(driver))
 
     @property
     def prefers_fast(self) -> bool | None:
-        """Whether it pays more for a fast lap than for a slow one; None without both laps."""
+        """None without both laps."""
         slow, fast = self.total(STEADY), self.total(FAST)
         whole = self.trip(STEADY).whole and self.trip(FAST).whole
         return None if slow is None or fast is None or not whole else fast > slow
 
     @property
     def drive_values(self) -> Floats:
-        """The rewards of all drivers, one after the other; NaN if a call failed. Shape (n,)."""
+        """Of all drivers; NaN if a call failed. Shape (n,)."""
         trips = self.result.values[: len(self.course.drive.trips)]
         return as_array([value for trip in trips for value in trip])
 
     @property
     def grid_values(self) -> Floats:
-        """The rewards of the grid's places; NaN if a call failed. Shape (offsets, n)."""
+        """NaN if a call failed. Shape (offsets, n)."""
         values = self.result.values[len(self.course.drive.trips)]
         return as_array(values).reshape(self.course.grid.off.shape)
 
     @property
     def samples(self) -> list[float | None]:
-        """The rewards of the samples of the first race; empty if they were not tried."""
+        """Their rewards."""
         return next(iter(self.result.values[len(self.course.sequences) :]), [])
 
     def warning(self, rule: str, message: str, remedy: str, line: int | None = None) -> Problem:
-        """A problem of this function that does not stop a training."""
+        """About this function."""
         return Problem(rule, "warning", self.name, line, message, remedy)
 
 
 def as_array(values: list[float | None]) -> Floats:
-    """Rewards with NaN for None. Shape (n,)."""
+    """NaN for None. Shape (n,)."""
     return np.array([math.nan if value is None else value for value in values])
 
 
 def scaled(values: Floats, over: Floats) -> Floats:
-    """Values scaled so that the least and the greatest of `over` become 0 and 1."""
+    """So that the least and greatest of `over` become 0 and 1."""
     known = over[~np.isnan(over)]
     low, high = np.percentile(known, [1, 99]).tolist() if len(known) else (0.0, 0.0)
     if high <= low:
@@ -139,7 +126,7 @@ def scaled(values: Floats, over: Floats) -> Floats:
 
 
 def position(call: RewardParams) -> str:
-    """The position of a car, in words."""
+    """In words."""
     side = "left" if call["is_left_of_center"] else "right"
     return (
         f"{call['progress']:.1f} % of the lap, {call['distance_from_center']:.2f} m {side} of the "
@@ -155,15 +142,9 @@ def try_rewards(
     tolerated: float = 0.0,
     given_up: Event | None = None,
 ) -> list[TriedReward]:
-    """Call reward functions on a course, all at the same time.
+    """Call reward functions at the same time, first on samples of `races`.
 
-    Args:
-        files: The functions, which need not be written yet.
-        course: The calls.
-        directory: The racer's working folder.
-        races: Before the course, try the samples of these too.
-        tolerated: As in `lint.problems_of`.
-        given_up: Ends the trial early when it is set; its values are then of no use.
+    After `given_up`, its values are of no use.
     """
     ways = course.drive.waypoints()
     waypoints = [[list(point) for point in ways[way]] for way in (False, True)]

@@ -1,4 +1,4 @@
-"""Scripted drivers: the steering angle and speed that each requests, from the parameters."""
+"""Scripted drivers: steering and speed."""
 
 import math
 from dataclasses import dataclass
@@ -16,26 +16,15 @@ Floats = NDArray[np.float64]
 Manner = Literal["along", "weave", "leave", "ram"]
 
 _LOOK_AHEAD_M, _LOOK_AHEAD_S = 0.45, 0.18
-"""A driver steers towards a point this far ahead, plus the distance that it covers in this time."""
-
 _BRAKING_MPS2 = 2.0
 _PROFILE_M = 0.1
 _BEND_M = 0.5
-"""Spacing of the speed profile, and the length over which the turn of a bend is measured."""
-
 _WEAVE_M = 4.0
-"""Length of one swing to the left border and back to the right one."""
-
 _LEAVE_AFTER_M = 1.0
 
 _SEES_M, _PASSED_M = 2.2, 0.5
-"""How far before and behind an object drivers keep to the other side."""
-
 _PASSING_MPS = 1.5
-"""Highest speed next to an object."""
-
 _FIRST_STEP_MPS = 1.0
-"""Highest speed of the first step, in which the parameters are not known yet."""
 
 
 @dataclass(frozen=True)
@@ -43,17 +32,11 @@ class ScriptedDriver:
     """A way to drive.
 
     Attributes:
-        name: One word.
-        about: What it does, for people.
-        manner: Along the centre line and around objects, from border to border, off the road, or
-            into the next object.
-        speed_mps: Highest speed.
-        grip_mps2: Sideways acceleration in bends; None keeps the speed.
-        laps: Whether it always completes the lap; otherwise the trip ends when it leaves the road,
-            hits something or has made `steps`.
-        steps: Most steps of the trip.
-        start: Distance from the common start, 0 .. 1 of a lap.
-        turned: Whether it drives in the opposite direction of the others.
+        manner: Along the centre line, from border to border, off the road, or into the next object.
+        grip_mps2: Sideways in bends; None keeps the speed.
+        laps: Otherwise it ends off the road, at a hit or after `steps`.
+        start: From the common start, 0 .. 1 of a lap.
+        turned: Drives against the others.
     """
 
     name: str
@@ -80,7 +63,7 @@ TURNED = ScriptedDriver("turned", _OTHER_WAY, "along", 1.2, laps=False, steps=60
 
 
 class Navigator:
-    """Drives one car, whose track is given in its driving direction."""
+    """On a track in its driving direction."""
 
     def __init__(self, driver: ScriptedDriver, track: Track) -> None:
         self.driver = driver
@@ -89,11 +72,11 @@ class Navigator:
         self._begun_m: float | None = None
 
     def first(self) -> tuple[float, float]:
-        """Steering angle in degrees and speed in m/s of the first step, without parameters."""
+        """Degrees and m/s of the first step, without parameters."""
         return 0.0, min(self.driver.speed_mps, _FIRST_STEP_MPS)
 
     def act(self, params: RewardParams) -> tuple[float, float]:
-        """Steering angle in degrees and speed in m/s, from the parameters of the last step."""
+        """Degrees and m/s, from the last step's parameters."""
         along_m = params["projection_distance"]
         if self._begun_m is None:
             self._begun_m = along_m
@@ -109,7 +92,6 @@ class Navigator:
         return _steering_deg(params, x, y), speed_mps
 
     def _aside_m(self, params: RewardParams, target_m: float, side: int) -> float:
-        """The distance to the left of the centre line to aim at, metres."""
         width_m = float(params["track_width"])
         manner = self.driver.manner
         if manner == "leave":
@@ -124,7 +106,7 @@ class Navigator:
         return 0.0
 
     def _blocked_side(self, params: RewardParams) -> int:
-        """The side of the nearest object ahead: 1 left, -1 right, 0 without one."""
+        """1 left, -1 right, 0 none."""
         gaps_m = [
             self._gap_m(there_m, params["projection_distance"])
             for there_m in params["objects_distance"]
@@ -136,7 +118,7 @@ class Navigator:
         return 1 if params["objects_left_of_center"][nearest] else -1
 
     def _gap_m(self, there_m: float, here_m: float) -> float:
-        """How far ahead something is along the lap, negative behind."""
+        """Negative behind."""
         gap_m = there_m - here_m
         if not self._track.closed:
             return gap_m
@@ -145,7 +127,7 @@ class Navigator:
 
 
 def _steering_deg(params: RewardParams, x: float, y: float) -> float:
-    """The steering angle with which the rear axle reaches a point in an arc (pure pursuit)."""
+    """To reach a point in an arc (pure pursuit)."""
     yaw_rad = math.radians(params["heading"])
     rear_x = params["x"] - REAR_AXLE_BEHIND_M * math.cos(yaw_rad)
     rear_y = params["y"] - REAR_AXLE_BEHIND_M * math.sin(yaw_rad)
@@ -156,7 +138,7 @@ def _steering_deg(params: RewardParams, x: float, y: float) -> float:
 
 
 def _speed_profile(track: Track, driver: ScriptedDriver) -> Floats:
-    """Speeds every 0.1 m of the lap, slow enough for each bend and for braking before it."""
+    """Every 0.1 m."""
     along_m = np.arange(0.0, track.length_m + _PROFILE_M, _PROFILE_M)
     if driver.grip_mps2 is None:
         return np.full(len(along_m), driver.speed_mps)

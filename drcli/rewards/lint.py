@@ -1,4 +1,4 @@
-"""Puts what the sandbox finds about a reward function into words, the same for every check."""
+"""Words for the sandbox's findings."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,18 +14,11 @@ from drcli.rewards.sandbox.sandbox_records import (
 )
 
 SIMULATION_STEP_S = 0.25e-3
-"""About the time of a simulation step of one car: 4,200 steps/s were measured. A function that
-takes as long is called slow."""
+"""Of one car: 4,200 steps/s were measured."""
 
 _SLOW_CALL_S = 1.0
-"""A longer call is near the limit of 5 s on a busy machine."""
-
 _CHATTY = 0.1
-"""Printed lines per call that are too many."""
-
 _TRAINING_STEPS = 1_000_000
-"""Steps of a long training."""
-
 _RULES: dict[FailureKind, str] = {
     "load": "V-02",
     "signature": "V-20",
@@ -33,11 +26,7 @@ _RULES: dict[FailureKind, str] = {
     "range": "V-20",
     "undefined": "V-22",
 }
-"""All other failures break V-21."""
-
 _COUNTED: tuple[FailureKind, ...] = ("raises", "undefined", "type", "range")
-"""After these a training goes on with DR_REWARD_ON_ERROR=count."""
-
 _MOST_NAMES = 5
 
 _CONFINED = (
@@ -45,8 +34,6 @@ _CONFINED = (
     "hidden files, writes to the working folder and temporary files, and has no network "
     "(docs/reward-functions.md)."
 )
-"""What to do about a PermissionError."""
-
 _FLOATS = {"float", "numpy.float64"}
 
 _EFFECTS: dict[EffectKind, tuple[str, str]] = {
@@ -63,20 +50,12 @@ _EFFECTS: dict[EffectKind, tuple[str, str]] = {
         "machines have no other.",
     ),
 }
-"""Words and remedy for each kind of effect."""
 
 
 def problems_of(
     source: Source, result: SandboxResult, directory: Path, tolerated: float = 0.0
 ) -> list[Problem]:
-    """Everything that ends a training, and what is odd wherever the car drives.
-
-    Args:
-        source: The function.
-        result: What the sandbox found about it.
-        directory: The racer's working folder.
-        tolerated: Share of failing calls up to which a training counts them and goes on.
-    """
+    """What ends a training, and what is odd; `tolerated`: share of calls that may fail."""
     reviewed = review_source(source, {_parameter(source, each) for each in result.failures})
     # An undefined name is found by reading and by trying.
     known = {(problem.rule, problem.line) for problem in reviewed if problem.severity == "error"}
@@ -122,13 +101,11 @@ def _failures(
 
 
 def _parameter(source: Source, failure: Failure) -> str:
-    """The name that is not a parameter, if it is the reason of a failure."""
     asked = source.unknown_parameters
     return next((name for name in asked if failure.reason == f"KeyError: {name!r}"), "")
 
 
 def _missing_module(source: Source, failure: Failure, directory: Path) -> str:
-    """The remedy for a module that cannot be imported; empty without one."""
     module, file = failure.missing.partition(".")[0], Path(directory, source.name)
     if not module:
         return ""

@@ -1,6 +1,6 @@
-"""Checks a reward function that is being written, with the numbers of its picture.
+"""Checks a reward function that is being written.
 
-The same calls as those of `check`; the drives are kept, because only the function changes.
+Drives are kept, because only the function changes.
 """
 
 import hashlib
@@ -25,31 +25,25 @@ from drcli.rewards.source import display_name
 from drcli.rewards.track_grid import SPEED_MPS
 
 MOST_COURSES = 6
-"""Races whose drives are kept; each takes some megabytes."""
-
 CURVE_POINTS = 150
-"""Points of a driver's curve along the lap."""
-
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class CoursePicture:
-    """What the picture of a reward function shows besides the rewards; metres.
+    """What the picture shows besides rewards; metres.
 
     Attributes:
-        key: Changes when the track or the race changes.
-        world: The track.
-        race_type: The race.
-        rows: Rows of places, from the right of the driving direction to its left.
+        key: Changes with track or race.
+        rows: From the right of the driving direction to its left.
         columns: Places of a row.
-        closed: Whether the last place of a row is next to the first.
-        edges: Corners of the places, row by row. Shape ((rows + 1) * columns, 2).
-        inner: One border of the road. Shape (n, 2).
-        outer: The other one. Shape (n, 2).
-        objects: Corners of what stands on the road. Shape (objects, 4, 2).
-        start: x, y and direction in radians at the start.
-        speed_mps: Requested speed of the car at each place.
+        closed: Whether a row's ends meet.
+        edges: Corners of places, row by row. Shape ((rows + 1) * columns, 2).
+        inner: Border. Shape (n, 2).
+        outer: Border. Shape (n, 2).
+        objects: Corners. Shape (objects, 4, 2).
+        start: x, y, radians.
+        speed_mps: Requested at each place.
     """
 
     key: str
@@ -68,14 +62,7 @@ class CoursePicture:
 
 @dataclass(frozen=True)
 class DriverCurve:
-    """The rewards of one driver along the lap.
-
-    Attributes:
-        name: The driver.
-        total: Sum of its rewards; None if a call failed.
-        seconds: Simulated time.
-        rewards: Mean reward per step in equal parts of the lap; None where it did not drive.
-    """
+    """One driver along the lap; None where it did not drive."""
 
     name: str
     total: float | None
@@ -85,15 +72,14 @@ class DriverCurve:
 
 @dataclass(frozen=True)
 class RewardPicture:
-    """The rewards of a function as numbers to draw.
+    """Rewards as numbers to draw.
 
     Attributes:
         course: Key of the `CoursePicture`.
-        rewards: One for each place, row by row; None where the call failed.
-        low: Reward that gets the first colour; a few may be lower.
-        high: Reward that gets the last colour; a few may be higher.
-        progress: Percent of the lap in the middle of each part.
-        curves: The drivers.
+        rewards: Row by row.
+        low: Of the first colour; a few may be lower.
+        high: Of the last colour; a few may be higher.
+        progress: Percent in the middle of each part.
     """
 
     course: str
@@ -106,14 +92,7 @@ class RewardPicture:
 
 @dataclass(frozen=True)
 class LiveReport:
-    """A check of a function that is being written.
-
-    Attributes:
-        problems: Everything that is wrong or odd, errors first.
-        report: As of `dr-reward check`; None if the file is not valid Python.
-        picture: None without values.
-        course: None if the reader knows it.
-    """
+    """A check of a function; `course` is None if the reader knows it."""
 
     problems: list[Problem]
     report: RewardReport | None = None
@@ -122,7 +101,7 @@ class LiveReport:
 
 
 class LiveCheck:
-    """Checks one version of a reward function after the other."""
+    """Keeps drives."""
 
     def __init__(self) -> None:
         self._courses: dict[str, Course] = {}
@@ -130,20 +109,12 @@ class LiveCheck:
     def check(
         self, settings: Settings, text: bytes, directory: Path, known: str, given_up: Event
     ) -> LiveReport | None:
-        """Check a function as `drcli.rewards.check.check` does.
+        """As `drcli.rewards.check.check`; None if it was given up.
 
-        Args:
-            settings: The tracks, the races and the directions.
-            text: Content of the file, which need not be saved.
-            directory: The racer's working folder.
-            known: Key of the `CoursePicture` that the reader has.
-            given_up: Ends the check when it is set.
-
-        Returns:
-            None if it was given up.
+        `known` is the key of the reader's `CoursePicture`.
 
         Raises:
-            SettingsError: The track does not exist, or the race does not fit on it.
+            SettingsError: The track is missing, or the race does not fit.
         """
         path = settings.custom_files_dir / "reward_function.py"
         file = InputFile(path.name, text, display_name(path, directory))
@@ -168,7 +139,6 @@ class LiveCheck:
 
 
 def _key(own: RaceConfig) -> str:
-    """A short text that changes with the race and with the file of an own track."""
     values = {name: value for name, value in own.to_json().items() if name != "sources"}
     files = []
     for path in sorted(own.tracks_folder.glob(f"{own.world_name}.*")):
@@ -230,7 +200,6 @@ def _picture(key: str, tried: TriedReward) -> RewardPicture | None:
 
 
 def _means(progress: Floats, values: Floats, parts: Floats) -> list[float | None]:
-    """The mean of the values in each part of the lap."""
     part = np.clip(np.digitize(progress, parts) - 1, 0, len(parts) - 2)
     good = ~np.isnan(values)
     sums = np.bincount(part[good], values[good], len(parts) - 1)

@@ -1,7 +1,7 @@
 """Finds what a drive shows of a reward function.
 
-Loopholes lead a car to something else than a fast lap. Rewards that depend on chance or on earlier
-episodes cannot be learned.
+Loopholes lead a car away from a fast lap. Rewards that depend on chance or earlier episodes cannot
+be learned.
 """
 
 from collections.abc import Iterator
@@ -15,33 +15,22 @@ from drcli.rewards.sandbox.sample_calls import LATE
 from drcli.rewards.sandbox.sandbox_records import Difference, FailureKind
 
 _DIGITS, _ALL_DIGITS = 4, 17
-"""Digits of a reward that are shown, and how many distinguish any two numbers."""
-
 _FATAL: tuple[FailureKind, ...] = ("load", "signature", "endless", "ends", "crashes")
-"""After these failures there are too few values to find loopholes."""
-
 _SAME = 1e-9
 _GROWS = 3.0
-"""A reward is unbounded if a late step pays this many times the greatest reward of the drive."""
-
 _TIE = 0.05
-"""Totals that differ by a smaller share are the same."""
-
 _NEARLY = 0.95
-"""From this share on, a reward is as good as another."""
-
 _BETTER = "Pay for progress per step, or for a lap in few steps."
 
 
 def drive_problems(tried: TriedReward) -> Iterator[Problem]:
-    """What the drive shows, all of it warnings."""
+    """Only warnings."""
     yield from _memory(tried)
     if not any(failure.kind in _FATAL for failure in tried.result.failures):
         yield from _loopholes(tried)
 
 
 def _loopholes(tried: TriedReward) -> Iterator[Problem]:
-    """The loopholes that show in the values of a function."""
     values = np.concatenate([tried.drive_values, tried.grid_values.reshape(-1)])
     values = values[~np.isnan(values)]
     if not len(values):
@@ -148,7 +137,6 @@ def _memory(tried: TriedReward) -> Iterator[Problem]:
 
 
 def _both(tried: TriedReward, difference: Difference, word: str) -> str:
-    """Both values, with enough digits to distinguish them, and the place."""
     values, digits = (difference.value, difference.other), _DIGITS
     while True:
         one, other = ("a failure" if value is None else f"{value:.{digits}g}" for value in values)

@@ -1,4 +1,4 @@
-"""Pictures of rewards: maps of the track, and curves along the lap."""
+"""Maps and curves of rewards."""
 
 import itertools
 from collections.abc import Sequence
@@ -25,15 +25,13 @@ _WIDTH_IN = 14.0
 _UNKNOWN = "#cdcfd1"
 
 _MARKS = (0.25, 0.5, 0.75)
-"""Places on the lap that are marked on the map and on the curves."""
-
 _FINISH = 2.0
-"""A finish that pays this many times more than the rest would flatten all curves: it is cut off."""
+"""More would flatten all curves."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A line along the lap: progress in percent, and values or NaN. Both of shape (n,)."""
+    """Percent, and values or NaN, of shape (n,)."""
 
     name: str
     color: str
@@ -43,7 +41,7 @@ class Curve:
 
 
 def draw_reward(tried: TriedReward) -> bytes:
-    """The picture of one function, a PNG file."""
+    """PNG file."""
     drive = tried.course.drive
     map_in = _map_height_in(drive.track, _WIDTH_IN - 1.6)
     values = tried.grid_values
@@ -71,7 +69,7 @@ def draw_reward(tried: TriedReward) -> bytes:
 
 
 def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
-    """The picture of two functions on one course, a PNG file."""
+    """PNG file."""
     drive = first.course.drive
     map_in = max(_map_height_in(drive.track, _WIDTH_IN / 2 - 1.4), 3.4)
     a, b = first.grid_values, second.grid_values
@@ -98,7 +96,7 @@ def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
 
 
 def curve_range(curves: Sequence[Curve]) -> tuple[float, float, str]:
-    """The least and the greatest value to show, and a note if the finish is cut off."""
+    """Values to show, and a note if the finish is cut off."""
     values = np.concatenate([curve.values for curve in curves])
     finish = np.concatenate([curve.progress for curve in curves]) >= 100.0
     known = ~np.isnan(values)
@@ -114,7 +112,7 @@ def curve_range(curves: Sequence[Curve]) -> tuple[float, float, str]:
 
 
 def number(value: float) -> str:
-    """A short number."""
+    """Short."""
     if value == 0 or 1e-3 <= abs(value) < 1e5:
         return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
     return f"{value:.2g}"
@@ -123,7 +121,6 @@ def number(value: float) -> str:
 def _draw_map(
     axes: "Axes", tried: TriedReward, values: Floats, *, is_difference: bool = False
 ) -> None:
-    """The track, each place in the colour of its value or NaN, and the scale of the colours."""
     import matplotlib
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Polygon
@@ -176,7 +173,6 @@ def _draw_map(
 
 
 def _draw_marks(axes: "Axes", track: Track, start_fraction: float) -> None:
-    """The start, the driving direction, and quarters of the lap."""
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=4.0, foreground="white")]
@@ -216,7 +212,6 @@ def _draw_marks(axes: "Axes", track: Track, start_fraction: float) -> None:
 
 
 def _draw_curves(axes: "Axes", curves: Sequence[Curve], low: float, high: float) -> None:
-    """Lines over the progress of the lap, cut off above high, with a legend below."""
     for curve in reversed(curves):
         progress, values = _with_gaps(curve)
         axes.plot(progress, values, curve.style, color=curve.color, lw=1.6, label=curve.name)
@@ -236,7 +231,6 @@ def _draw_curves(axes: "Axes", curves: Sequence[Curve], low: float, high: float)
 
 
 def _curve_of(tried: TriedReward, trip: Trip, color: str) -> Curve:
-    """The rewards of a driver; the name has their sum."""
     total = tried.total(trip.driver)
     earned = "" if total is None else f"{number(total)} "
     progress = np.array([call["progress"] for call in trip.calls])
@@ -245,7 +239,6 @@ def _curve_of(tried: TriedReward, trip: Trip, color: str) -> Curve:
 
 
 def _scaled_curves(first: TriedReward, second: TriedReward) -> list[Curve]:
-    """The slow and the fast lap of two functions, each scaled to its range on the drive."""
     curves = []
     for name, tried, color in (("A", first, LINES[0]), ("B", second, LINES[1])):
         for driver, style in ((STEADY, "-"), (FAST, "--")):
@@ -256,7 +249,6 @@ def _scaled_curves(first: TriedReward, second: TriedReward) -> list[Curve]:
 
 
 def _with_gaps(curve: Curve) -> tuple[Floats, Floats]:
-    """Progress and values, with NaN where the car was put back on the road."""
     steps = np.abs(np.diff(curve.progress))
     far = 6.0 * np.median(steps) + 1.0 if len(steps) else 0.0
     jumps = np.flatnonzero(steps > far) + 1
@@ -264,7 +256,6 @@ def _with_gaps(curve: Curve) -> tuple[Floats, Floats]:
 
 
 def _map_height_in(track: Track, width_in: float) -> float:
-    """The height of a map of that width, within limits."""
     low_x, low_y, high_x, high_y = track.bounds
     margin_m = 2 * _margin_m(track)
     shape = (high_y - low_y + margin_m) / (high_x - low_x + margin_m)
@@ -272,17 +263,15 @@ def _map_height_in(track: Track, width_in: float) -> float:
 
 
 def _margin_m(track: Track) -> float:
-    """Room around the road for the places off the road, and for the marks."""
     return 1.1 * float(np.hypot(*(track.outer - track.inner).T).max())
 
 
 def cell_edges(xy: Floats) -> Floats:
-    """The borders of rows of places. Shape (rows + 1, n, 2)."""
+    """Shape (rows + 1, n, 2)."""
     between = (xy[:-1] + xy[1:]) / 2
     first, last = 2 * xy[:1] - between[:1], 2 * xy[-1:] - between[-1:]
     return np.concatenate([first, between, last])
 
 
 def _is_outside(track: Track, point: Floats) -> bool:
-    """Whether a point off the road is nearer to the outer border."""
     return bool(np.hypot(*(track.outer - point).T).min() < np.hypot(*(track.inner - point).T).min())

@@ -1,4 +1,4 @@
-"""Plots a reward function: a map of the track, and curves along the lap."""
+"""Plots a reward function."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +24,8 @@ class PlotReport:
         world: The track.
         picture: File of the picture.
         replaced: Whether it replaced an older file.
-        least: The least reward on the map.
-        greatest: The greatest reward on the map.
+        least: Least reward on the map.
+        greatest: Greatest reward on the map.
         laps: The sum of the rewards of each driver, by name.
     """
 
@@ -41,18 +41,10 @@ class PlotReport:
 def plot(
     settings: Settings, file: Path | None, out: Path, directory: Path, *, force: bool = False
 ) -> PlotReport:
-    """Draw the rewards of a function on the configured track.
-
-    Args:
-        settings: The track, the race and the direction.
-        file: The function; None takes that of a training.
-        out: The picture, a PNG file.
-        directory: The racer's working folder.
-        force: Whether an existing picture may be replaced.
+    """As a PNG file.
 
     Raises:
-        SettingsError: The function fails, the track does not exist, or the picture cannot be
-            written.
+        SettingsError: The function fails, or track or picture does.
     """
     read = read_racers_file(settings, file, directory)
     refuse_replacing(out, force=force)

@@ -1,4 +1,4 @@
-"""Checks reward_function.py without running it: syntax, unknown names, common mistakes."""
+"""Checks reward_function.py without running it."""
 
 import ast
 import re
@@ -15,15 +15,13 @@ from drcli.rewards.sandbox.sandbox_records import REMEDIES
 from drcli.rewards.step_conditions import idle_conditions
 
 LARGEST_BYTES = 1024 * 1024
-"""A larger file was probably named by mistake."""
-
 _ELSE_IF = re.compile(r"^\s*else\s+if\b")
 _SILENCED = re.compile(r"#\s*noqa\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class Source:
-    """A reward function that compiles; `name` is that of the file in messages."""
+    """A reward function that compiles."""
 
     name: str
     data: bytes
@@ -33,17 +31,17 @@ class Source:
     def problem(
         self, rule: str, line: int | None, message: str, remedy: str, severity: Severity = "error"
     ) -> Problem:
-        """A problem in one of its lines, or in the whole file."""
+        """In a line."""
         return Problem(rule, severity, self.name, line, message, remedy)
 
     def is_silenced(self, line: int) -> bool:
-        """Whether the line has a `# noqa` comment."""
+        """By `# noqa`."""
         lines = self.text.splitlines()
         return 0 < line <= len(lines) and _SILENCED.search(lines[line - 1]) is not None
 
     @cached_property
     def unknown_parameters(self) -> dict[str, int]:
-        """Names that it looks up in its argument but that are not parameters, with a line."""
+        """With a line."""
         arguments = {
             next((each.arg for each in function.args.args if each.arg != "self"), "")
             for function in ast.walk(self.tree)
@@ -68,7 +66,7 @@ class Source:
 
     @cached_property
     def flakes(self) -> tuple[tuple[int, str, bool], ...]:
-        """The messages of pyflakes: line, text, and whether a name is undefined."""
+        """Line, text, whether a name is undefined."""
         from pyflakes.checker import Checker
         from pyflakes.messages import UndefinedName
 
@@ -84,7 +82,7 @@ class Source:
 
 
 def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
-    """Compile a reward function: rules V-02 and, for `else if`, V-24."""
+    """V-02 and, for `else if`, V-24."""
     name = file.origin
     remedy = f"Save {file.name} as plain UTF-8 text."
     try:
@@ -102,7 +100,7 @@ def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
 
 
 def review_source(source: Source, known: Collection[str] = ()) -> list[Problem]:
-    """Mistakes that would only show up during a training; without those `known` parameter names."""
+    """Mistakes that would only show during a training."""
     return [
         *_undefined_names(source),
         *_unknown_parameters(source, known),
@@ -126,7 +124,7 @@ def _uncompilable(error: Exception, name: str, text: str) -> Problem:
 
 
 def _undefined_names(source: Source) -> Iterator[Problem]:
-    """V-22: an undefined name fails when its line is reached, maybe after hours."""
+    """V-22."""
     reported: set[str] = set()
     for line, text, undefined in source.flakes:
         if undefined and text not in reported:
@@ -135,7 +133,7 @@ def _undefined_names(source: Source) -> Iterator[Problem]:
 
 
 def _unknown_parameters(source: Source, known: Collection[str]) -> Iterator[Problem]:
-    """V-22: such a look-up fails, or gives the value that the function takes instead."""
+    """V-22."""
     for name, line in source.unknown_parameters.items():
         if name not in known and not source.is_silenced(line):
             what = f"It reads `{name}`, which is not a parameter."
@@ -143,7 +141,7 @@ def _unknown_parameters(source: Source, known: Collection[str]) -> Iterator[Prob
 
 
 def likely_parameter(name: str) -> str:
-    """The remedy for a name that is not a parameter."""
+    """A remedy."""
     likely = closest(name, REWARD_PARAMETERS)
     return f"Did you mean `{likely}`?" if likely else "docs/reward-functions.md lists all of them."
 
@@ -161,7 +159,7 @@ def _progress_of_one(source: Source) -> Iterator[Problem]:
 
 
 def _first_steps(source: Source) -> Iterator[Problem]:
-    """V-24: a step before the first call."""
+    """V-24."""
     for idle in idle_conditions(source.tree):
         if not source.is_silenced(idle.line):
             yield source.problem("V-24", idle.line, idle.message, idle.remedy, "warning")

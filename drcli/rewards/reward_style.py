@@ -1,4 +1,4 @@
-"""Checks the style of reward_function.py, and what the DeepRacer console does not allow."""
+"""Checks style, and what the DeepRacer console forbids."""
 
 import ast
 import re
@@ -10,25 +10,18 @@ from drcli.rewards.reward_rules import Source
 FUNCTION = "reward_function"
 
 MODULES = ("math", "numpy", "random", "scipy", "shapely")
-"""Modules that the console allows. Source: its validator, as for all lists here."""
+"""Allowed. Source: the console's validator."""
 
 BUILTINS = ("open", "exec", "eval", "compile", "input", "__import__")
-"""Functions that the console does not allow."""
-
 FILE_CALLS = re.compile(
     "__import__|fromfile|genfromtxt|loads?|loadtxt|memmap|save|savetxt|savez(_compressed)?|tofile"
 )
-"""Functions of those modules that read or write files."""
-
 IGNORED_STYLE = ("E5", "E226", "E261", "E9")
-"""Line lengths, spaces around signs and before comments; E9 is code that does not compile."""
-
 MOST_LINES = 5
-"""Lines that a style problem names."""
 
 
 def review_style(source: Source, *, console: bool) -> list[Problem]:
-    """Rules V-20, V-22 and V-23; problems are errors if the console shall take the model."""
+    """V-20, V-22 and V-23; errors if the console shall take the model."""
     severity: Severity = "error" if console else "warning"
     found = [
         *_signature(source, severity),
@@ -57,14 +50,14 @@ def _signature(source: Source, severity: Severity) -> Iterator[Problem]:
 
 
 def _flakes(source: Source, severity: Severity) -> Iterator[Problem]:
-    """V-22, class F, without undefined names, which are errors everywhere."""
+    """V-22, class F."""
     for line, text, undefined in source.flakes:
         if not undefined:
             yield source.problem("V-22", line, f"{text}.", "Correct or remove it.", severity)
 
 
 def _style(source: Source, severity: Severity) -> Iterator[Problem]:
-    """V-22, class E: each message once, with its lines."""
+    """V-22, class E."""
     import pycodestyle
 
     messages: dict[str, list[int]] = {}
@@ -91,7 +84,7 @@ def _style(source: Source, severity: Severity) -> Iterator[Problem]:
 
 
 def _late_imports(source: Source, severity: Severity) -> Iterator[Problem]:
-    """V-22: imports belong at the top of the file."""
+    """V-22."""
     top = {id(node) for node in source.tree.body}
     for node in ast.walk(source.tree):
         if isinstance(node, ast.Import | ast.ImportFrom) and id(node) not in top:

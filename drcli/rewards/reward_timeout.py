@@ -1,6 +1,6 @@
 """Explains why a worker ended whose reward function was stuck in one operation.
 
-Python could not interrupt it, so it wrote no error file; the stacks of its threads are in its log.
+Python could not interrupt it; stacks are in its log.
 """
 
 import re
@@ -21,12 +21,12 @@ _PLACE = re.compile(rf'File "(.*{re.escape(REWARD_FUNCTION_FILE)})", line (\d+) 
 
 
 def is_stuck(code: int) -> bool:
-    """Whether a process ended for this reason, by its exit code as subprocess gives it."""
+    """By exit code."""
     return code < 0 and -code == getattr(signal, "SIGPROF", None)
 
 
 def stuck_place(text: str) -> tuple[Path | None, int]:
-    """File and line of the reward function in the last stacks of a text; None and 0 without one."""
+    """In the last stacks."""
     for stack in reversed(_THREAD.split(text)):
         found = _PLACE.search(stack)
         if found:
@@ -35,12 +35,12 @@ def stuck_place(text: str) -> tuple[Path | None, int]:
 
 
 def _letter(escaped: re.Match[str]) -> str:
-    """The letter for a number: Python's fault handler writes only ASCII."""
+    """Python's fault handler writes only ASCII."""
     return chr(int(next(filter(None, escaped.groups())), 16))
 
 
 def exit_of_stuck(code: int, log: Path, *, remedy: str = _REMEDY) -> WorkerExit | None:
-    """The error of a stuck worker, by the exit code and the log of its process; else None."""
+    """The error of a stuck worker, or None."""
     if not is_stuck(code):
         return None
     try:
@@ -58,7 +58,7 @@ def exit_of_stuck(code: int, log: Path, *, remedy: str = _REMEDY) -> WorkerExit 
 
 
 def source_line(path: Path | None, line: int) -> str:
-    """The text of a line, counted from 1; empty if it cannot be read."""
+    """Maybe empty."""
     try:
         lines = [] if path is None else path.read_text("utf-8", "replace").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Drives scripted drivers on the configured track and records the reward parameters."""
+"""Records reward parameters of scripted drivers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,22 +28,12 @@ from drsim.race.race import TIME_TRIAL, Race
 from drsim.track.track import Track
 
 _FORGIVEN = 1_000
-"""Most resets of a lap, which has to be completed even with objects on the road."""
-
 _SLOWEST_LAP_MPS = 0.4
-"""A lap with a lower mean speed is stopped."""
 
 
 @dataclass(frozen=True)
 class Trip:
-    """One driver's episode.
-
-    Attributes:
-        driver: The driver.
-        calls: The reward parameters of each step, without the waypoints.
-        end: How it ended, in the words of traces.
-        progress: Percent of the lap, at its end.
-    """
+    """One driver's episode; calls lack waypoints."""
 
     driver: ScriptedDriver
     calls: list[RewardParams]
@@ -52,7 +42,7 @@ class Trip:
 
     @property
     def whole(self) -> bool:
-        """Whether the lap was completed."""
+        """Lap completed."""
         return self.progress >= 100.0
 
     @property
@@ -63,7 +53,7 @@ class Trip:
 
 @dataclass(frozen=True)
 class Drive:
-    """The trips of all drivers on one track, which is given in the driving direction."""
+    """Of all drivers."""
 
     track: Track
     world: str
@@ -72,23 +62,23 @@ class Drive:
     trips: list[Trip]
 
     def trip(self, driver: ScriptedDriver) -> Trip:
-        """The trip of a driver that took part."""
+        """Of a driver."""
         return next(trip for trip in self.trips if trip.driver == driver)
 
     @property
     def start_fraction(self) -> float:
-        """The common start on the lap, 0 .. 1."""
+        """On the lap, 0 .. 1."""
         first = self.trip(STEADY).calls[0]
         travelled = first["progress"] / 100.0
         return float((first["projection_distance"] / self.track.length_m - travelled) % 1.0)
 
     def waypoints(self) -> dict[bool, list[tuple[float, float]]]:
-        """The parameter `waypoints`, which the calls lack, by `is_reversed`."""
+        """By `is_reversed`."""
         return {track.reverse: track.waypoints for track in (self.track, self.track.reversed())}
 
 
 def each_race(races: Sequence[RaceConfig]) -> list[RaceConfig]:
-    """The race of the first worker, and those of the others whose track or race differs."""
+    """Distinct, the first worker's first."""
     distinct: dict[tuple[object, ...], RaceConfig] = {}
     for own in races:
         driving = (own.train_start_position_offset, own.train_alternate_driving_direction)
@@ -98,10 +88,10 @@ def each_race(races: Sequence[RaceConfig]) -> list[RaceConfig]:
 
 
 def drive(config: RaceConfig) -> Drive:
-    """Let all drivers drive on the track and in the race of a worker.
+    """Let all drivers drive.
 
     Raises:
-        SettingsError: The track does not exist, or the race does not fit on it.
+        SettingsError: The track is missing, or the race does not fit.
     """
     if (problem := config.untrainable) is not None:
         remedy = "Choose the race to train for, as in DR_RACE_TYPE=TIME_TRIAL dr-reward ..."
@@ -177,8 +167,6 @@ def _trips(
 
 
 def _recorder(calls: list[RewardParams]) -> RewardFunction:
-    """A reward function that records its parameters, except the waypoints."""
-
     def record(params: RewardParams) -> float:
         del params["waypoints"]
         calls.append(params)

@@ -1,4 +1,4 @@
-"""Finds and reads the file of a reward function."""
+"""Reads the file of a reward function."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +15,7 @@ def read_racers_file(settings: Settings, file: Path | None, directory: Path) -> 
     """The given file, else the racer's own, else the shipped example.
 
     Raises:
-        ProblemsError: The file cannot be read, or the racer has only other files.
+        ProblemsError: It cannot be read, or the racer has only other files.
     """
     own, example = (
         settings.custom_files_dir / REWARD_FUNCTION_FILE,
@@ -30,11 +30,7 @@ def read_racers_file(settings: Settings, file: Path | None, directory: Path) -> 
 
 
 def read_files(paths: Sequence[Path], directory: Path) -> list[InputFile]:
-    """The given files; for a folder, the reward function in it.
-
-    Raises:
-        ProblemsError: Some cannot be read.
-    """
+    """For a folder, the reward function in it; ProblemsError if unreadable."""
     files = [path / REWARD_FUNCTION_FILE if path.is_dir() else path for path in paths]
     read = [(file, local_file(file.parent, file.name)) for file in files]
     what = "this file does not exist."
@@ -46,6 +42,6 @@ def read_files(paths: Sequence[Path], directory: Path) -> list[InputFile]:
 
 
 def display_name(file: Path, directory: Path) -> str:
-    """A file as a racer would write it: relative to the working folder, if it is inside."""
+    """Relative to the working folder, if inside."""
     path, folder = file.absolute(), directory.absolute()
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(file)

@@ -1,8 +1,7 @@
 """Finds conditions of a reward function that wait for step 0 or 1, which never comes.
 
-In step 1 the car is put on the road, and the function is not called: the first call of an episode
-has `steps` 2, in training and in evaluations. Source: the reference simulator, in whose traces each
-episode has a row of step 1 with reward 0. Many published functions still wait for step 0 or 1.
+In step 1 the car is put on the road: the first call of an episode has `steps` 2, in training and
+evaluations. Source: the reference simulator, whose traces have a row of step 1 with reward 0.
 """
 
 import ast
@@ -11,23 +10,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 FIRST = 2
-"""`steps` in the first call of an episode."""
-
 _SAME_NUMBER = {"int", "float", "round"}
-"""Calls that do not change a whole number."""
-
 _TURNED: dict[type[ast.cmpop], ast.cmpop] = {
     ast.Lt: ast.Gt(),
     ast.LtE: ast.GtE(),
     ast.Gt: ast.Lt(),
     ast.GtE: ast.LtE(),
 }
-"""The same comparison with its sides swapped."""
 
 
 @dataclass(frozen=True)
 class Idle:
-    """A condition with the same result in every call: always true (it `holds`), or never."""
+    """A condition that is always true (`holds`), or never."""
 
     line: int
     text: str
@@ -35,7 +29,7 @@ class Idle:
 
     @property
     def message(self) -> str:
-        """The problem, in two sentences."""
+        """Two sentences."""
         often = "always" if self.holds else "never"
         return (
             f"`{self.text}` is {often} true: the first call of an episode has `steps` {FIRST}. "
@@ -45,18 +39,17 @@ class Idle:
 
     @property
     def remedy(self) -> str:
-        """A better condition."""
+        """Better condition."""
         if self.holds:
             return f"Write `steps > {FIRST}` for every call except the first of an episode."
         return f"Write `steps <= {FIRST}` for the first call of an episode."
 
 
 def idle_conditions(tree: ast.Module) -> list[Idle]:
-    """The comparisons of `steps` with a number that have the same result in every call, by line.
+    """The comparisons of `steps` that have the same result in every call, by line.
 
-    Guards against a division by zero, such as `steps > 0`, are fine. `steps` is recognised where it
-    is read from the parameters, and by a name that only ever holds it; values that one function
-    passes to another are not followed.
+    Guards against a division by zero, such as `steps > 0`, are fine. `steps` is recognised by names
+    that only ever hold it, within a function.
     """
     try:
         found = {
@@ -73,7 +66,6 @@ def idle_conditions(tree: ast.Module) -> list[Idle]:
 
 
 def _scopes(tree: ast.AST) -> Iterator[list[ast.AST]]:
-    """The nodes of the file and of each function, without those of inner functions."""
     inside: list[ast.AST] = [tree]
     nodes: list[ast.AST] = []
     while inside:
@@ -88,7 +80,6 @@ def _scopes(tree: ast.AST) -> Iterator[list[ast.AST]]:
 
 
 def _names_of_steps(scope: list[ast.AST]) -> set[str]:
-    """Names and attributes that hold `steps` and nothing else in a scope."""
     stored = Counter(
         node.arg if isinstance(node, ast.arg) else ast.unparse(node)
         for node in scope
@@ -105,7 +96,6 @@ def _names_of_steps(scope: list[ast.AST]) -> set[str]:
 
 
 def _assignments(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
-    """The names and values of an assignment."""
     match node:
         case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
             yield from zip(map(ast.unparse, targets), values, strict=False)
@@ -118,7 +108,6 @@ def _assignments(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
 
 
 def _is_steps(node: ast.expr, names: set[str]) -> bool:
-    """Whether an expression is the parameter `steps`."""
     match node:
         case ast.Subscript(slice=ast.Constant(value=key)):
             return bool(key == "steps")
@@ -134,7 +123,6 @@ def _is_steps(node: ast.expr, names: set[str]) -> bool:
 
 
 def _outcomes(node: ast.expr, names: set[str]) -> Iterator[bool]:
-    """The result of a condition, if it is always the same."""
     match node:
         case ast.UnaryOp(op=ast.Not(), operand=operand) if _is_steps(operand, names):
             yield False
@@ -153,7 +141,6 @@ def _outcomes(node: ast.expr, names: set[str]) -> Iterator[bool]:
 
 
 def _numbers(node: ast.expr) -> list[float]:
-    """The numbers that are written there, in brackets or alone; empty for anything else."""
     try:
         value = ast.literal_eval(node)
     except (ValueError, TypeError):  # not a literal, or a list in a set
@@ -163,7 +150,6 @@ def _numbers(node: ast.expr) -> list[float]:
 
 
 def _compared(op: ast.cmpop, numbers: list[float]) -> bool | None:
-    """The result of comparing any step with numbers; None if it depends on the step."""
     if not numbers:
         return None
     most = max(numbers)

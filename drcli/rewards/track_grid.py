@@ -1,4 +1,4 @@
-"""Places on and off the road, and the reward parameters of a car at each."""
+"""Reward parameters of a car at places on and off the road."""
 
 from dataclasses import dataclass
 
@@ -17,12 +17,11 @@ from drsim.race.traffic import Traffic
 Floats = NDArray[np.float64]
 
 SPEED_MPS = 1.5
-"""Requested speed at every place."""
-
 _HALF = (0.11, 0.22, 0.33, 0.44, 0.56, 0.72)
 OFFSETS = (*(-offset for offset in reversed(_HALF)), 0.0, *_HALF)
-"""Distances to the left of the centre line, in road widths. The border of the road is midway
-between two of them, and all wheels are off the road at the outermost."""
+"""To the left, in road widths. The border is midway between two; at the outermost, all wheels are
+off the road.
+"""
 
 _SPACING_M = 0.12
 _MOST_ALONG = 400
@@ -30,13 +29,13 @@ _MOST_ALONG = 400
 
 @dataclass(frozen=True)
 class Grid:
-    """Places on and off the road, with a car at each that points along the track.
+    """Cars that point along the track.
 
     Attributes:
-        xy: Places. Shape (offsets, n, 2).
+        xy: Shape (offsets, n, 2).
         off: All wheels are off the road. Shape (offsets, n).
-        objects: Corners of the objects. Shape (objects, 4, 2).
-        calls: The reward parameters, offset by offset, without the waypoints.
+        objects: Corners. Shape (objects, 4, 2).
+        calls: Offset by offset, without waypoints.
     """
 
     xy: Floats
@@ -46,7 +45,7 @@ class Grid:
 
 
 def track_grid(drive: Drive) -> Grid:
-    """Places all along the lap, with the steps of an episode at constant speed."""
+    """An episode at constant speed."""
     track = drive.track
     count = int(min(max(track.length_m / _SPACING_M, 40), _MOST_ALONG))
     along_m = np.linspace(0.0, track.length_m, count, endpoint=False)
@@ -84,7 +83,6 @@ def track_grid(drive: Drive) -> Grid:
 
 
 def _objects(drive: Drive, count: int) -> tuple[Objects | None, Floats]:
-    """The objects at the start of the drive, the same for each car, and their outlines."""
     if drive.race == TIME_TRIAL:
         return None, np.empty((0, 4, 2))
     traffic = Traffic((drive.track, drive.track.reversed()), 1, drive.race)

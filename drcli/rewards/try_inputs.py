@@ -1,4 +1,4 @@
-"""Tries a racer's inputs before a start: do the worlds load, does the reward function work?"""
+"""Tries inputs before a start."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,13 +16,10 @@ from drcli.rewards.sandbox.sandbox_records import SandboxRequest
 def try_inputs(
     run: RunConfig, directory: Path, source: Source | None, given_up: Event
 ) -> list[Problem]:
-    """Load the worlds of all workers and try the reward function on them, in the sandbox.
-
-    Without a reward function, only the worlds are loaded. When `given_up` is set, the sandbox ends
-    and finds nothing.
+    """Load the worlds of all workers and try the function, if any, in the sandbox.
 
     Raises:
-        NotAvailable: A library that a training needs is missing, too old or broken.
+        NotAvailable: A library is missing, too old or broken.
     """
     if lacking := installation.unmet():
         raise lacking.error()
@@ -36,7 +33,7 @@ def try_inputs(
 
 
 def races_of(run: RunConfig) -> list[RaceConfig]:
-    """Everything that is driven in a training: the races of the workers, and the second track."""
+    """And second track."""
     second = run.second_race(run.race())
     return [*run.races, *([] if second is None else [second])]
 
@@ -44,15 +41,14 @@ def races_of(run: RunConfig) -> list[RaceConfig]:
 def tolerated_share(run: RunConfig) -> float:
     """Share of failing calls up to which a training begins.
 
-    By default it is 0: failures are counted for the sake of the unforeseen, and those of a check
-    can be corrected now.
+    By default 0: those of a check can be corrected now.
     """
     counts = run.given.get("DR_REWARD_ON_ERROR") == "count"
     return run.train.reward_max_error_share if counts else 0.0
 
 
 def as_given(problem: Problem, run: RunConfig) -> Problem:
-    """A problem with the second track as its author wrote it: it has a setting of its own."""
+    """With its setting."""
     place, name = run.eval_world_place, "DR_TRAIN_EVAL_WORLD"
     if not run.train.train_eval_world or (problem.file, problem.line) != tuple(place):
         return problem

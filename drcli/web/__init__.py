@@ -1,1 +1,1 @@
-"""The console: a web page on the racer's machine that shows what the commands show."""
+"""The console: a web page on the racer's machine."""

@@ -38,7 +38,6 @@ def _content(file: OwnFile) -> dict[str, Any]:
 
 
 def _problems(settings: Settings, file: OwnFile) -> list[dict[str, Any]]:
-    """Problems of the file, and how it fits the hyperparameters."""
     parameters = own_file(settings, HYPERPARAMETERS_FILE).input
     review = review_parameters(parameters, file.input, None)
     ours = (each for each in review.problems if each.file != parameters.origin)
@@ -46,16 +45,10 @@ def _problems(settings: Settings, file: OwnFile) -> list[dict[str, Any]]:
 
 
 def _conflicts(problems: Sequence[Problem], origin: str) -> list[Problem]:
-    """Hyperparameters that do not fit the algorithm."""
     return [each for each in problems if each.file == origin and each.rule == "V-34"]
 
 
 def _changes(body: dict[str, Any]) -> dict[str, Any]:
-    """New values by key.
-
-    Raises:
-        BadRequest: A key is not one of the file.
-    """
     changes = body.get("values")
     if not isinstance(changes, dict) or not set(changes) <= set(RULES):
         raise BadRequest("The request needs values: keys of model_metadata.json.")
@@ -80,7 +73,7 @@ def _number(body: dict[str, Any], key: str, low: float, high: float) -> float:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`GET` and `PUT /api/metadata`, its check, and `POST /api/metadata/generate`."""
+    """Below /api/metadata."""
 
     def show(_: Request) -> Any:
         settings = folder.settings()

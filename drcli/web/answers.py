@@ -1,4 +1,4 @@
-"""Answers of the console: reports as JSON, and errors as one sentence with a remedy."""
+"""Answers of the console: reports as JSON, errors with a remedy."""
 
 import dataclasses
 import functools
@@ -26,11 +26,7 @@ from drcli.base.problems import Problem, ProblemsError
 from drcli.config.editing import FilesChanged
 
 MOST_BYTES = 1 << 20
-"""Of a JSON request; a reward function may be as long."""
-
 MOST_DEPTH = 20
-"""Of nested lists and objects in a request."""
-
 _STATUS: dict[type[DrError], int] = {
     FilesChanged: 409,
     SettingsError: 422,
@@ -45,12 +41,7 @@ _logger = get_logger(__name__)
 
 
 class BadRequest(Exception):
-    """A request that the page would not send.
-
-    Args:
-        message: One sentence.
-        status: HTTP status.
-    """
+    """Not from the page."""
 
     def __init__(self, message: str, status: int = 400) -> None:
         super().__init__(message)
@@ -58,14 +49,14 @@ class BadRequest(Exception):
 
 
 def report(value: Any, status: int = 200) -> Response:
-    """A dataclass as the same JSON that its command prints with --json, or plain data."""
+    """The JSON that the command prints with --json."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return JSONResponse(keys_of(value), status)
     return JSONResponse(plain(value), status)
 
 
 def error_of(error: Exception) -> dict[str, Any]:
-    """What the page shows about an error; an unexpected one goes to the log."""
+    """An unexpected error is logged."""
     if isinstance(error, DrError):
         found: dict[str, Any] = {
             "message": str(error),
@@ -90,12 +81,12 @@ def error_of(error: Exception) -> dict[str, Any]:
 
 
 def placed(problem: Problem) -> dict[str, Any]:
-    """A problem with its place in parts, so that the page can lead there."""
+    """With its place in parts, so that the page can lead there."""
     return problem.as_json() | {"file": problem.file, "line": problem.line, "key": problem.key}
 
 
 def status_of(error: Exception) -> int:
-    """The HTTP status of an error."""
+    """HTTP."""
     if isinstance(error, BadRequest):
         return error.status
     found = (status for kind, status in _STATUS.items() if isinstance(error, kind))
@@ -106,11 +97,9 @@ Handler = Callable[[Request], Awaitable[Response]]
 
 
 def answers(function: Callable[[Request], Any]) -> Handler:
-    """A route that reads: runs a blocking function in a thread and answers with its report.
+    """A route that reads: runs a function in a thread, and answers with its report.
 
-    Args:
-        function: Takes the request; only what needs no waiting may be read of it. Returns a
-            dataclass, plain data, or a `Response`.
+    That is a dataclass, plain data, or a `Response`.
     """
 
     @functools.wraps(function)
@@ -125,7 +114,7 @@ def answers(function: Callable[[Request], Any]) -> Handler:
 
 
 def accepts(function: Callable[[Request, dict[str, Any]], Any]) -> Handler:
-    """A route that gets a JSON object, and answers as `answers` does."""
+    """Like `answers`, with a JSON object."""
 
     @functools.wraps(function)
     async def handle(request: Request) -> Response:
@@ -140,11 +129,7 @@ def accepts(function: Callable[[Request, dict[str, Any]], Any]) -> Handler:
 
 
 async def json_object(request: Request) -> dict[str, Any]:
-    """The JSON object of a request.
-
-    Raises:
-        BadRequest: It is too large, too deep, or no object.
-    """
+    """BadRequest if it is too large or too deep."""
     data = b""
     async for chunk in request.stream():
         data += chunk
@@ -173,11 +158,7 @@ def _is_deeper(value: Any, most: int) -> bool:
 
 
 def text_of(body: dict[str, Any], key: str, default: str | None = None) -> str:
-    """A text of a request.
-
-    Raises:
-        BadRequest: It is missing, and there is no default; or it is not a text.
-    """
+    """A text; BadRequest if it is none, or missing without a default."""
     value = body.get(key, default)
     if not isinstance(value, str) or "\0" in value:
         raise BadRequest(f"The request needs a text {key}.")

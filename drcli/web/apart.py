@@ -1,7 +1,7 @@
-"""Runs heavy work of a task in a process of its own, so that the console stays quick and small.
+"""Runs heavy work of a task in a process of its own.
 
-Libraries for learning, films and tables take seconds to load and hundreds of megabytes; the process
-ends with the work and gives them back. It has a low priority, because a training may be running.
+Libraries for learning, films and tables take seconds and hundreds of megabytes; the process ends
+with the work. Its priority is low, because a training may be running.
 """
 
 import multiprocessing
@@ -19,19 +19,15 @@ from drcli.config import secret_environment
 from drcli.web.tasks import Progress
 
 MOST_HEAVY = 2
-"""Processes of low priority that work at the same time; others wait."""
-
 _heavy = threading.Semaphore(MOST_HEAVY)
 
 _heavy_ones: set[SpawnProcess] = set()
-"""Processes that end with the console."""
-
 Work = Callable[..., Any]
-"""A function of a module, whose first argument is a `Progress`; all others can be pickled."""
+"""Takes a `Progress` first, then what can be pickled."""
 
 
 class WorkFailed(DrError):
-    """An error of the other process, with its words."""
+    """In another process."""
 
     def __init__(self, message: str, *, remedy: str, code: int) -> None:
         super().__init__(message, remedy=remedy)
@@ -39,26 +35,18 @@ class WorkFailed(DrError):
 
 
 def run_apart(progress: Progress, work: Work, *arguments: Any, heavy: bool = True) -> Any:
-    """Run a function in another process, and return its result as plain data.
+    """Run a function in another process, and return its plain data or raise its error.
 
-    Args:
-        progress: Takes the sentences of the function.
-        work: The function.
-        arguments: Its arguments after the first.
-        heavy: Whether it computes, so that it gets a low priority and ends with the console; a
-            training that it starts would inherit that.
-
-    Raises:
-        DrError: Its error.
+    A `heavy` one gets a low priority and ends with the console, as would a training that it starts.
     """
     with _heavy if heavy else nullcontext():
         return _run(progress, work, arguments, heavy=heavy)
 
 
 def end_heavy() -> None:
-    """End the processes that compute, because the console ends; they clean up.
+    """End the processes that compute.
 
-    The others go on to their end: what they start or delete must not stay half.
+    The others go on: what they start or delete must not stay half.
     """
     for process in list(_heavy_ones):
         process.terminate()

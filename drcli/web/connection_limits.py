@@ -1,8 +1,4 @@
-"""Ends connections that stand still: half a request, a body that stops, a reader that never reads.
-
-uvicorn waits for all of these without an end. Each would keep a connection, and the memory
-of what was written to it.
-"""
+"""Ends connections that stand still; uvicorn waits without an end."""
 
 import asyncio
 from contextlib import suppress
@@ -12,26 +8,23 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 MOST_CONNECTIONS = 256
-"""Open at the same time. For a further one, the oldest that has asked for nothing yet is ended."""
+"""For another, the oldest that has asked for nothing is ended."""
 
 REQUEST_S = 10.0
-"""How long the lines of a request may take, from the moment of the connection."""
+"""From the moment of the connection."""
 
 STALLED_S = 20.0
-"""How long a request or an answer may make no progress at all."""
+"""Without progress of a request or an answer."""
 
 LOOK_S = 2.0
-"""Time between two looks at a connection."""
-
 WAITING_BYTES = 4 << 20
-"""What may wait to be sent on a WebSocket: answers to pings that somebody never reads."""
+"""Answers to pings that nobody reads."""
 
 FAREWELL_S = 2.0
-"""How long the last bytes of a WebSocket may take; then it is cut."""
 
 
 class TimedHttp(H11Protocol):
-    """HTTP with an end to waiting."""
+    """Ends waiting."""
 
     _asked = False
     _written_s: float | None = None
@@ -41,7 +34,7 @@ class TimedHttp(H11Protocol):
 
     # uvicorn asks for a narrower transport than asyncio's protocol does.
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take the connection, unless there are too many that are used."""
+        """Within `MOST_CONNECTIONS`."""
         super().connection_made(transport)
         self._began_s = self._read_s = self.loop.time()
         if len(self.connections) > MOST_CONNECTIONS:
@@ -49,12 +42,12 @@ class TimedHttp(H11Protocol):
         self._look = self.loop.call_later(LOOK_S, self._check)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop to look at it."""
+        """Stop looking."""
         self._stop_looking()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Take what was sent."""
+        """Progress."""
         self._read_s = self.loop.time()
         if self.timeout_keep_alive_task is not None:  # another request begins
             self._began_s = self._read_s
@@ -62,17 +55,17 @@ class TimedHttp(H11Protocol):
         self._asked = self._asked or self.scope is not None
 
     def pause_writing(self) -> None:
-        """The other side does not read."""
+        """Nobody reads."""
         self._written_s = self.loop.time()
         super().pause_writing()
 
     def resume_writing(self) -> None:
-        """It has read."""
+        """Somebody reads."""
         self._written_s = None
         super().resume_writing()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Leave the connection to the WebSocket."""
+        """Stop looking."""
         self._stop_looking()
         super().handle_websocket_upgrade(event)
 
@@ -99,28 +92,26 @@ class TimedHttp(H11Protocol):
 
 
 def _idle_one(connections: Any, newest: TimedHttp) -> TimedHttp:
-    """The oldest connection that has asked for nothing yet; the newest one if all have."""
     idle = [each for each in connections if isinstance(each, TimedHttp) and not each._asked]
     return min(idle, key=lambda each: each._began_s, default=newest)
 
 
 class TimedWebSocket(WebSocketsSansIOProtocol):
-    """A WebSocket that is cut if its last bytes are not read, or if it lets too many wait."""
+    """Ends waiting."""
 
     def data_received(self, data: bytes) -> None:
-        """Take what was sent."""
+        """Within `WAITING_BYTES`."""
         if self.transport.get_write_buffer_size() > WAITING_BYTES:
             self.transport.abort()
             return
         super().data_received(data)
 
     def keepalive_timeout(self) -> None:
-        """It has not answered a ping."""
+        """Ping unanswered."""
         super().keepalive_timeout()
         self.loop.call_later(FAREWELL_S, self._cut)
 
     async def run_asgi(self) -> None:
-        """Serve it to its end."""
         try:
             await super().run_asgi()
         finally:

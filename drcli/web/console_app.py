@@ -40,8 +40,6 @@ from drcli.web.socket_route import SocketRoute
 from drcli.web.tasks import Tasks
 
 MOST_READING = 32
-"""Threads that read for topics and requests; they are started as needed."""
-
 PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
     machine_topic.routes,
     run_topics.routes,
@@ -61,17 +59,11 @@ PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
     start_routes.routes,
     episode_routes.routes,
 )
-"""Each subject declares its topics with the hub, and returns its routes below /api."""
+"""Each declares its topics with the hub, and returns its routes below /api."""
 
 
 def build_app(directory: Path, token: str | None, *, here_only: bool = False) -> ASGIApp:
-    """The application for a working folder.
-
-    Args:
-        directory: The working folder.
-        token: As for `Guard`.
-        here_only: As for `Guard`.
-    """
+    """`token` and `here_only`: as for `Guard`."""
     hub = Hub()
     tasks = Tasks(hub.publish, directory / "data" / "viewer" / "tasks.json")
     folder = ServedFolder(directory, hub, tasks)

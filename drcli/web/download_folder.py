@@ -1,4 +1,4 @@
-"""Files that tasks have made and that the page may download, for a while."""
+"""Files of tasks that the page may download, for a while."""
 
 import secrets
 import shutil
@@ -11,12 +11,11 @@ from starlette.responses import FileResponse
 from drcli.web.answers import BadRequest
 
 MOST_KEPT = 12
-"""Older ones are deleted."""
 
 
 @dataclass(frozen=True)
 class Download:
-    """A file that is ready: `url` is its address on the console."""
+    """Ready."""
 
     url: str
     name: str
@@ -34,7 +33,7 @@ class DownloadFolder:
         self._is_clean = False
 
     def new_folder(self) -> Path:
-        """An empty folder for the files of a task."""
+        """Per task."""
         with self._lock:
             if not self._is_clean:
                 shutil.rmtree(self._folder, ignore_errors=True)
@@ -44,7 +43,7 @@ class DownloadFolder:
             return path
 
     def offer(self, path: Path, report: object = None) -> Download:
-        """Let the page download a file in one of these folders."""
+        """For download."""
         name = path.parent.name
         with self._lock:
             self._known[name] = path
@@ -53,11 +52,7 @@ class DownloadFolder:
         return Download(f"/api/download/{name}", path.name, path.stat().st_size, report)
 
     def answer(self, name: str) -> FileResponse:
-        """The file, as an attachment.
-
-        Raises:
-            BadRequest: It is no longer there.
-        """
+        """BadRequest once it is gone."""
         with self._lock:
             path = self._known.get(name)
         if path is None or not path.is_file():

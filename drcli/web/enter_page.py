@@ -1,10 +1,8 @@
-"""The page that asks for the token of the console, and says where to find it."""
+"""The page that asks for the token of the console."""
 
 from html import escape
 
 STYLE = "/enter.css"
-"""Its style sheet, which everybody may read."""
-
 GET_LINK = (
     "Run `dr console` in the working folder: it opens the page with its token. "
     "`dr-start-viewer` prints the link."
@@ -39,11 +37,6 @@ that has opened the link keeps the token for a year, so a bookmark works without
 
 
 def enter_page(sentence: str, *, asks_again: bool = False) -> str:
-    """The page as HTML.
-
-    Args:
-        sentence: Why it is shown.
-        asks_again: Whether the browser asks for the front page once more, by itself.
-    """
+    """`asks_again`: the browser asks for the front page once more."""
     again = '\n<meta http-equiv="refresh" content="0; url=/">' if asks_again else ""
     return _PAGE.format(again=again, style=STYLE, sentence=escape(sentence))

@@ -1,4 +1,4 @@
-"""Answers about stored episodes: which there are, and what the episode player makes of them."""
+"""Answers of the episode player about stored episodes."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,16 +14,11 @@ from drcli.web.answers import BadRequest, answers
 from drcli.web.served_folder import ServedFolder
 
 PACKED = "application/octet-stream"
-"""Content type of answers with pictures; see `drcli.playback.packed_answer`."""
-
 _NUMBER_LIMIT = 10**9
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`GET /api/play/…`: models, traces, open, lap, policy as JSON; steps, explained as packed.
-
-    The player is a process of its own, which the first request starts.
-    """
+    """The first request starts the player's process."""
     player = PlayerHandle(folder.directory)
     folder.at_end.append(player.close)
 
@@ -68,11 +63,6 @@ def _names(request: Request) -> dict[str, str]:
 
 
 def _text(request: Request, name: str) -> str:
-    """A text of the query.
-
-    Raises:
-        BadRequest: It is missing.
-    """
     value = request.query_params.get(name, "")
     if not value or len(value) > 1024:
         raise BadRequest(f"The request needs a {name}.")
@@ -80,11 +70,6 @@ def _text(request: Request, name: str) -> str:
 
 
 def _number(request: Request, name: str) -> int:
-    """A number of the query.
-
-    Raises:
-        BadRequest: It is missing, or no number from 0 on.
-    """
     text = request.query_params.get(name, "")
     if not (text.isascii() and text.isdecimal() and len(text) < 12):
         raise BadRequest(f"The request needs a number {name}.")

@@ -1,8 +1,7 @@
-"""Topics of what was driven, from the bucket: `episodes`, `laps`, `elsewhere`.
+"""Topics of what was driven, from the bucket.
 
-`episodes:RUN` has a row for each episode of a training, `laps:RUN:WORKER` the lines that the cars
-of a simulation worker drove in the last iteration, `elsewhere:RUN` who trains the model on another
-machine. RUN is DR_RUN_ID, WORKER a number.
+`episodes:RUN` has a row for each episode, `laps:RUN:WORKER` the lines of a worker's last iteration,
+`elsewhere:RUN` who trains the model on another machine. RUN is DR_RUN_ID, WORKER a number.
 """
 
 import re
@@ -20,8 +19,6 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Rows, Snapshot, Value
 
 EPISODES_S = 2.0
-"""Time between two looks at the episodes; only objects that have changed are read."""
-
 LAPS_S = 2.0
 
 ELSEWHERE_S = 4.0
@@ -32,11 +29,6 @@ _LAPS = re.compile(r"laps:(\d{1,2}):(\d{1,3})")
 
 
 def _numbers(pattern: re.Pattern[str], topic: str) -> list[int]:
-    """The numbers in a topic.
-
-    Raises:
-        ValueError: There is no such topic.
-    """
     found = pattern.fullmatch(topic)
     if found is None:
         raise ValueError(topic)
@@ -51,12 +43,7 @@ def _away(run: SeenRun) -> StorageError:
 
 
 class EpisodeRows:
-    """Reads the episodes of a run.
-
-    Args:
-        topic: Of its rows.
-        look: Finds the run.
-    """
+    """Of a run."""
 
     def __init__(self, topic: str, look: Callable[[], SeenRun]) -> None:
         self._look = look
@@ -64,11 +51,7 @@ class EpisodeRows:
         self._rows = Rows(topic)
 
     def read(self) -> Value:
-        """The rows: iteration, 1 for an evaluation, reward, progress.
-
-        Raises:
-            StorageError: The bucket does not answer.
-        """
+        """Rows of iteration, 1 for an evaluation, reward, progress."""
         run = self._look()
         if run.model is None:
             raise _away(run)
@@ -77,13 +60,7 @@ class EpisodeRows:
 
 
 class LapReader:
-    """Reads the lines of a worker when an iteration has been finished.
-
-    Args:
-        topic: Of its values.
-        look: Finds the run.
-        worker: Number of the worker.
-    """
+    """After each iteration."""
 
     def __init__(self, topic: str, look: Callable[[], SeenRun], worker: int) -> None:
         self._topic, self._look, self._worker = topic, look, worker
@@ -91,11 +68,7 @@ class LapReader:
         self._read: tuple[str, int] | None = None
 
     def read(self) -> Value | None:
-        """The newest lines; None if they were read before.
-
-        Raises:
-            StorageError: The bucket does not answer.
-        """
+        """None if they were read before."""
         run = self._look()
         if run.model is None:
             self._read = None
@@ -113,7 +86,7 @@ class LapReader:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Declare the topics; there is no route."""
+    """Only topics."""
 
     def look_at(run_id: int) -> Callable[[], SeenRun]:
         return lambda: seen_run(folder.settings(), run_id)

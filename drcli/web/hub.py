@@ -1,7 +1,7 @@
 """Distributes the values of topics to the clients of the WebSocket.
 
-A topic has a source while somebody watches it, and costs nothing otherwise. A client keeps a set of
-topics with news, not a queue: a slow reader misses values in between and never delays others.
+A topic has a source only while somebody watches it. A client keeps a set of topics with news, not a
+queue: a slow reader misses values and never delays others.
 """
 
 import asyncio
@@ -12,8 +12,6 @@ from typing import Protocol
 from drcli.web.topics import Marker, Message, Snapshot, Value, text_message
 
 MOST_TOPICS = 64
-"""Topics that one client may watch."""
-
 _UNKNOWN = {
     "message": "There is no such topic, or this page watches too many.",
     "remedy": "Load the page again.",
@@ -22,24 +20,20 @@ _UNKNOWN = {
 
 
 class Source(Protocol):
-    """Produces the values of a topic while somebody watches it."""
+    """Of a topic."""
 
     def start(self) -> None:
-        """Begin; called in the event loop."""
+        """Called in the event loop."""
 
     def stop(self) -> None:
-        """End; called in the event loop. No value is published after it."""
+        """No value is published after it."""
 
 
 Publish = Callable[[Value], None]
-"""Publishes a value; any thread may call it."""
+"""Any thread may call it."""
 
 OpenSource = Callable[[str, Publish], Source]
-"""Makes the source of a topic.
-
-Raises:
-    ValueError: There is no such topic.
-"""
+"""ValueError: there is no such topic."""
 
 
 @dataclass(eq=False)
@@ -47,9 +41,8 @@ class Client:
     """One connection.
 
     Attributes:
-        topics: What it watches.
-        news: Topics with a value that it may not have, the longest waiting first: a topic that
-            changes all the time must not keep others from being sent.
+        news: Topics with a value that it may not have, the longest waiting first, so that one that
+            always changes does not hold up others.
         markers: What it has got of each topic.
         replies: Messages for it alone.
     """
@@ -61,13 +54,13 @@ class Client:
     wake: asyncio.Event = field(default_factory=asyncio.Event)
 
     def tell(self, topic: str) -> None:
-        """Note that there is news of a topic."""
+        """Note news."""
         self.news.setdefault(topic)
         self.wake.set()
 
 
 class Hub:
-    """All topics and clients. Its methods run in the event loop, except `publish`."""
+    """Runs in the event loop, except `publish`."""
 
     def __init__(self) -> None:
         self._kinds: dict[str, OpenSource] = {}
@@ -77,40 +70,37 @@ class Hub:
         self._clients: set[Client] = set()
 
     def add_kind(self, kind: str, open_source: OpenSource) -> None:
-        """Declare topics: those that are `kind`, or begin with it and a colon."""
+        """Declare topics that are `kind`, or begin with it and a colon."""
         self._kinds[kind] = open_source
 
     def run_in(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Use the event loop of the server."""
+        """The server's."""
         self._loop = loop
 
     @property
     def watched(self) -> Set[str]:
-        """Topics that somebody watches."""
+        """By anybody."""
         return self._sources.keys()
 
     def publish(self, topic: str, value: Value) -> None:
-        """Give the newest value of a topic to its clients; any thread may call it."""
+        """Any thread may call it."""
         loop = self._loop
         if loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self._accept, topic, value)
 
     def connect(self) -> Client:
-        """A new client, which watches nothing yet."""
+        """Watches nothing."""
         client = Client()
         self._clients.add(client)
         return client
 
     def disconnect(self, client: Client) -> None:
-        """Forget a client."""
+        """Forget it."""
         self.watch(client, set())
         self._clients.discard(client)
 
     def watch(self, client: Client, topics: set[str]) -> None:
-        """Let a client watch these topics instead of those that it watched.
-
-        It is told which of them do not exist, or are too many.
-        """
+        """Replace what a client watches, and tell it which topics are wrong or too many."""
         refused = []
         wanted = sorted(topics)
         for topic in client.topics - set(wanted[:MOST_TOPICS]):
@@ -133,7 +123,6 @@ class Hub:
             client.wake.set()
 
     async def next_message(self, client: Client) -> Message:
-        """Wait for something new for a client."""
         while True:
             if client.replies:
                 return client.replies.pop()
@@ -151,13 +140,12 @@ class Hub:
             await client.wake.wait()
 
     def close(self) -> None:
-        """Stop all sources."""
+        """End sources."""
         for source in self._sources.values():
             source.stop()
         self._sources.clear()
 
     def _open(self, topic: str) -> bool:
-        """Start the source of a topic if it has none; whether there is such a topic."""
         if topic in self._sources:
             return True
         open_source = self._kinds.get(topic.partition(":")[0])
@@ -189,33 +177,21 @@ class Hub:
 
 
 class Stored:
-    """A source of values that something else publishes, such as the list of tasks.
-
-    Args:
-        publish: Publishes a value.
-        newest: The value for a new topic.
-    """
+    """For values that something else publishes."""
 
     def __init__(self, publish: Publish, newest: Callable[[], Value]) -> None:
         self._publish, self._newest = publish, newest
 
     def start(self) -> None:
-        """Publish what is known."""
+        """Publish."""
         self._publish(self._newest())
 
     def stop(self) -> None:
-        """Nothing to stop."""
+        """Nothing."""
 
 
 class Polled:
-    """A source that reads in a thread, again and again, and publishes what it finds.
-
-    Args:
-        topic: For the log.
-        publish: Publishes a value.
-        read: Reads; may wait for a disk or a bucket. Its errors are published as `{"error": …}`.
-        period_s: Time between the end of a reading and the next one.
-    """
+    """Reads in a thread, and publishes what it finds, errors as `{"error": …}`."""
 
     def __init__(
         self, topic: str, publish: Publish, read: Callable[[], Value | None], period_s: float
@@ -225,11 +201,11 @@ class Polled:
         self._task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        """Begin to read."""
+        """Begin reading."""
         self._task = asyncio.get_running_loop().create_task(self._poll())
 
     def stop(self) -> None:
-        """Read no more; a reading under way ends by itself, and its value is dropped."""
+        """A reading under way ends; its value is dropped."""
         if self._task is not None:
             self._task.cancel()
             self._task = None

@@ -1,4 +1,4 @@
-"""Hyperparameters on the page: values with their explanations, limits and problems."""
+"""Hyperparameters on the page."""
 
 import json
 from collections.abc import Sequence
@@ -29,7 +29,6 @@ def _content(file: OwnFile) -> dict[str, Any]:
 
 
 def _limits(schema: dict[str, Any]) -> dict[str, Any]:
-    """Kind and limits of a key; where several kinds are allowed, those that are not null."""
     options = [each for each in schema.get("anyOf", [schema]) if each.get("type") != "null"]
     one = options[0]
     kinds = {"integer": "whole", "boolean": "flag", "number": "number"}
@@ -72,11 +71,7 @@ def _algorithms(key: str) -> list[str]:
 
 
 def _text(file: OwnFile, changes: dict[str, Any]) -> bytes:
-    """The file with other values; None removes a key. Order and other keys stay.
-
-    Raises:
-        ProblemsError: It is not a JSON object.
-    """
+    """None removes a key; order and other keys stay."""
     values = {**read_json_object(file.data, file.shown, "V-04").values, **changes}
     kept = {key: value for key, value in values.items() if value is not None}
     return (json.dumps(kept, indent=2, ensure_ascii=False) + "\n").encode()
@@ -99,7 +94,7 @@ def _problems(settings: Settings, file: InputFile) -> list[dict[str, Any]]:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`GET` and `PUT /api/hyperparameters`, and their check."""
+    """Below /api/hyperparameters."""
 
     def show(_: Request) -> Any:
         settings = folder.settings()

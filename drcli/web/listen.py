@@ -1,4 +1,4 @@
-"""Where a console listens: what its process reads from its standard input."""
+"""Where a console listens: the standard input of its process."""
 
 import json
 from collections.abc import Mapping
@@ -8,11 +8,7 @@ from typing import Literal
 from drcli.base.json_record import from_json
 
 ENTER = "/enter"
-"""Page that takes a token and gives the cookie for it."""
-
 STREAM = "/stream"
-"""Pictures as MJPEG."""
-
 USUAL_TOPIC = "/racecar/deepracer/kvs_stream"
 
 TOPICS: Mapping[str, Literal["camera", "chase"]] = {
@@ -20,7 +16,7 @@ TOPICS: Mapping[str, Literal["camera", "chase"]] = {
     "/racecar/main_camera/zed/rgb/image_rect_color": "chase",
     "/racecar/camera/zed/rgb/image_rect_color": "camera",
 }
-"""Topics of the viewer of DeepRacer-for-Cloud, and what is shown for each."""
+"""Of the viewer of DeepRacer-for-Cloud."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +24,9 @@ class Listen:
     """What the process is given.
 
     Attributes:
-        descriptor: A socket that is bound to address and port.
+        descriptor: A bound socket.
         token: Without one, every user of this machine may use the console.
-        secrets: Of the environment of the command, such as keys to the bucket.
+        secrets: Of the command's environment, such as keys to the bucket.
     """
 
     descriptor: int
@@ -38,14 +34,10 @@ class Listen:
     secrets: dict[str, str] = field(default_factory=dict)
 
     def line(self) -> bytes:
-        """As one line of JSON."""
+        """As JSON."""
         return json.dumps(asdict(self)).encode() + b"\n"
 
     @staticmethod
     def of_line(line: bytes) -> "Listen":
-        """The same, read.
-
-        Raises:
-            RecordError: It is not such a line.
-        """
+        """Read it, or raise RecordError."""
         return from_json(Listen, json.loads(line))

@@ -1,9 +1,8 @@
-"""Topics of what workers show: `workers`, and `live:RUN:WORKER:VIEW` for each view of each worker.
+"""Topics of what workers show: `workers`, and `live:RUN:WORKER:VIEW`.
 
-RUN is DR_RUN_ID, WORKER the name of a worker as in the topic `workers`, VIEW one of `camera`,
-`chase` (pictures), `scene` and `state` (JSON). A topic may be watched before its worker runs. One
-car of a worker is looked at, the same for all pages: `POST /api/live/car` with `run_id`, `worker`
-and `car` (null for the one that has come furthest) chooses it, and the last choice counts.
+RUN is DR_RUN_ID, VIEW `camera`, `chase` (pictures), `scene` or `state` (JSON). A topic may be
+watched before its worker runs. All pages look at one car of a worker: the last `POST /api/live/car`
+with `run_id`, `worker` and `car` (null: the furthest) counts.
 """
 
 import json
@@ -26,8 +25,6 @@ from drcli.web.shared_feed import SharedFeed
 from drcli.web.topics import Marker, Message, Picture, Snapshot, Value
 
 WORKERS_S = 1.0
-"""Time between two looks for workers."""
-
 WORKER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 _TOPIC = re.compile(rf"live:(\d{{1,2}}):({WORKER_NAME.pattern}):({'|'.join(LIVE_VIEWS)})")
@@ -35,17 +32,13 @@ _TOPIC = re.compile(rf"live:(\d{{1,2}}):({WORKER_NAME.pattern}):({'|'.join(LIVE_
 
 @dataclass(frozen=True, eq=False)
 class LiveText:
-    """A scene or a state, sent as a whole, as the worker wrote it."""
+    """As received."""
 
     text: str
 
     @staticmethod
     def of(topic: str, message: LiveMessage) -> "LiveText":
-        """The value of a message.
-
-        Raises:
-            ValueError: It is not JSON.
-        """
+        """ValueError if it is not JSON."""
         data = {
             "step_s": message.step_s,
             "car": message.car,
@@ -55,16 +48,12 @@ class LiveText:
         return LiveText(text)
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """The text, unless the client has it."""
+        """Whole."""
         return (None if since is self else self.text), self
 
 
 class LiveViews:
-    """The topics `live:…` of all workers.
-
-    Args:
-        shared: The feed of the console.
-    """
+    """Topics `live:…`."""
 
     def __init__(self, shared: SharedFeed) -> None:
         self._shared = shared
@@ -72,11 +61,7 @@ class LiveViews:
         self._open: dict[tuple[int, str, LiveView], tuple[str, Publish]] = {}
 
     def open(self, topic: str, publish: Publish) -> "_LiveSource":
-        """The source of a topic.
-
-        Raises:
-            ValueError: There is no such topic.
-        """
+        """ValueError if there is no such topic."""
         found = _TOPIC.fullmatch(topic)
         if found is None:
             raise ValueError(topic)
@@ -84,12 +69,12 @@ class LiveViews:
         return _LiveSource(self, (int(found[1]), found[2], view), topic, publish)
 
     def begin(self, key: tuple[int, str, LiveView], topic: str, publish: Publish) -> None:
-        """Watch a view."""
+        """Watch."""
         self._open[key] = topic, publish
         self._ask(key[:2])
 
     def end(self, key: tuple[int, str, LiveView]) -> None:
-        """Watch a view no more."""
+        """Stop."""
         if self._open.pop(key, None) is not None:
             self._ask(key[:2])
 
@@ -97,7 +82,6 @@ class LiveViews:
         self._part.watch(*worker, [view for run, name, view in self._open if (run, name) == worker])
 
     def _take(self, run_id: int, worker: str, message: LiveMessage) -> None:
-        """Publish a message; called in a thread of the feed."""
         opened = self._open.get((run_id, worker, message.view))
         if opened is None:
             return
@@ -118,24 +102,20 @@ class LiveViews:
 
 
 class _LiveSource:
-    """Watches a view of a worker while somebody watches its topic."""
-
     def __init__(
         self, views: LiveViews, key: tuple[int, str, LiveView], topic: str, publish: Publish
     ) -> None:
         self._views, self._key, self._topic, self._publish = views, key, topic, publish
 
     def start(self) -> None:
-        """Watch it."""
         self._views.begin(self._key, self._topic, self._publish)
 
     def stop(self) -> None:
-        """Watch it no more."""
         self._views.end(self._key)
 
 
 def present(folder: ServedFolder) -> dict[str, Any]:
-    """Runs that were started in the folder, and the workers that can be watched now."""
+    """Runs and workers."""
     runs = []
     for path in sorted((folder.directory / "data" / "runs").glob("*/run.json")):
         record = RunRecord.read(path.parent)
@@ -157,7 +137,7 @@ def present(folder: ServedFolder) -> dict[str, Any]:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """The topics, and `POST /api/live/car`."""
+    """`POST /api/live/car`."""
     views = LiveViews(folder.live)
 
     def open_workers(topic: str, publish: Publish) -> Polled:

@@ -1,6 +1,6 @@
-"""Topics `log:RUN:NAME`: the newest lines of a log of a run, as they are written.
+"""Topics `log:RUN:NAME`: the newest lines of a log of a run.
 
-NAME is `supervisor`, `trainer`, `sim-0`, `reward-0` (what the reward function prints in sim-0) or
+NAME is `supervisor`, `trainer`, `sim-0`, `reward-0` (prints of the reward function in sim-0) or
 `evaluation`.
 """
 
@@ -20,16 +20,10 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Marker, Message, Value, text_message
 
 LOG_S = 0.7
-"""Time between two looks at a file."""
-
 KEPT_LINES = 300
 
 MOST_BYTES = 1 << 16
-"""Read at a time; of more, only the end is read."""
-
 LONGEST_LINE = 1_000
-"""Characters; the rest is cut off."""
-
 _TOPIC = re.compile(r"log:(\d{1,2}):(supervisor|trainer|evaluation|(?:sim|reward)-\d{1,3})")
 
 
@@ -38,11 +32,9 @@ class LogLines:
     """The newest lines of a log.
 
     Attributes:
-        topic: Its topic.
-        file: Which file it is: another number when the log began anew.
-        total: Lines that were read of it so far.
-        lines: The newest of them.
-        note: A sentence where there is no log; empty otherwise.
+        file: Another number when the log began anew.
+        total: Lines that were read of it.
+        note: Why there is no log.
     """
 
     topic: str
@@ -52,7 +44,7 @@ class LogLines:
     note: str = ""
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """`{"anew", "lines", "note"}`: lines to add, or to show instead of all before."""
+        """`{"anew", "lines", "note"}`: lines to add, or to show instead."""
         marker = (self.file, self.total, self.note)
         if since == marker:
             return None, marker
@@ -65,11 +57,7 @@ class LogLines:
 
 
 class LogReader:
-    """Reads what is added to a log.
-
-    Args:
-        topic: Of its values.
-    """
+    """Of new lines."""
 
     def __init__(self, topic: str) -> None:
         self._topic = topic
@@ -80,12 +68,7 @@ class LogReader:
         self._lines: deque[str] = deque(maxlen=KEPT_LINES)
 
     def read(self, path: Path | None, missing: str) -> LogLines:
-        """The lines so far.
-
-        Args:
-            path: The log; None if it is not known which.
-            missing: What is said if it does not exist.
-        """
+        """So far."""
         note = ""
         try:
             if path is None:
@@ -127,7 +110,7 @@ class LogReader:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Declare the topics; there is no route."""
+    """Only topics."""
 
     def open_log(topic: str, publish: Publish) -> Polled:
         found = _TOPIC.fullmatch(topic)

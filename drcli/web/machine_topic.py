@@ -1,4 +1,4 @@
-"""Topic `machine`: processor, memory, disk and graphics processor of this machine."""
+"""Topic `machine`: processor, memory, disk and GPUs."""
 
 import csv
 import io
@@ -20,15 +20,12 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Snapshot
 
 MACHINE_S = 2.0
-"""Time between two looks at the machine."""
-
 NVIDIA_S = 5.0
-"""How long nvidia-smi may take."""
 
 
 @dataclass(frozen=True)
 class Gpu:
-    """One NVIDIA GPU: how busy it is in percent, its memory in bytes; null where unknown."""
+    """NVIDIA."""
 
     name: str
     percent: float | None
@@ -38,18 +35,13 @@ class Gpu:
 
 @dataclass(frozen=True)
 class Machine:
-    """What a machine has, and what of it is used.
+    """What a machine has and uses.
 
     Attributes:
-        name: Of the processor; empty if unknown.
-        cores: Logical processors.
         processor_percent: Of all cores, since the last look.
-        load: Mean number of processes that run or wait, over a minute; null where unknown.
+        load: Mean number of processes that run or wait, over a minute.
         memory_bytes: RAM, or the limit of the container.
-        memory_used_bytes: What of it is in use.
-        disk_bytes: Of the disk of the working folder.
-        disk_used_bytes: What of it is in use.
-        gpus: NVIDIA GPUs.
+        disk_bytes: Of the working folder's disk.
     """
 
     name: str
@@ -66,15 +58,14 @@ class Machine:
 class ProcessorMeter:
     """How busy all cores were since the last look, whichever thread looks.
 
-    psutil.cpu_percent remembers its last look for each thread, and the console reads in threads of
-    a pool: there it gives 0, or the mean of a long time.
+    psutil.cpu_percent looks per thread: in a pool it gives 0, or the mean of a long time.
     """
 
     def __init__(self) -> None:
         self._total_s, self._idle_s = _processor_times()
 
     def percent(self) -> float:
-        """Percent of all cores since the last call, or since this object was made."""
+        """Since last call."""
         total_s, idle_s = _processor_times()
         passed_s, unused_s = total_s - self._total_s, idle_s - self._idle_s
         self._total_s, self._idle_s = total_s, idle_s
@@ -82,7 +73,7 @@ class ProcessorMeter:
 
 
 def _processor_times() -> tuple[float, float]:
-    """Seconds that all cores have had since the start of the machine, and those without work."""
+    """Seconds of all cores since the start, and idle ones."""
     times = psutil.cpu_times()
     # Linux counts guests in user and nice already.
     counted = {name: s for name, s in times._asdict().items() if not name.startswith("guest")}
@@ -90,12 +81,7 @@ def _processor_times() -> tuple[float, float]:
 
 
 def look(directory: Path, processor: ProcessorMeter) -> Machine:
-    """The machine as it is now.
-
-    Args:
-        directory: The working folder, whose disk is measured.
-        processor: Measures the processor from one look to the next.
-    """
+    """Now."""
     memory, disk = read_memory(), psutil.disk_usage(str(directory))
     return Machine(
         name=_processor(),
@@ -112,7 +98,6 @@ def look(directory: Path, processor: ProcessorMeter) -> Machine:
 
 @cache
 def _processor() -> str:
-    """Name of the processor."""
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
@@ -146,7 +131,6 @@ def _gpus() -> list[Gpu]:
 
 
 def _number(text: str, factor: float = 1.0) -> float | None:
-    """A number of nvidia-smi; None for "[N/A]"."""
     try:
         return float(text) * factor
     except ValueError:
@@ -154,7 +138,7 @@ def _number(text: str, factor: float = 1.0) -> float | None:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Declare the topic; there is no route."""
+    """Only topics."""
     processor = ProcessorMeter()
 
     def open_machine(topic: str, publish: Publish) -> Polled:

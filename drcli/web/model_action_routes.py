@@ -1,4 +1,4 @@
-"""Actions on a model, each a task that does what a command does."""
+"""Actions on a model: tasks that do what commands do."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,24 +36,14 @@ EVALUATION_FIELDS = {
     "video": "DR_EVAL_SAVE_MP4",
     "opponent": "DR_EVAL_OPP_S3_MODEL_PREFIX",
 }
-"""What the page can choose for an evaluation, and the setting of each."""
-
 MOST_ANALYSES = 50
-"""Verdicts that are remembered until the console ends."""
-
 _EPISODES = ("best", "all")
 
 
 def action_routes(
     reader: ModelReader, downloads: DownloadFolder, analyses: dict[str, Any]
 ) -> Sequence[BaseRoute]:
-    """Routes below /api/model; each takes the model as `prefix`, and answers with its task.
-
-    Args:
-        reader: Reads models.
-        downloads: Gets files that tasks make.
-        analyses: Gets the newest analysis of each model, by prefix.
-    """
+    """Routes below /api/model; each answers with its task."""
     folder, tasks = reader.folder, reader.folder.tasks
     directory = folder.directory
 
@@ -206,18 +196,13 @@ def action_routes(
 
 
 def _existing(reader: ModelReader, body: dict[str, Any]) -> str:
-    """The model of a request, which exists."""
     prefix = checked(body.get("prefix"))
     reader.open(prefix)
     return prefix
 
 
 def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
-    """The checkpoint of a request: a number, or a word such as best.
-
-    Raises:
-        BadRequest: It is none.
-    """
+    """A number, or a word such as best; else BadRequest."""
     try:
         return parse_checkpoint(text_of(body, "checkpoint", default))
     except BadValue as error:
@@ -225,11 +210,7 @@ def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
 
 
 def film_wish(body: dict[str, Any]) -> dict[str, Any]:
-    """How a film should be.
-
-    Raises:
-        BadRequest: It cannot be so.
-    """
+    """BadRequest if it cannot be so."""
     episode = text_of(body, "episode", "best")
     if episode not in _EPISODES and not (episode.isdecimal() and len(episode) < 7):
         raise BadRequest("The episode is best, all or a number.")
@@ -248,11 +229,7 @@ def film_wish(body: dict[str, Any]) -> dict[str, Any]:
 
 
 def evaluation_flags(body: dict[str, Any]) -> dict[str, str]:
-    """Settings of an evaluation that a request changes; their values are checked as settings.
-
-    Raises:
-        BadRequest: A value is no text, number or truth value.
-    """
+    """Settings that a request changes, not yet checked."""
     flags = {}
     for field, name in EVALUATION_FIELDS.items():
         value = body.get(field)
@@ -265,7 +242,7 @@ def evaluation_flags(body: dict[str, Any]) -> dict[str, str]:
 
 
 def evaluation_choices(reader: ModelReader, prefix: str) -> dict[str, Any]:
-    """What an evaluation of a model can be, and what the settings say."""
+    """What it can be, and what the settings say."""
     from drcli.config.settings import catalogue
     from drcli.config.track_names import built_in, own
 
@@ -287,10 +264,10 @@ def evaluation_choices(reader: ModelReader, prefix: str) -> dict[str, Any]:
 
 
 def stop_training_of(reader: ModelReader, prefix: str) -> Any:
-    """Stop the training of a model, as dr-stop-training with its DR_RUN_ID.
+    """Stop a training as dr-stop-training does.
 
     Raises:
-        SettingsError: It is not trained on this machine.
+        SettingsError: It is not on this machine.
         WorkerDied: It is still stopping.
     """
     settings = reader.folder.settings()
@@ -321,10 +298,10 @@ def clone_model(
     choice: CheckpointChoice,
     description: str | None,
 ) -> Increment:
-    """Make the next training start a new model from this one, as dr-increment-training.
+    """Make the next training start from this model, as dr-increment-training.
 
     Raises:
-        SettingsError: It cannot be done; nothing was changed.
+        SettingsError: Nothing was changed.
     """
     settings = reader.folder.settings()
     if prefix != settings.model_prefix:
@@ -336,12 +313,6 @@ def clone_model(
 
 
 def _driven(reader: ModelReader, prefix: str, began: dict[str, Any]) -> dict[str, Any]:
-    """Wait for the end of an evaluation.
-
-    Raises:
-        WorkerDied: It has no results.
-        StorageError: The bucket does not answer, so that is unknown.
-    """
     closing = reader.folder.tasks.closing
     while is_alive(began["pid"], began["pid_started"]):
         if closing.wait(0.5):

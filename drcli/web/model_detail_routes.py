@@ -1,4 +1,4 @@
-"""The page of one model: numbers, checkpoints, reward graph, evaluations, files, notes."""
+"""The page of one model."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,7 +21,7 @@ from drcli.web.model_reader import ModelReader, checked, prefix_of
 
 
 def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
-    """Routes below /api/model; each has the model as `?prefix=`."""
+    """Below /api/model."""
 
     def overview(request: Request) -> Any:
         prefix = prefix_of(request)
@@ -109,11 +109,6 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
 
 
 def _number(value: Any) -> int:
-    """The number of a note.
-
-    Raises:
-        BadRequest: It is none.
-    """
     if isinstance(value, str) and value.isdecimal() and len(value) < 9:
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:

@@ -1,4 +1,4 @@
-"""Files of a model that a browser shows or keeps: videos, the report, downloads."""
+"""Files of a model that a browser shows or keeps."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,20 +21,15 @@ REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; img-src data:; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""For the report, whose own policy allows its scripts by their hashes. In the sandbox it has no
-origin, so even a script that got into it could neither read nor ask anything of the console."""
+"""The report's own policy allows its scripts by hash. The sandbox has no origin, so a script in it
+could neither read nor ask anything of the console.
+"""
 
 
 def file_routes(
     reader: ModelReader, downloads: DownloadFolder, analyses: dict[str, Any]
 ) -> Sequence[BaseRoute]:
-    """Routes that answer with files.
-
-    Args:
-        reader: Reads models.
-        downloads: Has files that tasks have made.
-        analyses: The newest analysis of each model, by prefix.
-    """
+    """For downloads."""
     videos = ObjectCopies(reader.folder.directory / "data" / "viewer" / "videos")
 
     def video(request: Request) -> Any:
@@ -75,7 +70,7 @@ def file_routes(
 
 
 def _report(directory: Path, prefix: str) -> Path | None:
-    """The report of a model, if there is one; a link out of the folder of reports is none."""
+    """A link out of the folder is none."""
     path = report_file(directory, prefix)
     inside = path.resolve().is_relative_to(report_folder(directory).resolve())
     return path if inside and path.is_file() else None

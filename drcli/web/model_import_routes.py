@@ -1,4 +1,4 @@
-"""Models that the racer drops on the page: files are stored in a folder, then imported."""
+"""Models that the racer drops on the page."""
 
 import re
 import secrets
@@ -21,17 +21,13 @@ from drcli.web.model_reader import ModelReader, checked
 from drcli.web.tasks import Progress
 
 LARGEST_UPLOAD = 2 << 30
-"""Bytes of one file; consoles refuse models of more than 1 GB."""
+"""Consoles refuse more than 1 GB."""
 
 LEAST_FREE = 512 << 20
-"""Bytes of the disk that an upload leaves free, for a training that may be running."""
+"""For a training."""
 
 MOST_FILES = 8
-"""Files of one import: a graph, its metadata, a reward function, hyperparameters."""
-
 KEPT_S = 3600.0
-"""How long files are kept that nobody imports."""
-
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
 _ID = re.compile(r"[0-9a-f]{24}")
 
@@ -39,7 +35,7 @@ _ID = re.compile(r"[0-9a-f]{24}")
 def import_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     """`POST /api/uploads?name=FILE&upload=ID` takes a file, `POST /api/models/import` imports it.
 
-    The first file has no ID; the answer names the one for the others.
+    The answer to the first file has the ID for others.
     """
     place = reader.folder.directory / "data" / "viewer" / "uploads"
 
@@ -83,18 +79,12 @@ def import_routes(reader: ModelReader) -> Sequence[BaseRoute]:
 
 
 def _main_file(files: Sequence[Path]) -> Path:
-    """The file that holds the policy: what lies beside it is found by its name."""
     others = {".json", ".py", ".yaml", ".yml", ".md", ".txt"}
     found = [path for path in files if path.suffix.lower() not in others]
     return found[0] if len(found) == 1 else files[0].parent
 
 
 def _target(place: Path, request: Request) -> tuple[str, Path]:
-    """The folder of an import and the file to write in it.
-
-    Raises:
-        BadRequest: The name or the number is wrong, or there are too many files.
-    """
     name = request.query_params.get("name", "")
     if _NAME.fullmatch(name) is None:
         raise BadRequest(
@@ -121,7 +111,6 @@ def _folder(place: Path, number: Any) -> Path:
 
 
 def _sweep(place: Path) -> None:
-    """Delete what nobody has imported."""
     if not place.is_dir():
         return
     for folder in place.iterdir():
@@ -130,12 +119,7 @@ def _sweep(place: Path) -> None:
 
 
 async def _store(request: Request, path: Path) -> int:
-    """Write the body of a request to a file; nothing is left of one that is too large.
-
-    Raises:
-        BadRequest: It is too large, empty, or was cut off.
-        DiskFull: It would fill the disk.
-    """
+    """Nothing is left of a body that is too large."""
     announced = request.headers.get("content-length", "")
     size = int(announced) if announced.isdecimal() and len(announced) < 16 else 0
     room = min(LARGEST_UPLOAD, shutil.disk_usage(path.parent).free - LEAST_FREE)

@@ -1,4 +1,4 @@
-"""The list of models: topic `models`, and topic `model:PREFIX` about changes of one."""
+"""Topic `models`, and topic `model:PREFIX` about changes of one."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -20,11 +20,7 @@ from drcli.web.model_reader import ModelReader
 from drcli.web.topics import Snapshot
 
 MODELS_S = 3.0
-"""Time between two looks at all models."""
-
 MODEL_S = 1.5
-"""Time between two looks at one model."""
-
 _GROUPS = {
     "model/": "checkpoints",
     "metrics/evaluation/": "evaluations",
@@ -38,11 +34,11 @@ _GROUPS = {
     "logs/": "",
     "training-simtrace/": "",
 }
-"""Beginnings of names below a model, and the part of the page that shows them; the first counts."""
+"""Beginnings of names; the first counts."""
 
 
 def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
-    """The topics, and routes that read the list."""
+    """And topics."""
 
     def open_models(topic: str, publish: Publish) -> Polled:
         return Polled(topic, publish, lambda: Snapshot.of(topic, all_models(reader)), MODELS_S)
@@ -68,7 +64,7 @@ def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
 
 
 def all_models(reader: ModelReader) -> dict[str, Any]:
-    """All models, each with its newest training, and what drives now."""
+    """And trainings."""
     listed, known = reader.models()
     newest: dict[str, TrainingEntry] = {}
     laps: dict[str, int] = {}
@@ -99,7 +95,7 @@ def all_models(reader: ModelReader) -> dict[str, Any]:
 
 
 def changes(reader: ModelReader, prefix: str) -> dict[str, Any]:
-    """What the page of a model must read again: a signature for each of its parts."""
+    """A signature for each part of the page of a model."""
     settings = reader.folder.settings()
     bucket = reader.bucket(settings)
     folder = keys.folder(prefix)

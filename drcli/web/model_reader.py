@@ -1,4 +1,4 @@
-"""Reads models for all pages: what one page has caused to be read, the others get, too."""
+"""Reads models once for all pages."""
 
 import math
 import threading
@@ -22,14 +22,12 @@ from drcli.web.answers import BadRequest
 from drcli.web.served_folder import ServedFolder
 
 NEW_S, OLD_S = 0.8, 15.0
-"""Age below which a list need not be read again, and above which it always is."""
+"""Younger lists are not read again, older ones always."""
 
 LIST_SHARE = 30.0
-"""Between them: so many times the time that reading it took."""
+"""Between them: times as long as reading took."""
 
 KNOWN_SHARE = 100.0
-"""Trainings are read again after so many times the time that reading them took."""
-
 MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
 METRICS = "DR_LOCAL_S3_METRICS_PREFIX"
 PRETRAINED = "DR_LOCAL_S3_PRETRAINED"
@@ -37,11 +35,7 @@ DESCRIPTION = "DR_MODEL_DESCRIPTION"
 
 
 class ModelReader:
-    """What the routes about models share.
-
-    Args:
-        folder: The working folder.
-    """
+    """Shared."""
 
     def __init__(self, folder: ServedFolder) -> None:
         self.folder = folder
@@ -55,16 +49,11 @@ class ModelReader:
         self._known_s, self._known_took_s = -math.inf, 0.0
 
     def bucket(self, settings: Settings) -> Bucket:
-        """The bucket for reading, as commands open it."""
+        """For reading."""
         return bucket_to_look_at(settings.transfer, upload=False)
 
     def models(self) -> tuple[ModelList, KnownTrainings]:
-        """All models and trainings, at most a moment old.
-
-        Raises:
-            SettingsError: A setting is wrong.
-            StorageError: The bucket does not answer.
-        """
+        """At most a moment old."""
         with self._lock:
             settings = self.folder.settings()
             bucket = self.bucket(settings)
@@ -91,7 +80,6 @@ class ModelReader:
         return self.models()[1]
 
     def _read_known(self, bucket: Bucket, listed: Listing) -> None:
-        """Read the trainings again if something of them has changed, and not too often."""
         # What processes do at the moment is below runs/, and changes every second.
         about = [info for info in listed if not info.key.startswith(("rollouts/", "runs/"))]
         signature = signature_of(about)
@@ -107,22 +95,12 @@ class ModelReader:
     def settings_of(self, prefix: str, flags: Mapping[str, str] | None = None) -> Settings:
         """The settings for a model, which need not be that of run.env.
 
-        Args:
-            prefix: The model.
-            flags: Further settings, by DR_ name, as options of a command.
-
-        Raises:
-            SettingsError: One is wrong.
+        `flags` count as options of a command.
         """
         return settings_for(self.folder.directory, prefix, flags)
 
     def open(self, prefix: str) -> tuple[Settings, Bucket]:
-        """Settings and bucket of a model that exists.
-
-        Raises:
-            BadRequest: There is no such model.
-            StorageError: The bucket does not answer.
-        """
+        """BadRequest if the model does not exist."""
         settings = self.folder.settings()
         bucket = self.bucket(settings)
         if prefix not in models_in(bucket.list(keys.folder(prefix))):
@@ -130,7 +108,7 @@ class ModelReader:
         return settings, bucket
 
     def record(self, prefix: str) -> TrainingRecord | None:
-        """The newest training of a model; None without one."""
+        """Newest training."""
         try:
             return self.known().find(prefix)
         except SettingsError:
@@ -138,7 +116,7 @@ class ModelReader:
 
 
 def settings_for(directory: Path, prefix: str, flags: Mapping[str, str] | None = None) -> Settings:
-    """The settings of a folder for one of its models, see `ModelReader.settings_of`."""
+    """Like `ModelReader.settings_of`."""
     plain = load_settings(directory)
     changed = dict(flags or {})
     if prefix != plain.model_prefix:
@@ -150,25 +128,17 @@ def settings_for(directory: Path, prefix: str, flags: Mapping[str, str] | None =
 
 
 def no_model(bucket: str, prefix: str) -> BadRequest:
-    """The error about a model that does not exist."""
+    """The error."""
     return BadRequest(f"There is no model {prefix:.200} in s3://{bucket}.", 404)
 
 
 def prefix_of(request: Request) -> str:
-    """The model that a request names: `?prefix=`.
-
-    Raises:
-        BadRequest: It names none.
-    """
+    """From `?prefix=`."""
     return checked(request.query_params.get("prefix"))
 
 
 def checked(prefix: object, what: str = "prefix") -> str:
-    """A name that a model may have.
-
-    Raises:
-        BadRequest: It is none.
-    """
+    """A name for a model; else BadRequest."""
     if not isinstance(prefix, str) or not keys.is_valid_prefix(prefix) or len(prefix) > 500:
         raise BadRequest(
             f"The {what} is not the name of a model: use letters, digits and . _ - and / between "

@@ -1,4 +1,4 @@
-"""Everything about models: topics `models` and `model:PREFIX`, and the routes of their pages."""
+"""Everything about models."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +16,7 @@ from drcli.web.served_folder import ServedFolder
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """All routes about models."""
+    """All."""
     reader = ModelReader(folder)
     downloads = DownloadFolder(folder.directory)
     analyses: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""What tasks about models do in a process of their own: the functions of the commands."""
+"""What tasks about models do in their own process."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,8 +13,7 @@ from drcli.web.model_reader import settings_for
 from drcli.web.tasks import Progress
 
 DownloadKind = Literal["car", "onnx", "logs", "model", "everything"]
-"""What can be downloaded: the archive of the car, a policy, logs, the model without or with traces
-and videos."""
+"""`onnx`: a policy; `model`: without traces and videos."""
 
 
 def make_download(
@@ -25,7 +24,7 @@ def make_download(
     choice: CheckpointChoice,
     folder: Path,
 ) -> dict[str, Any]:
-    """Make a file to download, and return its path and the report of the command."""
+    """Returns the path and the report of the command."""
     settings = settings_for(directory, prefix)
     name = safe_name(prefix)
     if kind == "car":
@@ -56,7 +55,7 @@ def make_download(
 def _onnx(
     progress: Progress, settings: Any, prefix: str, choice: CheckpointChoice, folder: Path
 ) -> dict[str, Any]:
-    """A policy and its metadata, which other programs need beside it, in one ZIP archive."""
+    """With its metadata, which other programs need."""
     import zipfile
 
     from drcli.models.export_forms import export_form, plan_form
@@ -73,7 +72,7 @@ def _onnx(
 
 
 def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str, Any]:
-    """Analyse a model as dr-start-loganalysis does; returns verdict and advice."""
+    """Verdict and advice of dr-start-loganalysis."""
     from drcli.analysis.analysis import analyse
     from drcli.analysis.outputs import write_report
     from drcli.analysis.read_run import read_run
@@ -99,7 +98,7 @@ def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str,
 def start_training(
     progress: Progress, directory: Path, prefix: str, max_minutes: float | None
 ) -> dict[str, Any]:
-    """Resume the training of a model in the background, as dr-start-training --resume -q."""
+    """As dr-start-training --resume -q."""
     from drcli.runs.plan import StartOptions
     from drcli.runs.track_fetch import fetch_allowed
 
@@ -112,7 +111,7 @@ def start_training(
 def start_evaluation(
     progress: Progress, directory: Path, prefix: str, flags: dict[str, str]
 ) -> dict[str, Any]:
-    """Start an evaluation in the background, as dr-start-evaluation -q."""
+    """As dr-start-evaluation -q."""
     from drcli.runs.evaluation import launch_evaluation
     from drcli.runs.evaluation_plan import prepare_evaluation
     from drcli.runs.track_fetch import fetch_allowed
@@ -139,15 +138,9 @@ def make_lap_video(
     wish: dict[str, Any],
     path: Path | None,
 ) -> dict[str, Any]:
-    """Film a stored evaluation as dr-video does, and put the film beside its trace.
+    """Film an evaluation as dr-video does, and put the film beside its trace.
 
-    Args:
-        progress: Takes sentences.
-        directory: The working folder.
-        prefix: The model.
-        stamp: The evaluation.
-        wish: Fields of `drcli.video.make_video.Wish`.
-        path: File of a film to download instead; None for the film of the evaluation.
+    `wish` has fields of `drcli.video.make_video.Wish`; `path`: a film to download instead.
     """
     import tempfile
 
@@ -188,7 +181,7 @@ def upload_model(
     to: str,
     local: bool,
 ) -> Any:
-    """Copy a checkpoint to the upload bucket, as dr-upload-model."""
+    """As dr-upload-model."""
     from drcli.models.upload import UploadOptions, plan_upload, upload
 
     settings = settings_for(directory, prefix)
@@ -200,7 +193,7 @@ def upload_model(
 def import_archive(
     progress: Progress, directory: Path, source: Path, prefix: str, world: str | None
 ) -> Any:
-    """Make a model of files that the racer has uploaded, as dr-import --no-drive."""
+    """As dr-import --no-drive."""
     from drcli.config.loading import load_settings
     from drcli.models.download import download, plan_download
     from drcli.models.find_checkpoint import OwnModel
@@ -219,7 +212,7 @@ def import_archive(
 
 
 def delete_model(progress: Progress, directory: Path, prefix: str, forget: bool) -> Any:
-    """Delete a model with all its traces, as dr-delete-model."""
+    """As dr-delete-model."""
     from drcli.config.loading import load_settings
     from drcli.runs.model_removal import plan_removal, remove_models
 
@@ -230,8 +223,6 @@ def delete_model(progress: Progress, directory: Path, prefix: str, forget: bool)
 
 
 def _bars(progress: Progress) -> Any:
-    """Progress of a transfer as sentences."""
-
     @contextmanager
     def bar(title: str, total: int) -> Iterator[Watch]:
         done, shown = 0, -1

@@ -1,4 +1,4 @@
-"""Answers with an object of the bucket part by part, as a browser asks for a video."""
+"""Answers with parts of an object, as a browser asks for a video."""
 
 import hashlib
 import shutil
@@ -12,15 +12,10 @@ from drcli.store.bucket import Bucket, ObjectInfo
 from drcli.web.answers import BadRequest
 
 MOST_COPIES = 8
-"""Files that are kept on the disk; a browser asks for parts of one again and again."""
 
 
 class ObjectCopies:
-    """Copies of objects in files of which any part can be read.
-
-    Args:
-        folder: Where they are; what an earlier console has left there is deleted.
-    """
+    """Copies of objects; those of an earlier console are deleted."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -30,13 +25,9 @@ class ObjectCopies:
     def answer(
         self, bucket: Bucket, key: str, *, media_type: str, filename: str = ""
     ) -> FileResponse:
-        """The object, or the range of it that the request names.
+        """The object, or a range of it; `filename` makes it a download.
 
-        Args:
-            bucket: Where it is.
-            key: Checked by the caller: every object of the bucket can be read with it.
-            media_type: Of the object.
-            filename: For a download; empty to show it.
+        The caller checks `key`: every object can be read with it.
 
         Raises:
             BadRequest: There is no such object.
@@ -51,11 +42,7 @@ class ObjectCopies:
         )
 
     def path_of(self, bucket: Bucket, info: ObjectInfo) -> Path:
-        """The copy of an object.
-
-        Raises:
-            StorageError: It cannot be read.
-        """
+        """Its copy."""
         version = f"{bucket.name}\n{info.key}\n{info.size_bytes}\n{info.modified.isoformat()}"
         name = hashlib.sha256(version.encode()).hexdigest()[:32]
         with self._lock:

@@ -1,4 +1,4 @@
-"""The racer's three files as the page edits them: read with a version, saved with a backup."""
+"""The racer's three files, read with a version, saved with a backup."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -22,10 +22,8 @@ class OwnFile:
     """One of the three files.
 
     Attributes:
-        name: Its name.
-        data: Its content.
-        shown: The file as a racer would write it; where it will be saved.
-        origin: Where the content comes from: "own", "bucket" or "shipped".
+        shown: Where it will be saved, as a racer writes it.
+        origin: Of the content: "own", "bucket" or "shipped".
         version: Of the racer's own file; empty if there is none.
     """
 
@@ -37,7 +35,7 @@ class OwnFile:
 
     @property
     def text(self) -> str:
-        """The content as text; what is not UTF-8 is replaced."""
+        """Decoded."""
         return self.data.decode("utf-8", "replace")
 
     @property
@@ -46,16 +44,12 @@ class OwnFile:
         return InputFile(self.name, self.data, self.shown)
 
     def facts(self) -> dict[str, Any]:
-        """What the page shows about the file."""
+        """For the page."""
         return {"file": self.shown, "origin": self.origin, "version": self.version}
 
 
 def own_file(settings: Settings, name: str) -> OwnFile:
-    """A file that a start would take; the shipped example where it would refuse.
-
-    Raises:
-        ProblemsError: It cannot be read.
-    """
+    """The file that a start would take, or the shipped one; ProblemsError if unreadable."""
     folder = settings.custom_files_dir
     shown = display_name(folder / name, settings.directory)
     local = local_file(folder, name)
@@ -68,7 +62,7 @@ def own_file(settings: Settings, name: str) -> OwnFile:
 
 
 def values_of(file: OwnFile, rule: str) -> dict[str, Any] | None:
-    """The JSON object in a file as it is written; None where there is none."""
+    """As written."""
     try:
         return dict(read_json_object(file.data, file.shown, rule).values)
     except ProblemsError:
@@ -76,29 +70,20 @@ def values_of(file: OwnFile, rule: str) -> dict[str, Any] | None:
 
 
 def base_of(file: OwnFile, body: dict[str, Any]) -> OwnFile:
-    """The file that is changed: the shipped one, if the page asks to begin again with it."""
+    """The shipped file to begin again."""
     if body.get("shipped") is not True:
         return file
     return replace(file, data=model_file(file.name).read_bytes())
 
 
 def save_own_file(settings: Settings, name: str, data: bytes, seen: str) -> dict[str, Any]:
-    """Save a file; the old one is kept as NAME.bak.
+    """Save a file and keep the old one as NAME.bak; returns its facts and what else was written.
 
-    A training takes the shipped files only if there is none of the racer's. So the other two are
-    saved as well if they were shipped ones until now.
-
-    Args:
-        settings: Of the working folder.
-        name: The file.
-        data: Its new content.
-        seen: Version of the file that was edited.
-
-    Returns:
-        The facts about the file, whether it has changed, and the other files that were written.
+    A training takes the shipped files only if there is none of the racer's, so the others are saved
+    as well if they were shipped ones.
 
     Raises:
-        FilesChanged: Somebody else has changed it.
+        FilesChanged: The file is no longer the version `seen`.
         SettingsError: It cannot be written.
     """
     folder = settings.custom_files_dir
@@ -134,11 +119,7 @@ def _elsewhere(settings: Settings) -> dict[str, InputFile]:
 
 
 def new_text(body: dict[str, Any], key: str = "text") -> bytes:
-    """The new content of a file in a request.
-
-    Raises:
-        BadRequest: There is none.
-    """
+    """Or BadRequest."""
     text = body.get(key)
     if not isinstance(text, str):
         raise BadRequest(f"The request needs a text {key}.")

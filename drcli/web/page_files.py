@@ -1,4 +1,4 @@
-"""The files of the page: modules, style sheets, and what the report of dr-analyze has too."""
+"""The files of the page, some shared with the report of dr-analyze."""
 
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -17,7 +17,6 @@ _TYPES = {
 
 
 def _collect(folder: Traversable, at: str) -> dict[str, Traversable]:
-    """Files below a folder by their path on the server."""
     found: dict[str, Traversable] = {}
     for item in folder.iterdir():
         if item.is_dir():
@@ -28,7 +27,7 @@ def _collect(folder: Traversable, at: str) -> dict[str, Traversable]:
 
 
 def page_routes() -> list[Route]:
-    """Routes of all files: only those that the package has, whatever the path says."""
+    """Only for files of the package, whatever the path says."""
     known = _collect(files("drcli.web") / "pages", "/")
     shared = files("drcli.analysis.report") / "assets"
     known.update({f"/{name}": shared / name for name in ("colors.css", "graph_parts.js")})

@@ -1,4 +1,4 @@
-"""Reads what the forms about races send."""
+"""Reads forms about races; BadRequest where the page would not send it."""
 
 import math
 from typing import Any, get_args
@@ -12,7 +12,7 @@ MOST_SENSORS = 20
 
 
 def wish_of_form(body: dict[str, Any], now_s: float) -> RaceWish:
-    """The race that a form describes; what is null or missing takes the usual value.
+    """Null or missing: the usual value.
 
     Raises:
         BadRequest: The page would not send it.
@@ -46,11 +46,7 @@ def wish_of_form(body: dict[str, Any], now_s: float) -> RaceWish:
 
 
 def one_of_texts(body: dict[str, Any], key: str, known: tuple[str, ...], usual: str) -> Any:
-    """One of some texts.
-
-    Raises:
-        BadRequest: It is another one.
-    """
+    """Or BadRequest."""
     value = text_of(body, key, usual)
     if value not in known:
         raise BadRequest(f"The {key} is one of {', '.join(known)}.")
@@ -58,11 +54,7 @@ def one_of_texts(body: dict[str, Any], key: str, known: tuple[str, ...], usual: 
 
 
 def number(body: dict[str, Any], key: str) -> float | None:
-    """A number; None if it is null or missing.
-
-    Raises:
-        BadRequest: It is something else.
-    """
+    """Null: None."""
     value = body.get(key)
     if value is None:
         return None
@@ -74,11 +66,7 @@ def number(body: dict[str, Any], key: str) -> float | None:
 
 
 def whole_number(body: dict[str, Any], key: str) -> int | None:
-    """A number without a fraction; None if it is null or missing.
-
-    Raises:
-        BadRequest: It is something else.
-    """
+    """Null: None."""
     value = number(body, key)
     if value is not None and value != int(value):
         raise BadRequest(f"The {key} is not a whole number.")
@@ -86,11 +74,7 @@ def whole_number(body: dict[str, Any], key: str) -> int | None:
 
 
 def flag(body: dict[str, Any], key: str) -> bool:
-    """True or false; false if it is missing.
-
-    Raises:
-        BadRequest: It is something else.
-    """
+    """Default: false."""
     value = body.get(key, False)
     if not isinstance(value, bool):
         raise BadRequest(f"The {key} is true or false.")
@@ -98,11 +82,7 @@ def flag(body: dict[str, Any], key: str) -> bool:
 
 
 def texts(body: dict[str, Any], key: str) -> list[str]:
-    """A list of texts; empty if it is missing.
-
-    Raises:
-        BadRequest: It is something else.
-    """
+    """Default: empty."""
     value = body.get(key, [])
     if (
         not isinstance(value, list)

@@ -1,4 +1,4 @@
-"""Reads races for all pages: one listing tells what is new, and only that is read."""
+"""Reads races once for all pages."""
 
 import threading
 from collections.abc import Callable
@@ -30,12 +30,7 @@ T = TypeVar("T")
 
 
 class RaceReader:
-    """What the routes about races share.
-
-    Args:
-        folder: The working folder.
-        clock: Unix seconds.
-    """
+    """Shared."""
 
     def __init__(self, folder: ServedFolder, clock: Callable[[], float]) -> None:
         self.folder = folder
@@ -45,24 +40,19 @@ class RaceReader:
         self._objects = RaceObjects()
 
     def open(self) -> tuple[Settings, Bucket]:
-        """The settings as they are now, and the bucket for reading and writing."""
+        """For writing."""
         settings = self.folder.settings()
         return settings, self.folder.bucket(settings)
 
     def to_look_at(self, settings: Settings) -> Bucket | None:
-        """The bucket for reading, for which no server is started; None if there is none yet."""
+        """Starts no server. None if there is none."""
         found = open_running_bucket(settings.storage)
         if found is None and settings.storage.cloud != "local":
             return self.folder.bucket(settings)
         return found
 
     def races(self) -> RaceList:
-        """All races.
-
-        Raises:
-            SettingsError: A setting is wrong.
-            StorageError: The bucket does not answer.
-        """
+        """All."""
         settings = self.folder.settings()
         bucket = self.to_look_at(settings)
         if bucket is None:
@@ -70,21 +60,11 @@ class RaceReader:
         return list_races(bucket, objects=self._objects_of(settings), now_s=self.clock())
 
     def report(self, race: str) -> RaceReport:
-        """A race as `dr-race show` shows it.
-
-        Raises:
-            SettingsError: There is no such race.
-            StorageError: The bucket does not answer.
-        """
+        """SettingsError if there is no such race."""
         return self._read(race)[0]
 
     def view(self, race: str) -> dict[str, Any]:
-        """A race as `dr-race show --json` prints it, and what else its page shows.
-
-        Raises:
-            SettingsError: There is no such race.
-            StorageError: The bucket does not answer.
-        """
+        """With more."""
         report, more = self._read(race)
         return keys_of(report) | more
 
@@ -113,7 +93,7 @@ class RaceReader:
         return report, more
 
     def _live(self, race: str) -> dict[str, Any] | None:
-        """The evaluation of this race that drives on this machine, as live topics name it."""
+        """The evaluation of this race on this machine, as live topics name it."""
         start = f"{race_keys.folder(race)}models/"
         for record in running_evaluations(self.folder.directory):
             if record.prefix.startswith(start):
@@ -128,7 +108,7 @@ class RaceReader:
 
 
 def words_of(report: RaceReport) -> dict[str, str]:
-    """The sentences about a race, the same as in the terminal."""
+    """The terminal's sentences about a race."""
     return {
         "place": race_words.place(report),
         "standing": race_words.standing(report),
@@ -137,7 +117,7 @@ def words_of(report: RaceReport) -> dict[str, str]:
 
 
 def words_of_rules(rules: RaceRules) -> dict[str, str]:
-    """The sentences about rules."""
+    """For people."""
     return {
         "kind": race_words.kind(rules),
         "decides": race_words.decides(rules),

@@ -1,4 +1,4 @@
-"""Races at home: topics `races` and `race:ID`, and everything that `dr-race` does."""
+"""Topics `races` and `race:ID`, and everything that `dr-race` does."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -32,22 +32,12 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Snapshot
 
 RACES_S = 3.0
-"""Time between two looks at all races."""
-
 RACE_S = 1.0
-"""Time between two looks at one race that somebody watches."""
-
 LOG_BYTES = 20_000
-"""The end of a log that the page shows."""
 
 
 def routes(folder: ServedFolder, clock: Callable[[], float] = time.time) -> Sequence[BaseRoute]:
-    """The topics, and all routes of races.
-
-    Args:
-        folder: The working folder.
-        clock: Unix seconds.
-    """
+    """And topics."""
     reader = RaceReader(folder, clock)
 
     def open_races(topic: str, publish: Publish) -> Polled:
@@ -84,7 +74,6 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         }
 
     def check(_: Request, body: dict[str, Any]) -> Any:
-        """What a form comes to; nothing is written."""
         settings = reader.folder.settings()
         rules = rules_of(settings, wish_of_form(body, reader.clock()), reader.clock())
         return {
@@ -129,8 +118,6 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
 
 def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
-    """What is done with one race; each answers with the race as it is after it."""
-
     def submit(request: Request, body: dict[str, Any]) -> Any:
         settings, bucket = reader.open()
         taken = submissions.submit(
@@ -231,7 +218,6 @@ _CHANGES: dict[str, Callable[[RaceReader, str, dict[str, Any]], None]] = {
 
 
 def _rules(reader: RaceReader, request: Request) -> Any:
-    """The rules of a race as its form has them."""
     rules = read_rules(_bucket_of(reader), race_of(request))
     conditions = settings_of_rules(reader.folder.settings(), rules)
     objects = {
@@ -290,17 +276,11 @@ def _file_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
 
 def _file(text: str, media_type: str, name: str) -> Response:
-    """A text that the browser keeps as a file."""
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(text.encode(), media_type=media_type, headers=headers)
 
 
 def _bucket_of(reader: RaceReader) -> Any:
-    """The bucket for reading.
-
-    Raises:
-        SettingsError: There is none yet.
-    """
     settings = reader.folder.settings()
     found = reader.to_look_at(settings)
     if found is None:
@@ -312,11 +292,7 @@ def _bucket_of(reader: RaceReader) -> Any:
 
 
 def race_of(request: Request) -> str:
-    """The id of the race that a path names.
-
-    Raises:
-        BadRequest: Nothing is called so.
-    """
+    """In a path."""
     race = request.path_params["race"]
     if not is_race_id(race):
         raise BadRequest("This is not the id of a race.", 404)

@@ -1,4 +1,4 @@
-"""Checks of reward functions while they are typed: one at a time, and only the newest of a page."""
+"""Checks reward functions while they are typed: one at a time, only the newest of a page."""
 
 import itertools
 import json
@@ -15,26 +15,18 @@ from drcli.base.installation import installation_error
 from drcli.web.answers import BadRequest
 
 PATIENCE_S = 240.0
-"""Longest check, with the first compilation of the simulation on a busy machine."""
+"""Includes compiling the simulation."""
 
 COOL_DOWN_S = 0.4
-"""Pause between two checks, so that typing does not take a core from a training."""
+"""So that typing does not take a core from a training."""
 
 IDLE_S = 120.0
-"""After which the process, and its memory, is given back."""
-
 MOST_WAITING = 8
-"""Requests that wait for their turn."""
-
 MOST_PAGES = 64
 
 
 class RewardChecks:
-    """Hands reward functions to one process. Any thread may call it.
-
-    Args:
-        folder: The working folder.
-    """
+    """Uses one process. Any thread may call it."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -52,9 +44,9 @@ class RewardChecks:
         """Check a reward function; waits for its turn.
 
         Args:
-            page: Name of the page that asks; its earlier requests no longer count.
+            page: Its earlier requests no longer count.
             text: The function.
-            known: Key of the course that the page has drawn.
+            known: Key of the course that the page has.
 
         Returns:
             A `LiveReport` or an error as JSON, or `{"superseded": true}`.
@@ -92,7 +84,7 @@ class RewardChecks:
                 self._waiting -= 1
 
     def close(self) -> None:
-        """End the process, if it runs."""
+        """End."""
         if self._idle is not None:
             self._idle.cancel()
         with self._lock:

@@ -1,7 +1,7 @@
-"""The process that checks reward functions for the console: `python -m drcli.web.reward_process`.
+"""The process that checks reward functions: `python -m drcli.web.reward_process`.
 
-It reads a JSON line for each request and writes one for each answer. It ends with its input, so it
-never outlives the console. The simulation is loaded here, and not in the console's own process.
+It reads and writes JSON lines, and ends with its input, so never outlives the console. It keeps the
+simulation out of the console.
 """
 
 import json
@@ -18,8 +18,6 @@ from drcli.web.answers import error_of, placed
 
 
 class _Requests(threading.Thread):
-    """Reads requests, and gives up the one under way when it is told to."""
-
     def __init__(self) -> None:
         super().__init__(daemon=True)
         self.waiting: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
@@ -37,14 +35,13 @@ class _Requests(threading.Thread):
         os._exit(0)  # the console has ended
 
     def begin(self, number: int) -> threading.Event:
-        """The event that gives up a request."""
         if self._cancelled < number:
             self.given_up.clear()
         return self.given_up
 
 
 def main() -> None:
-    """Answer requests until the input ends."""
+    """Until input ends."""
     # What the racer's code or a library prints must not get into the answers.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)

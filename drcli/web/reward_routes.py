@@ -1,4 +1,4 @@
-"""The reward function on the page: text, templates, and the check while it is typed."""
+"""The reward function on the page: text, templates, check."""
 
 import ast
 from collections.abc import Sequence
@@ -19,7 +19,6 @@ from drcli.web.served_folder import ServedFolder
 
 
 def _templates() -> list[dict[str, str]]:
-    """The shipped reward functions, each once."""
     top = model_file(REWARD_FUNCTION_FILE)
     paths = [("middle", top)]
     folder = model_file("rewards")
@@ -34,7 +33,6 @@ def _templates() -> list[dict[str, str]]:
 
 
 def _about(text: str) -> str:
-    """The first sentence of the function's own description."""
     tree = ast.parse(text)
     functions = [each for each in tree.body if isinstance(each, ast.FunctionDef)]
     documents = [ast.get_docstring(tree), *map(ast.get_docstring, reversed(functions))]
@@ -42,7 +40,7 @@ def _about(text: str) -> str:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`GET` and `PUT /api/reward`, `GET /api/reward/templates`, `POST /api/reward/check`."""
+    """Below /api/reward."""
     checks = RewardChecks(folder.directory)
     folder.at_end.append(checks.close)
 

@@ -1,4 +1,4 @@
-"""Topics of the run: `run:N` is its state, `iterations:N` its learning curve, N is DR_RUN_ID."""
+"""Topics `run:N` (state) and `iterations:N` (learning curve); N is DR_RUN_ID."""
 
 import math
 import threading
@@ -22,10 +22,7 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Rows, Snapshot, Value
 
 RUN_S = 1.0
-"""Time between two looks at a run, as in the display of a terminal."""
-
 NEW_S = 0.8
-"""Age below which a report need not be read again."""
 
 
 class RunReader:
@@ -39,11 +36,7 @@ class RunReader:
         self._read_s = -math.inf
 
     def report(self) -> RunReport:
-        """The state of the last second.
-
-        Raises:
-            SettingsError: A setting is wrong.
-        """
+        """Recent."""
         with self._lock:
             if self._report is None or time.monotonic() - self._read_s > NEW_S:
                 settings = self._folder.settings()
@@ -54,11 +47,7 @@ class RunReader:
             return self._report
 
     def history(self) -> list[IterationRecord]:
-        """All iterations, also of a model that only another machine trains.
-
-        Raises:
-            DrError: A setting is wrong, or the bucket does not answer.
-        """
+        """Also of a model that only another machine trains."""
         report = self.report()
         if report.state != "none" or self._run_id is None:
             return report.history
@@ -68,17 +57,13 @@ class RunReader:
 
 
 def without_history(report: RunReport) -> dict[str, Any]:
-    """A report without its iterations, which have a topic of their own."""
+    """Iterations have their own topic."""
     kept = [field.name for field in fields(report) if field.name != "history"]
     return {name: getattr(report, name) for name in kept} | {"dead": report.dead}
 
 
 def _run_id(topic: str) -> int | None:
-    """DR_RUN_ID of a topic such as `run:3`; None for that of run.env.
-
-    Raises:
-        ValueError: It is not a number.
-    """
+    """None for that of run.env."""
     text = topic.partition(":")[2]
     number = int(text) if text else None
     if number is not None and not 0 <= number <= 99:
@@ -87,7 +72,7 @@ def _run_id(topic: str) -> int | None:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """The topics, and `GET /api/folder`."""
+    """`GET /api/folder`."""
     readers: dict[int | None, RunReader] = {}
 
     def reader_of(topic: str) -> RunReader:

@@ -1,8 +1,8 @@
-"""Who may use the console: checks Host, Origin and token of every request before anything else.
+"""Checks Host, Origin and token of every request before anything else.
 
-Two attacks are meant. A page of another site that sends requests to this address (CSRF, also over a
-WebSocket): its Origin is not ours. A name of the attacker that suddenly leads to this machine (DNS
-rebinding): its Host is not ours, and has no cookie of ours.
+Against pages of other sites that send requests here (CSRF, also over a WebSocket): their Origin is
+not ours. Against names of an attacker that suddenly lead to this machine (DNS rebinding): their
+Host is not ours and has no cookie.
 """
 
 import asyncio
@@ -22,17 +22,15 @@ from drcli.web.enter_page import GET_LINK, STYLE, enter_page
 from drcli.web.listen import ENTER, STREAM
 
 LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?")
-"""Names of this machine that only this machine can use. Any port: it may be forwarded by ssh."""
+"""Only this machine can use them. Any port: ssh may forward it."""
 
 MOST_TRIES = 10
-"""Wrong tokens in a minute from one address; then it must wait for the rest of it."""
+"""Per minute and address."""
 
 KEPT_S = 365 * 86_400
-"""How long a browser keeps the token. Browsers keep no cookie for longer than 400 days."""
+"""Browsers keep no cookie longer than 400 days."""
 
 MOST_ADDRESSES = 1000
-"""Whose wrong tokens are remembered."""
-
 POLICY = "; ".join(
     (
         "default-src 'none'",
@@ -47,7 +45,7 @@ POLICY = "; ".join(
         "frame-ancestors 'none'",
     )
 )
-"""Content-Security-Policy: nothing inline, nothing from elsewhere."""
+"""Nothing inline, nothing from elsewhere."""
 
 _HEADERS = {
     "content-security-policy": POLICY,
@@ -60,7 +58,7 @@ _HEADERS = {
 }
 
 _POLICY_VIOLATION = 1008
-"""Code with which a WebSocket is closed. Source: RFC 6455, section 7.4.1."""
+"""RFC 6455, section 7.4.1."""
 
 NEEDS_TOKEN = "This console needs its token."
 
@@ -70,14 +68,12 @@ _REMEDY = "Start it again with `dr-start-viewer`, then repeat what you did."
 
 
 class Guard:
-    """ASGI middleware that refuses requests of strangers.
+    """ASGI middleware that refuses strangers.
 
     Args:
-        app: What is guarded.
-        token: What a request must know; None if every user of this machine may use the console.
-        here_only: Whether only this machine can reach it, as without a token. Then it answers to
-            names of this machine only, and nobody who guesses must wait: all its users have one
-            address, so they would wait with him.
+        token: None: every user of this machine may use the console.
+        here_only: Only this machine can reach it, as without a token. Then it answers only to names
+            of this machine, and nobody who guesses must wait: all users share one address.
     """
 
     def __init__(self, app: ASGIApp, token: str | None, *, here_only: bool = False) -> None:
@@ -87,7 +83,6 @@ class Guard:
         self._wrong: OrderedDict[str, deque[float]] = OrderedDict()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or refuse."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -117,7 +112,6 @@ class Guard:
                 await JSONResponse({"error": found}, 503)(scope, receive, send_guarded)
 
     def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
-        """Status and sentence; None if the request may pass."""
         hosts = headers.getlist("host")
         host = hosts[0].lower() if len(hosts) == 1 else ""
         if not host or (self._here_only and not LOOPBACK.fullmatch(host)):
@@ -136,14 +130,13 @@ class Guard:
         return 401, NEEDS_TOKEN
 
     def _is_admitted(self, scope: Scope, headers: Headers) -> bool:
-        """Whether a request has the token: in its cookie or, as players have none, its address."""
+        """Players have no cookie, but an address."""
         if self._token is None or self._knows(self._given(headers)):
             return True
         given = _token_in(scope) if scope["path"] == STREAM else ""
         return bool(given) and not self._must_wait(scope) and self._tries(scope, given)
 
     def _given(self, headers: Headers) -> str:
-        """The token of the cookie."""
         for part in headers.get("cookie", "").split(";"):
             name, _, value = part.strip().partition("=")
             if name == self._cookie:
@@ -156,7 +149,6 @@ class Guard:
         )
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Give the cookie for the right token; without one, a form asks for it."""
         given = _token_in(scope)
         response: Response
         if not given:
@@ -187,7 +179,6 @@ class Guard:
         return time.monotonic() - tries[0] < 60.0
 
     def _tries(self, scope: Scope, given: str) -> bool:
-        """Whether a token is the right one; a wrong one is remembered."""
         if self._knows(given):
             return True
         tries = self._wrong.setdefault(_address(scope), deque(maxlen=MOST_TRIES))
@@ -198,7 +189,7 @@ class Guard:
 
 
 def cookie_name(token: str) -> str:
-    """Each console has its own: a browser sends cookies of one port to all others of a machine."""
+    """Per console: a browser sends cookies of one port to all others of a machine."""
     return f"dr_console_{hashlib.sha256(token.encode()).hexdigest()[:8]}"
 
 
@@ -208,7 +199,6 @@ def _address(scope: Scope) -> str:
 
 
 def _token_in(scope: Scope) -> str:
-    """The token in an address; empty if there is none."""
     query: str = scope["query_string"].decode("latin-1")
     return parse_qs(query).get("token", [""])[0]
 

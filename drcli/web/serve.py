@@ -20,14 +20,11 @@ from drcli.web.viewer_process import log_path
 LOG_BYTES = 4 << 20
 
 IDLE_S = 15
-"""After which an idle connection is closed, and a WebSocket is asked whether it still lives."""
-
 GRACE_S = 0.8
-"""How long requests may go on when the console is stopped; then they are answered that it is."""
 
 
 def main() -> None:
-    """Serve until SIGTERM."""
+    """Until SIGTERM."""
     directory = Path(sys.argv[1])
     listen = Listen.of_line(sys.stdin.buffer.readline())
     secret_environment.keep(listen.secrets)
@@ -46,10 +43,9 @@ def main() -> None:
 
 
 class ConsoleServer(uvicorn.Server):
-    """A server that ends requests itself: uvicorn reports those that it cancels as errors."""
+    """Ends requests itself: uvicorn reports cancelled ones as errors."""
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Close connections, and cancel requests that go on for too long."""
         cancelling = asyncio.get_running_loop().call_later(GRACE_S, self._cancel_requests)
         try:
             await super().shutdown(sockets)
@@ -69,7 +65,7 @@ class ConsoleServer(uvicorn.Server):
 
 
 def server_of(app: ASGIApp) -> uvicorn.Server:
-    """A server with the limits of the console; give it a bound socket."""
+    """For a bound socket."""
     return ConsoleServer(
         uvicorn.Config(
             app,

@@ -1,4 +1,4 @@
-"""The working folder that a console serves, and what its routes share."""
+"""The working folder of a console, and what its routes share."""
 
 import threading
 from collections.abc import Callable
@@ -14,18 +14,14 @@ from drcli.web.shared_feed import SharedFeed
 from drcli.web.tasks import Tasks
 
 PATIENCE_S = 5.0
-"""How long a page waits for a bucket that does not answer."""
 
 
 @dataclass(eq=False)
 class ServedFolder:
-    """What the routes of the console use.
+    """What the routes share.
 
     Attributes:
-        directory: The racer's working folder.
-        hub: Topics of the WebSocket.
-        tasks: What was started on the page.
-        live: What the workers on this machine show.
+        live: What workers here show.
         at_end: Called when the console ends.
     """
 
@@ -37,21 +33,12 @@ class ServedFolder:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        """Prepare the feed; it connects when somebody looks."""
         self.live = SharedFeed(self.directory)
 
     def settings(self) -> Settings:
-        """The settings as the files are now, as a command would read them.
-
-        Raises:
-            SettingsError: One is wrong.
-        """
+        """Now."""
         return load_settings(self.directory)
 
     def bucket(self, settings: Settings) -> Bucket:
-        """The bucket of the settings; the embedded server is started if it does not run.
-
-        Raises:
-            StorageError: It cannot be reached.
-        """
+        """Starts the embedded server if needed."""
         return open_bucket(settings.storage, patience_s=PATIENCE_S)

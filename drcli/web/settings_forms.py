@@ -1,4 +1,4 @@
-"""What the page shows of run.env and system.env, also where they are wrong."""
+"""run.env and system.env for the page."""
 
 import os
 from collections.abc import Mapping
@@ -22,12 +22,12 @@ SYSTEM = "system.env"
 
 @dataclass(frozen=True)
 class FolderFiles:
-    """The settings files of a working folder as they are now.
+    """The settings files of a working folder.
 
     Attributes:
-        run_file: The active run.env, by its path below the folder.
-        versions: Of the files, by name; empty for one that does not exist.
-        entries: Lines by file and name.
+        run_file: The active run.env, below the folder.
+        versions: By name; empty for a missing file.
+        entries: By file and name.
     """
 
     run_file: str
@@ -36,11 +36,7 @@ class FolderFiles:
 
     @staticmethod
     def read(directory: Path) -> "FolderFiles":
-        """Read both files; lines that are wrong are left out.
-
-        Raises:
-            ProblemsError: There is no run.env, or no such experiment.
-        """
+        """Leaves out wrong lines; ProblemsError if there is no run.env or experiment."""
         directory = directory.absolute()
         run_file = active_run_file(directory)
         files = SettingsFiles(directory)
@@ -57,11 +53,7 @@ def _version(directory: Path, name: str) -> str:
 
 
 def form_of(directory: Path) -> dict[str, Any]:
-    """All settings by group, with values, places and what may be written.
-
-    Raises:
-        ProblemsError: There is no run.env.
-    """
+    """All settings by group."""
     files = FolderFiles.read(directory)
     try:
         settings: Settings | None = load_settings(directory)
@@ -92,7 +84,7 @@ def shown_problems(problems: tuple[Problem, ...]) -> list[Problem]:
 
 
 def is_secret(name: str, text: str) -> bool:
-    """Whether a value may only be replaced, not shown."""
+    """May be replaced, but not shown."""
     return hidden(name, "x") == HIDDEN or hidden(name, text) != text
 
 
@@ -129,7 +121,7 @@ def _field(
 
 
 def written_values(directory: Path, names: list[str]) -> dict[str, str | None]:
-    """What the files have for some names, with secrets hidden."""
+    """Secrets are hidden."""
     files = FolderFiles.read(directory)
     found: dict[str, str | None] = {}
     for name in names:

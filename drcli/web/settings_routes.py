@@ -1,4 +1,4 @@
-"""Settings on the page: forms of run.env and system.env, and a new working folder."""
+"""Forms of run.env and system.env, and a new working folder."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -27,15 +27,9 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.settings_forms import FolderFiles, form_of, written_values
 
 MOST_VALUES = 400
-"""Settings in one request."""
 
 
 def _texts(body: Mapping[str, Any], key: str) -> dict[str, str]:
-    """Texts by name in a request.
-
-    Raises:
-        BadRequest: They are something else.
-    """
     found = body.get(key, {})
     good = isinstance(found, dict) and len(found) <= MOST_VALUES
     if not good or not all(isinstance(value, str) for value in found.values()):
@@ -44,11 +38,7 @@ def _texts(body: Mapping[str, Any], key: str) -> dict[str, str]:
 
 
 def _wanted(body: Mapping[str, Any]) -> dict[str, str]:
-    """New values by name; only settings, because other lines may be what a shell runs.
-
-    Raises:
-        BadRequest: A name is not a setting.
-    """
+    """Only settings, because a shell may run other lines."""
     values = _texts(body, "values")
     for name, value in values.items():
         if name not in catalogue() or "\0" in value:
@@ -68,11 +58,6 @@ def _file(body: Mapping[str, Any]) -> FileName | None:
 
 
 def _name(body: Mapping[str, Any], key: str) -> str:
-    """A name in a request; empty where there is none.
-
-    Raises:
-        BadRequest: It is something else.
-    """
     value = body.get(key) or ""
     if not isinstance(value, str):
         raise BadRequest(f"{key} is a name.")
@@ -80,12 +65,11 @@ def _name(body: Mapping[str, Any], key: str) -> str:
 
 
 def _unseen(title: str, size: int) -> AbstractContextManager[Watch]:
-    """The progress of a copy of a megabyte, which the page does not show."""
     return nullcontext(lambda _: None)
 
 
 def is_folder(directory: Path) -> bool:
-    """Whether it has the settings of a training."""
+    """Has settings."""
     try:
         FolderFiles.read(directory)
     except Exception:
@@ -94,7 +78,7 @@ def is_folder(directory: Path) -> bool:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`GET` and `PUT /api/settings`, its check, `GET` and `POST /api/new-folder`."""
+    """Below /api/settings."""
 
     def show(_: Request) -> Any:
         return form_of(folder.directory)
@@ -110,7 +94,6 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         return {**plain(edit), "versions": FolderFiles.read(folder.directory).versions}
 
     def _known(seen: dict[str, str]) -> dict[str, str]:
-        """Versions of files that a change may touch; others are none of the page's business."""
         files = FolderFiles.read(folder.directory)
         return {name: version for name, version in seen.items() if name in files.versions}
 

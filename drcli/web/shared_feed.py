@@ -1,7 +1,6 @@
-"""One connection to each live worker for everything in the console that shows it.
+"""One connection to each live worker for everything in the console.
 
-Workers are asked for the union of what is looked at, whoever looks, so five pages cost a worker as
-much as one.
+Workers are asked for the union of what is looked at, so five pages cost as much as one.
 """
 
 import threading
@@ -16,31 +15,25 @@ OnGone = Callable[[int, str], None]
 
 
 class Feed(Protocol):
-    """What is needed of `LiveFeed`."""
+    """See `LiveFeed`."""
 
     def watch(
         self, run_id: int, worker: str, views: Iterable[LiveView], car: int | None = None
     ) -> None:
-        """Say what to watch."""
+        """See there."""
 
     def workers(self) -> list[LiveWorker]:
-        """The workers that can be watched."""
+        """See there."""
 
     def close(self) -> None:
-        """End all connections."""
+        """See there."""
 
 
 OpenFeed = Callable[[Path, OnMessage, OnGone], Feed]
 
 
 class SharedFeed:
-    """The live workers of a working folder. Any thread may use it.
-
-    Args:
-        directory: The working folder.
-        open_feed: Makes the feed, for the first look; it stays until `close`, and costs nothing
-            while nobody watches.
-    """
+    """The live workers of a folder; thread-safe."""
 
     def __init__(self, directory: Path, open_feed: OpenFeed = LiveFeed) -> None:
         self._directory, self._open_feed = directory, open_feed
@@ -52,11 +45,11 @@ class SharedFeed:
     def part(
         self, on_message: OnMessage, on_gone: OnGone = lambda run_id, worker: None
     ) -> "FeedPart":
-        """A share of the feed for one purpose, with wishes of its own.
+        """A share of the feed for one purpose.
 
         Args:
-            on_message: Gets what any part watches, in a thread of the feed; see `LiveFeed`.
-            on_gone: Called when the connection to a worker has ended.
+            on_message: Gets what any part watches, in a thread of the feed.
+            on_gone: Called when a worker's connection has ended.
         """
         part = FeedPart(self, on_message, on_gone)
         with self._lock:
@@ -64,15 +57,15 @@ class SharedFeed:
         return part
 
     def workers(self) -> list[LiveWorker]:
-        """The workers that can be watched now, by run and name."""
+        """Sorted."""
         return self._opened().workers()
 
     def car(self, run_id: int, worker: str) -> int | None:
-        """The car that was chosen; None for the one that has come furthest."""
+        """None for the one that has come furthest."""
         return self._cars.get((run_id, worker))
 
     def look_at(self, run_id: int, worker: str, car: int | None) -> None:
-        """Choose the car of a worker that all who look see; the last choice counts."""
+        """For all who look."""
         with self._lock:
             if car is None:
                 self._cars.pop((run_id, worker), None)
@@ -81,7 +74,7 @@ class SharedFeed:
         self.ask((run_id, worker))
 
     def ask(self, key: WorkerKey) -> None:
-        """Tell the feed what is wanted of a worker by all parts together."""
+        """For all parts."""
         # In one block: a wish must not overtake a later one. `watch` only sends some bytes.
         feed = self._opened()
         with self._lock:
@@ -89,7 +82,7 @@ class SharedFeed:
             feed.watch(*key, sorted(views), self._cars.get(key))
 
     def remove(self, part: "FeedPart") -> None:
-        """Forget a part and its wishes."""
+        """Forget it."""
         with self._lock:
             if part not in self._parts:
                 return
@@ -98,7 +91,7 @@ class SharedFeed:
             self.ask(key)
 
     def close(self) -> None:
-        """End all connections."""
+        """End connections."""
         with self._lock:
             feed, self._feed = self._feed, None
             self._parts.clear()
@@ -121,7 +114,7 @@ class SharedFeed:
 
 
 class FeedPart:
-    """A share of a `SharedFeed`, used like a `LiveFeed`."""
+    """Used like a `LiveFeed`."""
 
     def __init__(self, shared: SharedFeed, on_message: OnMessage, on_gone: OnGone) -> None:
         self.on_message, self.on_gone = on_message, on_gone
@@ -131,14 +124,7 @@ class FeedPart:
     def watch(
         self, run_id: int, worker: str, views: Iterable[LiveView], car: int | None = None
     ) -> None:
-        """Say what this part watches of a worker from now on; nothing, if there is no view.
-
-        Args:
-            run_id: DR_RUN_ID.
-            worker: Its name.
-            views: What to show.
-            car: Not None to choose the car for all who look at the worker.
-        """
+        """Replace what it watches of a worker; `car` is chosen for all who look."""
         key, wanted = (run_id, worker), frozenset(views)
         if wanted:
             self._wanted[key] = wanted
@@ -150,13 +136,13 @@ class FeedPart:
             self._shared.ask(key)
 
     def wanted(self, key: WorkerKey) -> frozenset[LiveView]:
-        """What this part watches of a worker."""
+        """Its views."""
         return self._wanted.get(key, frozenset())
 
     def watched(self) -> list[WorkerKey]:
-        """The workers that it watches."""
+        """Its workers."""
         return list(self._wanted)
 
     def close(self) -> None:
-        """Watch nothing any more."""
+        """Watch nothing."""
         self._shared.remove(self)

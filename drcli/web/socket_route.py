@@ -1,4 +1,4 @@
-"""The WebSocket of the page: it says which topics it watches, and gets what is new to them."""
+"""The WebSocket of the page, which says what topics it watches."""
 
 import asyncio
 import json
@@ -11,40 +11,25 @@ from drcli.web.hub import Client, Hub
 from drcli.web.topics import Message, text_message
 
 MOST_CLIENTS = 64
-"""Connections; further ones are refused."""
-
 LONGEST_REQUEST = 16_384
-"""Characters of a message of the page."""
-
 LONGEST_TOPIC = 200
-"""Characters: a name of a model is in some of them."""
-
 SEND_S = 20.0
-"""How long one message may take; then the connection is closed, and the page opens another."""
+"""Then the page opens another connection."""
 
 QUIET_S = 15.0
-"""After so long without news, the page is told that the connection lives."""
-
 PAUSE_S = 0.05
-"""Between two messages of a page. It sends one when it shows something else."""
-
 _TRY_LATER, _BAD_DATA = 1013, 1007
-"""Codes of RFC 6455."""
+"""RFC 6455."""
 
 
 class SocketRoute:
-    """Serves the WebSockets of all pages.
-
-    Args:
-        hub: Has the topics.
-    """
+    """All WebSockets."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
         self._open = 0
 
     async def serve(self, socket: WebSocket) -> None:
-        """Serve one connection until it ends."""
         if self._open >= MOST_CLIENTS:
             await socket.close(_TRY_LATER, "Too many pages are open.")
             return
@@ -75,7 +60,7 @@ class SocketRoute:
             await asyncio.sleep(PAUSE_S)
 
     async def _send(self, socket: WebSocket, client: Client) -> None:
-        """Send what is new; OSError, or TimeoutError, which is one, if the page does not read."""
+        """OSError, or its subclass TimeoutError, if the page does not read."""
         while True:
             message: Message = _ALIVE
             with suppress(TimeoutError):
@@ -92,7 +77,6 @@ _ALIVE = text_message("alive", None)
 
 
 def _topics_of(text: Any) -> set[str] | None:
-    """What a page wants to watch; None if the message is wrong."""
     if not isinstance(text, str) or len(text) > LONGEST_REQUEST:
         return None
     try:

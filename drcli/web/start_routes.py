@@ -1,4 +1,4 @@
-"""Checks everything, and starts a training, as `dr-validate` and `dr-start-training` do."""
+"""Checks everything and starts a training."""
 
 import math
 from collections.abc import Sequence
@@ -25,19 +25,12 @@ if TYPE_CHECKING:
 
 LONGEST_MINUTES = 10_000_000
 LONGEST_LAP_S = 10_000.0
-"""As for `dr-start-training --max-minutes`."""
-
 MOST_LAPS = 100_000
 
 LARGEST_SEED = 2**32 - 1
 
 
 def _bounded(body: dict[str, Any], key: str, low: float, high: float) -> float | None:
-    """A number of a request; None where it is left out.
-
-    Raises:
-        BadRequest: It is not a number within the limits.
-    """
     value = body.get(key)
     if value is None:
         return None
@@ -55,11 +48,7 @@ def _whole(body: dict[str, Any], key: str, low: int, high: int) -> int | None:
 
 
 def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
-    """What is asked of a start; deleting or continuing a model must be confirmed with its name.
-
-    Raises:
-        BadRequest: Something is not allowed, or not confirmed.
-    """
+    """Deleting or continuing a model needs its name as confirmation."""
     from drcli.runs.plan import StartOptions
 
     how = body.get("how", "new")
@@ -82,7 +71,7 @@ def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`POST /api/validate`, `GET` and `POST /api/start`."""
+    """/api/validate, /api/start."""
 
     def check(_: Request, body: dict[str, Any]) -> Any:
         from drcli.checks.validate import validate

@@ -1,4 +1,4 @@
-"""Starts trainings for tasks of the page, in a process of its own."""
+"""Starts trainings in a process of its own."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -14,17 +14,7 @@ if TYPE_CHECKING:
 def start_training(
     progress: Progress, settings: Settings, options: "StartOptions", fetches: bool
 ) -> dict[str, Any]:
-    """Check everything and start a training in the background, as `dr-start-training -q` does.
-
-    Args:
-        progress: Shows what is done.
-        settings: Of the training.
-        options: How it starts.
-        fetches: Whether community tracks that are missing may be fetched.
-
-    Raises:
-        DrError: It cannot start.
-    """
+    """As `dr-start-training -q`; `fetches` missing community tracks."""
     from drcli.runs import plan, training
     from drcli.runs.track_fetch import fetch, missing_tracks
 

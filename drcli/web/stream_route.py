@@ -1,7 +1,7 @@
 """Pictures of a worker as MJPEG at `/stream`, for scripts written for DeepRacer-for-Cloud.
 
-The parameters are those of its viewer: topic, quality, width and height. `worker` chooses another
-simulation worker than the first. A stream stays open while no worker runs.
+Its viewer's parameters: topic, quality, width and height; `worker` chooses another. A stream stays
+open while no worker runs.
 """
 
 import asyncio
@@ -23,8 +23,6 @@ from drcli.web.listen import STREAM, TOPICS, USUAL_TOPIC
 from drcli.web.served_folder import ServedFolder
 
 MOST_STREAMS = 8
-"""At the same time; each may take time of a core to draw its pictures anew."""
-
 BOUNDARY = "picture"
 
 LIMITS: Mapping[str, tuple[int, int]] = {
@@ -33,30 +31,27 @@ LIMITS: Mapping[str, tuple[int, int]] = {
     "quality": (1, 95),
     "worker": (0, 999),
 }
-"""Least and greatest values of parameters."""
-
 USUAL_QUALITY = 75
 
 
 class Feed(Protocol):
-    """What is needed of `LiveFeed`."""
+    """See `LiveFeed`."""
 
     def watch(
         self, run_id: int, worker: str, views: Sequence[LiveView], car: int | None = None
     ) -> None:
-        """Say what to watch."""
+        """See there."""
 
     def close(self) -> None:
-        """End all connections."""
+        """See there."""
 
 
 Key = tuple[int, str, LiveView]
-"""DR_RUN_ID, worker, and what is seen of it."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a request asks for; sizes are None for those of the worker."""
+    """None: the size of the worker."""
 
     key: Key
     width: int | None = None
@@ -65,11 +60,7 @@ class Wanted:
 
     @staticmethod
     def of(query: Mapping[str, str], run_id: int) -> "Wanted":
-        """Read the parameters.
-
-        Raises:
-            BadRequest: One is wrong.
-        """
+        """Or BadRequest."""
         topic = query.get("topic", USUAL_TOPIC)
         view = TOPICS.get(topic)
         if view is None:
@@ -84,7 +75,7 @@ class Wanted:
         )
 
     def draw(self, message: LiveMessage) -> bytes:
-        """The JPEG picture in the size and quality that are wanted."""
+        """JPEG."""
         size = (self.width or message.width, self.height or message.height)
         if self.quality is None and size == (message.width, message.height):
             return message.data
@@ -117,11 +108,7 @@ class _Stream:
 
 
 class Streams:
-    """All streams that are open. Workers are only asked for what somebody looks at.
-
-    Args:
-        open_feed: Makes a feed, for the first stream; it ends with the last one.
-    """
+    """The feed ends with the last one."""
 
     def __init__(self, open_feed: Callable[[Callable[[int, str, LiveMessage], None]], Feed]):
         self._open_feed = open_feed
@@ -130,11 +117,7 @@ class Streams:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def open(self, key: Key) -> _Stream:
-        """Begin a stream.
-
-        Raises:
-            BadRequest: There are too many.
-        """
+        """BadRequest if there are too many."""
         if len(self._streams) >= MOST_STREAMS:
             raise BadRequest(f"{MOST_STREAMS} streams are open already; close one.", 503)
         self._loop = asyncio.get_running_loop()
@@ -146,7 +129,7 @@ class Streams:
         return stream
 
     def close(self, stream: _Stream) -> None:
-        """End a stream."""
+        """End one."""
         self._streams.discard(stream)
         if self._feed is None:
             return
@@ -157,7 +140,7 @@ class Streams:
             self._feed = None
 
     async def pictures(self, stream: _Stream, wanted: Wanted) -> AsyncIterator[bytes]:
-        """Parts of the answer: the newest picture whenever the last one has been taken."""
+        """The newest picture whenever the last one has been taken."""
         while True:
             await stream.wake.wait()
             stream.wake.clear()
@@ -181,7 +164,6 @@ class Streams:
         self._feed.watch(run_id, worker, views)
 
     def _take(self, run_id: int, worker: str, message: LiveMessage) -> None:
-        """Give a message to its streams; called in a thread of the feed."""
         loop = self._loop
         if message.view in ("camera", "chase") and loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self._give, (run_id, worker, message.view), message)
@@ -194,15 +176,12 @@ class Streams:
 
 
 class _Answer(StreamingResponse):
-    """The pictures of a stream, which is closed at the end however that comes."""
-
     def __init__(self, streams: Streams, stream: _Stream, wanted: Wanted) -> None:
         media_type = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
         super().__init__(streams.pictures(stream, wanted), media_type=media_type)
         self._streams, self._stream = streams, stream
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send pictures until the other side has enough."""
         try:
             await super().__call__(scope, receive, send)
         finally:

@@ -1,7 +1,7 @@
-"""What was started on the page and takes longer than an answer may: start, evaluate, export, film.
+"""What was started on the page and takes longer than an answer may.
 
-A task calls the same function as the command. The page shows the newest tasks with their sentences.
-Tasks that the end of a console cuts short are in its log, and in the list of the next console.
+Tasks call the functions of commands. Those that the end of a console cuts short are in its log, and
+in the next console's list.
 """
 
 import itertools
@@ -24,17 +24,9 @@ from drcli.web.topics import Snapshot
 _logger = get_logger(__name__)
 
 MOST_KEPT = 50
-"""Tasks in the list; the oldest that have ended are forgotten."""
-
 MOST_AT_ONCE = 12
-"""Tasks that run at the same time; others wait. Most of them wait for another process."""
-
 MOST_WAITING = 40
-"""More are refused: nobody waits for that many."""
-
 CLOSING_S = 1.0
-"""How long the end of the console waits for tasks."""
-
 _STOPPED = "The console was stopped before this was done."
 
 _GOES_ON = "The console was stopped while this was under way; it goes on without it."
@@ -42,7 +34,7 @@ _GOES_ON = "The console was stopped while this was under way; it goes on without
 TaskState = Literal["waiting", "running", "done", "failed"]
 
 Progress = Callable[[str], None]
-"""Shows a short sentence about what a task does."""
+"""Shows a sentence."""
 
 
 @dataclass(frozen=True)
@@ -50,15 +42,15 @@ class Task:
     """One task.
 
     Attributes:
-        kind: What it does, such as "start-training".
-        subject: Prefix of the model that it is about; empty for none.
+        kind: Such as "start-training".
+        subject: Prefix of its model, if any.
         title: One line for people.
-        text: What it does now, or how it ended.
-        result: What it made; null before its end.
-        error: As of an answer that failed; null otherwise.
+        text: What it does, or how it ended.
+        result: Null before its end.
+        error: As of an answer that failed.
         began: Unix seconds.
-        ended: Unix seconds; null while it runs.
-        goes_on: Whether what has begun is completed even if the console ends.
+        ended: Unix seconds.
+        goes_on: Whether it is completed even if the console ends.
     """
 
     id: int
@@ -76,8 +68,6 @@ class Task:
 
 @dataclass(frozen=True)
 class _CutShort:
-    """A task that the end of a console cut short, for the next one."""
-
     kind: str
     subject: str
     title: str
@@ -92,15 +82,10 @@ class _AllCutShort:
 
 
 class Tasks:
-    """The tasks of a console, in threads. Any thread may call its methods."""
+    """Runs in threads. Any thread may call it."""
 
     def __init__(self, publish: Callable[[str, Snapshot], None], kept: Path | None = None) -> None:
-        """Take over the tasks that the end of the console before has cut short.
-
-        Args:
-            publish: Gives the list to the page.
-            kept: File for the tasks that the end of the console cuts short; None for none.
-        """
+        """Take over tasks in `kept` that the last console's end cut short."""
         self._publish = publish
         self._kept = kept
         self.closing = threading.Event()
@@ -121,14 +106,9 @@ class Tasks:
         *,
         goes_on: bool = False,
     ) -> Task:
-        """Run a function in a thread.
+        """Run a function in a thread, as a `Task`.
 
-        Args:
-            kind: What it does, such as "start-training".
-            subject: Prefix of the model that it is about; empty for none.
-            title: One line for people.
-            function: Its result is a dataclass or plain data; a `DrError` becomes the task's error.
-            goes_on: Whether what has begun is completed even if the console ends.
+        It returns a dataclass or plain data; a `DrError` becomes the task's error.
 
         Raises:
             BadRequest: The same is under way, or too much is, or the console ends.
@@ -155,11 +135,7 @@ class Tasks:
         return task
 
     def find(self, number: int) -> Task:
-        """A task.
-
-        Raises:
-            BadRequest: There is none of this number.
-        """
+        """Or BadRequest."""
         with self._lock:
             task = self._tasks.get(number)
         if task is None:
@@ -167,15 +143,15 @@ class Tasks:
         return task
 
     def snapshot(self) -> Snapshot:
-        """All tasks, the newest first."""
+        """Newest first."""
         with self._lock:
             tasks = sorted(self._tasks.values(), key=lambda task: -task.id)
         return Snapshot.of("tasks", {"tasks": tasks})
 
     def close(self) -> None:
-        """Wait a moment for the tasks that run, and note those that are cut short.
+        """Wait a moment for tasks, and note those that are cut short.
 
-        Call it after setting `closing` and ending the processes of tasks.
+        Call it after setting `closing` and ending their processes.
         """
         with self._lock:
             self.closing.set()

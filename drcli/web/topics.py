@@ -1,4 +1,4 @@
-"""Values that the page follows: each has a topic, and gives every client what is new to it."""
+"""Values that the page follows; each gives every client what is new to it."""
 
 import json
 from collections.abc import Sequence
@@ -8,53 +8,45 @@ from typing import Any, Protocol
 from drcli.base.plain_json import plain
 
 Marker = Any
-"""What a client has already got of a topic; only the topic's value reads it."""
+"""What a client has got; only the topic's value reads it."""
 
 Message = str | bytes
-"""Text is JSON; bytes are a picture with its header, see `Picture`."""
+"""JSON, or a picture with its header, see `Picture`."""
 
 
 class Value(Protocol):
-    """The newest state of a topic."""
+    """Of a topic."""
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """What a client does not know yet.
-
-        Args:
-            since: The marker of the message that it got last; None if it got none.
-
-        Returns:
-            The message, or None if there is nothing new; and its marker.
-        """
+        """What is new since a marker, or None; and the new marker."""
 
 
 def text_message(topic: str, data: Any) -> str:
-    """A message of the WebSocket with JSON data."""
+    """As JSON."""
     return json.dumps({"topic": topic, "data": data}, allow_nan=False, separators=(",", ":"))
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A small value that is sent as a whole when it has changed."""
+    """Sent as a whole when it has changed."""
 
     topic: str
     text: str
 
     @staticmethod
     def of(topic: str, value: Any) -> "Snapshot":
-        """The snapshot of a dataclass or of plain data."""
+        """Any value."""
         return Snapshot(topic, text_message(topic, plain(value)))
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """The whole value, unless the client has it."""
+        """Whole."""
         return (None if since == self.text else self.text), self.text
 
 
 class Rows:
-    """A list that grows, such as the iterations of a training: clients get what has changed.
+    """A list that grows, such as iterations: clients get what has changed.
 
-    When an earlier row changes or the list becomes shorter (another training, a rollback), they get
-    it again from there on.
+    When an earlier row changes or the list becomes shorter, they get it from there on.
     """
 
     def __init__(self, topic: str) -> None:
@@ -65,7 +57,7 @@ class Rows:
         self._version = 0
 
     def update(self, rows: Sequence[Any]) -> None:
-        """Take the newest list."""
+        """Newest list."""
         # Texts are compared, because a row with NaN is not equal to itself when it is read again.
         texts = [
             self._texts[k] if k < len(self._rows) and row is self._rows[k] else _row_text(row)
@@ -96,18 +88,14 @@ def _row_text(row: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A JPEG picture: two bytes with the length of a JSON header, the header, the picture.
-
-    Attributes:
-        facts: Further facts for the header, such as the time of the step.
-    """
+    """A JPEG picture: two bytes with the length of a JSON header, the header, the picture."""
 
     topic: str
     jpeg: bytes
     facts: dict[str, Any]
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """The picture, unless the client has it."""
+        """Once."""
         if since is self:
             return None, self
         header = json.dumps({"topic": self.topic, **self.facts}, allow_nan=False).encode()

@@ -1,4 +1,4 @@
-"""Tracks to choose from: facts, and the outline drawn small."""
+"""Tracks to choose from, with outlines."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 OUTLINE_POINTS = 90
-"""Points of a border in a small picture."""
 
 
 def _thinned(border: "NDArray[np.float64]") -> list[list[float]]:
@@ -29,7 +28,6 @@ def _thinned(border: "NDArray[np.float64]") -> list[list[float]]:
 
 
 def _outline(name: str, folder: Path) -> dict[str, Any] | None:
-    """The borders of a track; None where its file cannot be read any more."""
     import numpy as np
 
     from drsim.errors import TrackError

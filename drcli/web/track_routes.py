@@ -1,4 +1,4 @@
-"""`GET /api/track?world=NAME`: the lines of a track for a map."""
+"""`GET /api/track?world=NAME`: the lines of a track for a map, in metres."""
 
 import re
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ def _line(points: NDArray[np.float64]) -> list[list[float]]:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`GET /api/track`: name, direction closed or not, length, and three lines in metres."""
+    """`GET /api/track`."""
 
     def show(request: Request) -> Any:
         from drsim.errors import TrackError

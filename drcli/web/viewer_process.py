@@ -1,4 +1,4 @@
-"""Starts and stops the console of a working folder as a process in the background."""
+"""Starts and stops the console of a working folder."""
 
 import http.client
 import os
@@ -24,19 +24,15 @@ from drcli.web.listen import ENTER, Listen
 from drcli.web.web_extra import require_web
 
 READY_S = 60.0
-"""How long it may take until it answers, on a machine whose cores are busy."""
-
 STOPPING_S = 10.0
 
 PORT_S = 2.0
-"""How long the port of an earlier console is waited for; then another one is used."""
-
 _LEAST_TOKEN = 16
 
 
 @dataclass(frozen=True)
 class ViewerRecord:
-    """A console that was started: `began_s` as in `drcli.base.process_identity`."""
+    """`began_s` as in `drcli.base.process_identity`."""
 
     pid: int
     began_s: float
@@ -72,16 +68,11 @@ class ViewerReport:
 
 
 def start_viewer(directory: Path, config: WebConfig, *, again: bool = False) -> ViewerReport:
-    """Start the console of a working folder, unless it runs already.
-
-    Args:
-        directory: The working folder.
-        config: Where it listens.
-        again: Whether one that runs is ended, and started with these settings.
+    """Start the console of a folder; `again` first ends one that runs.
 
     Raises:
         NotAvailable: The extra `web` is not installed.
-        SettingsError: The port is taken, or the console does not start.
+        SettingsError: The port is taken, or it does not start.
         OSError: The folder cannot be written.
     """
     require_web()
@@ -153,11 +144,7 @@ def _start(directory: Path, config: WebConfig, bound: socket.socket) -> ViewerRe
 
 
 def stop_viewer(directory: Path) -> ViewerRecord | None:
-    """Stop the console of a working folder; None if none runs.
-
-    Raises:
-        SettingsError: It does not end.
-    """
+    """Stop the console, or raise SettingsError; None if none runs."""
     record = running_viewer(directory)
     if record is None:
         with suppress(OSError):  # a stale record is harmless
@@ -176,7 +163,7 @@ def stop_viewer(directory: Path) -> ViewerRecord | None:
 
 
 def running_viewer(directory: Path) -> ViewerRecord | None:
-    """The console of a working folder, if it runs."""
+    """None: none runs."""
     record = load_record(ViewerRecord, _record_path(directory))
     if record is None or not is_alive(record.pid, record.began_s):
         return None
@@ -184,7 +171,7 @@ def running_viewer(directory: Path) -> ViewerRecord | None:
 
 
 def report_of(record: ViewerRecord, *, started: bool) -> ViewerReport:
-    """What a command prints about a console."""
+    """For commands."""
     host = record.host if record.host not in ("0.0.0.0", "::") else _own_address()
     shown = f"[{host}]" if ":" in host else host
     path = f"{ENTER}?token={quote(record.token, safe='')}" if record.token else "/"
@@ -193,7 +180,6 @@ def report_of(record: ViewerRecord, *, started: bool) -> ViewerReport:
 
 
 def _own_address() -> str:
-    """The address under which other machines most likely reach this one."""
     with suppress(OSError), socket.socket(type=socket.SOCK_DGRAM) as probe:
         # Nothing is sent: this only asks which address would be used. Source: RFC 5737, an
         # address for documentation.
@@ -203,7 +189,7 @@ def _own_address() -> str:
 
 
 def log_path(directory: Path) -> Path:
-    """The log of the console."""
+    """The console's."""
     return directory / "data" / "logs" / "viewer.log"
 
 
@@ -212,7 +198,7 @@ def _record_path(directory: Path) -> Path:
 
 
 def _own_token(directory: Path) -> str:
-    """The token of the folder; it stays the same, so that bookmarks and cookies do."""
+    """Stays the same, so that bookmarks and cookies do."""
     path = directory / "data" / "viewer" / "token.json"
     known = load_record(_Token, path)
     if known is not None and len(known.token) >= _LEAST_TOKEN:
@@ -223,12 +209,9 @@ def _own_token(directory: Path) -> str:
 
 
 def _bound(config: WebConfig, usual: int) -> socket.socket:
-    """A socket at the port of the settings; if nobody chose one, at the usual or any other port.
+    """A socket at the chosen port; without a choice, at the usual or any other.
 
-    The console gets this socket, so no other program can take the port in between.
-
-    Raises:
-        SettingsError: The chosen one is taken, or the address is not one of this machine.
+    The console gets this socket, so nobody can take the port in between.
     """
     family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
     reason = ""
@@ -250,7 +233,7 @@ def _bound(config: WebConfig, usual: int) -> socket.socket:
 
 
 def _answers(host: str, port: int) -> bool:
-    """Whether the console answers, and not only the system for it."""
+    """The console itself, not only the system for it."""
     target = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     connection = http.client.HTTPConnection(target, port, timeout=2.0)
     try:

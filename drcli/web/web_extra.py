@@ -8,11 +8,7 @@ _NEEDED = ("starlette", "uvicorn", "websockets")
 
 
 def require_web() -> None:
-    """Check that the libraries are there.
-
-    Raises:
-        NotAvailable: One is missing.
-    """
+    """Raise NotAvailable if a library is missing."""
     missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         raise NotAvailable(

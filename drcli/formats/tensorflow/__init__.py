@@ -1,1 +1,1 @@
-"""TensorFlow's file formats, read and written without TensorFlow."""
+"""TensorFlow's file formats without TensorFlow."""

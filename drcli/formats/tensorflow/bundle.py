@@ -1,7 +1,6 @@
-"""Checkpoint files of TensorFlow: named tensors in an `.index` file and `.data-*` files.
+"""Checkpoint files of TensorFlow: named tensors in `.index` and `.data-*` files.
 
-The index is a sorted table: a header under the empty key, and for each tensor its type, shape,
-place in a data file and checksum. The data files have nothing but the values. Source:
+The index is a sorted table: a header under the empty key, then tensors. Source:
 tensorflow/core/protobuf/tensor_bundle.proto.
 """
 
@@ -24,8 +23,6 @@ Array = NDArray[Any]
 
 INDEX = ".index"
 DATA = ".data-00000-of-00001"
-"""Ends of the names of the two files, after the name of the checkpoint."""
-
 _VERSION = 1
 _BIG_ENDIAN = 1
 
@@ -45,17 +42,17 @@ _TYPE_NAMES = {
     22: "uint32",
     23: "uint64",
 }
-"""Types that no weight has, for messages. Source: TensorFlow's `types.proto`."""
+"""Source: TensorFlow's `types.proto`."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A tensor as the index describes it.
+    """A tensor in the index.
 
     Attributes:
-        shape: None if its rank is not known.
+        shape: None for an unknown rank.
         shard: Number of its data file.
-        slices: How many parts it is stored in; 0 if it is stored as a whole.
+        slices: 0 if it is stored as a whole.
     """
 
     name: str
@@ -70,13 +67,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Bundle:
-    """The index of a checkpoint.
-
-    Attributes:
-        origin: The checkpoint's name for messages, without `.index`.
-        shards: How many data files there are.
-        entries: All tensors by name.
-    """
+    """A checkpoint's index."""
 
     origin: str
     shards: int
@@ -85,19 +76,14 @@ class Bundle:
 
     @property
     def data_names(self) -> list[str]:
-        """Names of the data files for messages and for reading them."""
+        """In order."""
         return data_names(self.origin, self.shards)
 
     def read(self, name: str, data: bytes | Sequence[bytes]) -> Array:
-        """The values of a tensor.
-
-        Args:
-            name: One of the entries.
-            data: The data file, or all of them in order.
+        """The values of a tensor, from all data files in order.
 
         Raises:
-            SettingsError: A file is missing, too short or altered, or the tensor has a type or a
-                form that is not read.
+            SettingsError: A file is missing, too short or altered, or the form is not read.
         """
         entry = self.entries[name]
         files = [data] if isinstance(data, bytes) else data
@@ -120,7 +106,6 @@ class Bundle:
         return values.astype(dtype, copy=False).reshape(shape)
 
     def _checked(self, entry: Entry) -> tuple[np.dtype[Any], tuple[int, ...]]:
-        """Type and shape of an entry, which fit its size."""
         index, name = self.origin + INDEX, shown(entry.name)
         if entry.slices:
             raise SettingsError(
@@ -146,15 +131,7 @@ class Bundle:
 
 
 def open_bundle(index: bytes, origin: str) -> Bundle:
-    """Read the index of a checkpoint.
-
-    Args:
-        index: The `.index` file.
-        origin: What messages call the checkpoint, with or without `.index`.
-
-    Raises:
-        SettingsError: It is not an index, or is damaged.
-    """
+    """SettingsError if it is not an index, or damaged."""
     origin = origin.removesuffix(INDEX)
     name = origin + INDEX
     table = read_table(index, name)
@@ -183,7 +160,7 @@ def open_bundle(index: bytes, origin: str) -> Bundle:
 
 
 def read_bundle(index: bytes, data: bytes | Sequence[bytes], origin: str) -> dict[str, Array]:
-    """Read all tensors of a checkpoint; see `open_bundle` and `Bundle.read`."""
+    """All tensors."""
     bundle = open_bundle(index, origin)
     left = sum(map(len, [data] if isinstance(data, bytes) else data))
     found = {}
@@ -196,12 +173,10 @@ def read_bundle(index: bytes, data: bytes | Sequence[bytes], origin: str) -> dic
 
 
 def write_bundle(tensors: Mapping[str, Array]) -> tuple[bytes, bytes]:
-    """The `.index` and the `.data-00000-of-00001` file of a checkpoint.
-
-    Both have the bytes that TensorFlow writes for the same tensors.
+    """`.index` and data file, with the bytes of TensorFlow.
 
     Raises:
-        ValueError: A tensor has a type that is not written, or a name is empty.
+        ValueError: A type cannot be written, or a name is empty.
     """
     header = BundleHeaderMessage(num_shards=1)
     header.version.producer = _VERSION
@@ -223,7 +198,7 @@ def write_bundle(tensors: Mapping[str, Array]) -> tuple[bytes, bytes]:
 
 
 def data_names(checkpoint: str, shards: int = 1) -> list[str]:
-    """Names of a checkpoint's data files."""
+    """In order."""
     return [f"{checkpoint}.data-{number:05d}-of-{shards:05d}" for number in range(shards)]
 
 

@@ -24,32 +24,24 @@ _DTYPES: dict[DataType, np.dtype[Any]] = {
 }
 
 _LARGEST = 1 << 27
-"""Most values of one tensor: 512 MB in float32. The largest of the reference's has 57 million."""
+"""512 MB. The reference's largest has 57 million values."""
 
 _PRODUCER = 27
-"""Version of the graph that is written: what TensorFlow 1.12, the reference simulator's, writes.
-TensorFlow itself accepts all versions from 0."""
+"""Of TensorFlow 1.12, the reference's."""
 
 REMEDY = "Use a graph that the reference simulator or `dr-export pb` wrote."
 
 
 class Shape(tuple[int, ...]):
-    """The shape of an input; -1 for a length that is not fixed."""
+    """-1 for a length that is not fixed."""
 
 
 Attr = bool | int | float | str | tuple[int, ...] | Shape | DataType
-"""The value of an attribute; a plain tuple is a list of numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A node of a graph.
-
-    Attributes:
-        inputs: Names of the nodes whose results it takes.
-        attrs: Attributes by name, without those that the interpreter and the converters ignore.
-        value: The tensor of a `Const`.
-    """
+    """`attrs` lack what the interpreter and the converters ignore; `value` is that of a `Const`."""
 
     name: str
     op: str
@@ -59,14 +51,14 @@ class Node:
 
 
 def encode_graph(nodes: Sequence[Node]) -> bytes:
-    """The file of a graph; equal nodes give equal bytes."""
+    """Equal nodes, equal bytes."""
     graph = graph_message(nodes)
     data: bytes = graph.SerializeToString(deterministic=True)
     return data
 
 
 def graph_message(nodes: Sequence[Node]) -> Any:
-    """The message `Graph` with these nodes."""
+    """Of nodes."""
     graph = GraphMessage()
     graph.versions.producer = _PRODUCER
     for node in nodes:
@@ -81,11 +73,7 @@ def graph_message(nodes: Sequence[Node]) -> Any:
 
 
 def decode_graph(data: bytes, origin: str) -> tuple[Node, ...]:
-    """Read the file of a graph that messages call by a name.
-
-    Raises:
-        SettingsError: The file is no graph, or one of its tensors is wrong.
-    """
+    """SettingsError if it is not a graph, or a tensor is wrong."""
     graph = GraphMessage()
     try:
         graph.ParseFromString(data)
@@ -97,11 +85,7 @@ def decode_graph(data: bytes, origin: str) -> tuple[Node, ...]:
 
 
 def data_type(array: Array) -> DataType:
-    """TensorFlow's name of an array's type.
-
-    Raises:
-        ValueError: There is none here.
-    """
+    """ValueError if TensorFlow has none."""
     for kind, dtype in _DTYPES.items():
         if array.dtype == dtype:
             return kind
@@ -109,7 +93,7 @@ def data_type(array: Array) -> DataType:
 
 
 def dtype_of(number: int) -> np.dtype[Any] | None:
-    """The NumPy type of a TensorFlow type, None for types that no model of the reference has."""
+    """None if no model of the reference has it."""
     try:
         return _DTYPES[DataType(number)]
     except ValueError:
@@ -117,7 +101,7 @@ def dtype_of(number: int) -> np.dtype[Any] | None:
 
 
 def shape_of(message: Any) -> Shape:
-    """The shape in a message; -1 for a length that is not fixed."""
+    """In a message."""
     return Shape(dim.size for dim in message.dim)
 
 

@@ -1,6 +1,6 @@
-"""Runs frozen graphs with NumPy, operation by operation as TensorFlow defines them.
+"""Runs frozen graphs with NumPy.
 
-It knows the operations of the reference's policies and of ours, and refuses all others.
+It refuses operations that neither the reference's policies nor ours have.
 """
 
 import math
@@ -14,28 +14,18 @@ from drcli.base.problems import shown
 from drcli.formats.tensorflow.graph import REMEDY, Array, Node, Shape
 
 _MOST_BYTES = 1 << 29
-"""Most memory of one result. The largest kernel of the reference's takes 229 MB, and 100 frames in
-its widest layer 240 MB."""
+"""Of one result. The reference's largest kernel takes 229 MB, 100 frames in its widest layer 240
+MB.
+"""
 
 _UNFIT = (ValueError, TypeError, IndexError, KeyError, NotImplementedError, MemoryError)
-"""What NumPy raises when shapes or settings do not fit."""
 
 
 class Graph:
-    """A graph whose nodes are in an order in which they can run.
-
-    Attributes:
-        nodes: The nodes that the output needs, each after those that it takes.
-        inputs: Name and shape of each `Placeholder`, in the order of the file.
-        output: The node that no other node takes.
-    """
+    """A graph in an order in which it can run, with those `nodes` that the output needs."""
 
     def __init__(self, nodes: Sequence[Node], origin: str) -> None:
-        """Check a graph that messages call by the name `origin`.
-
-        Raises:
-            SettingsError: It has an unknown operation, no single output, or is not a graph at all.
-        """
+        """SettingsError if it has an unknown operation, or no single output."""
         self.origin = origin
         by_name = {node.name: node for node in nodes}
         if len(by_name) != len(nodes):
@@ -62,14 +52,7 @@ class Graph:
         }
 
     def run(self, inputs: Mapping[str, Array]) -> Array:
-        """Compute the output.
-
-        Args:
-            inputs: An array for each name in `self.inputs`. All begin with the number of samples.
-
-        Raises:
-            SettingsError: The shapes of two operations do not fit each other.
-        """
+        """SettingsError if shapes do not fit. Arrays begin with the number of samples."""
         results: dict[str, Array] = {}
         for number, node in enumerate(self.nodes):
             if node.op == "Placeholder":
@@ -90,7 +73,7 @@ class Graph:
         return results[self.output.name]
 
     def _in_order(self, by_name: Mapping[str, Node]) -> tuple[Node, ...]:
-        """The nodes that the output needs, inputs first; without recursion, for long graphs."""
+        """Inputs first; without recursion, for long graphs."""
         order: list[Node] = []
         done: set[str] = set()
         open_: set[str] = set()
@@ -181,7 +164,6 @@ def _pack(node: Node, *parts: Array) -> Array:
 
 
 def _require(node: Node, **wanted: object) -> None:
-    """Refuse settings of an operation that no policy has."""
     for name, value in wanted.items():
         if node.attrs.get(name, value) != value:
             raise NotImplementedError(f"{name} is {node.attrs[name]}, not {value}")
@@ -211,4 +193,3 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "Tanh": lambda node, a: np.tanh(a),
     "Transpose": lambda node, a, order: a.transpose(order.tolist()),
 }
-"""The operations of the reference's policies and of ours; each gets its node and its inputs."""

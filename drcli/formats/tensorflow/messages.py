@@ -1,8 +1,7 @@
-"""TensorFlow's protobuf messages, as far as graphs and checkpoints of the reference need them.
+"""TensorFlow's protobuf messages, as far as needed; other fields are skipped.
 
-Names and numbers of the fields are those of TensorFlow's `graph.proto`, `node_def.proto`,
-`attr_value.proto`, `tensor.proto`, `tensor_shape.proto`, `versions.proto`, `meta_graph.proto`,
-`saver.proto` and `tensor_bundle.proto`. Fields that are missing here are skipped in reading.
+Source: TensorFlow's `graph.proto`, `node_def.proto`, `attr_value.proto`, `tensor.proto`,
+`tensor_shape.proto`, `versions.proto`, `meta_graph.proto`, `saver.proto`, `tensor_bundle.proto`.
 """
 
 from enum import IntEnum
@@ -77,15 +76,15 @@ _FIELDS: dict[str, tuple[str, ...]] = {
         "7 slices *Slice",
     ),
 }
-"""Number, name and type of each field; `*` marks repeated ones. The attributes of a node are a map
-in TensorFlow, which protobuf writes like repeated pairs of key and value."""
+"""`*`: repeated. A node's attributes are a map in TensorFlow, which protobuf writes like repeated
+pairs.
+"""
 
 _CHOICES = {"AttrValue": "value"}
-"""Messages whose fields exclude each other, and the name of the choice."""
 
 
 class DataType(IntEnum):
-    """Types of tensors. Source: TensorFlow's `types.proto`."""
+    """Source: TensorFlow's `types.proto`."""
 
     FLOAT = 1
     DOUBLE = 2

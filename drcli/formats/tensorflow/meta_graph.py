@@ -1,8 +1,6 @@
-"""The `.meta` file of a checkpoint: a graph with variables that the checkpoint's values belong to.
+"""The `.meta` file of a checkpoint: a graph with variables, for `import_meta_graph`.
 
-TensorFlow's `import_meta_graph` builds the graph from it, and the saver that it returns restores
-the checkpoint. The reference simulator builds its graph itself and never reads this file, but
-programs that import models ask for it.
+The reference simulator never reads it, but importers ask for it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,18 +14,13 @@ from drcli.formats.tensorflow.messages import DataType, MetaGraphMessage
 _STRING = 7
 _SAVER_V2 = 2
 _VERSION = "1.12.0"
-"""Of TensorFlow, which wrote such files in the consoles."""
+"""Of the consoles."""
 
 _SAVE = "save/"
 
 
 def encode_meta_graph(nodes: Sequence[Node], variables: Mapping[str, Array]) -> bytes:
-    """The `.meta` file of a checkpoint.
-
-    Args:
-        nodes: A frozen graph. Constants with the name of a variable become that variable.
-        variables: All variables of the checkpoint, by name.
-    """
+    """Constants with the name of a variable become that variable."""
     file = MetaGraphMessage()
     file.meta_info_def.tags.append("serve")
     file.meta_info_def.tensorflow_version = _VERSION
@@ -47,7 +40,6 @@ def encode_meta_graph(nodes: Sequence[Node], variables: Mapping[str, Array]) -> 
 
 
 def _with_variables(nodes: Sequence[Node], variables: Mapping[str, Array]) -> list[Node]:
-    """The graph with variables, also those that the policy does not use."""
     graph = [_variable(name, variables[name]) for name in sorted(variables)]
     shapes: dict[str, tuple[int, ...]] = {}
     for node in nodes:
@@ -78,7 +70,6 @@ def _variable(name: str, value: Array) -> Node:
 
 
 def _add_save(graph: Any, names: Sequence[str], variables: Mapping[str, Array]) -> None:
-    """Nodes that write all variables to the file that `save/Const` names."""
     _add_texts(graph, "Const", ["model"], scalar=True)
     _add_texts(graph, "SaveV2/tensor_names", names)
     _add_texts(graph, "SaveV2/shape_and_slices", [""] * len(names))
@@ -94,7 +85,6 @@ def _add_save(graph: Any, names: Sequence[str], variables: Mapping[str, Array]) 
 
 
 def _add_restore(graph: Any, names: Sequence[str], variables: Mapping[str, Array]) -> None:
-    """Nodes that read all variables from the file that `save/Const` names."""
     _add_texts(graph, "RestoreV2/tensor_names", names)
     _add_texts(graph, "RestoreV2/shape_and_slices", [""] * len(names))
     ends = ("Const", "RestoreV2/tensor_names", "RestoreV2/shape_and_slices")
@@ -119,7 +109,6 @@ def _add_types(node: Any, names: Sequence[str], variables: Mapping[str, Array]) 
 
 
 def _add_texts(graph: Any, name: str, texts: Sequence[str], *, scalar: bool = False) -> None:
-    """A constant of texts, which frozen graphs do not have."""
     node = graph.node.add(name=f"{_SAVE}{name}", op="Const")
     node.attr.add(key="dtype").value.type = _STRING
     tensor = node.attr.add(key="value").value.tensor

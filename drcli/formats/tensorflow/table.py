@@ -1,8 +1,7 @@
-"""Sorted tables of TensorFlow: the format of a checkpoint's `.index` file.
+"""Sorted tables of TensorFlow: the format of `.index` files.
 
-A table maps byte strings to byte strings, sorted by key. The format is LevelDB's: blocks of
-entries, a block that says where they are, and a footer. Every block has a checksum. Source:
-doc/table_format.md of LevelDB, tensorflow/core/lib/io/table_format.txt.
+It is LevelDB's: blocks with checksums. Source: doc/table_format.md of LevelDB,
+tensorflow/core/lib/io/table_format.txt.
 """
 
 import itertools
@@ -17,45 +16,34 @@ from drcli.base.errors import SettingsError
 _MAGIC = 0xDB4775248B80FB57
 _FOOTER_BYTES = 48
 _TRAILER_BYTES = 5
-"""Of a block: its compression, one byte, and its checksum."""
+"""Compression and checksum."""
 
 _UNCOMPRESSED, _SNAPPY = 0, 1
 _RESTART_INTERVAL = 16
 _BLOCK_BYTES = 262_144
-"""TensorFlow's values for checkpoints."""
+"""TensorFlow's."""
 
 _MAX_KEY_BYTES = 4096
 _MAX_ENTRIES = 100_000
-"""Far more than a checkpoint of a policy has. A table of a few MB can claim keys of many GB,
-because each entry may repeat most of the key before it."""
+"""An entry may repeat most of the key before it, so a few MB can claim many GB."""
 
 _UINT32 = (1 << 32) - 1
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a block is in the file, without its trailer."""
-
     offset: int
     size: int
 
 
 def masked_crc(data: bytes) -> int:
-    """CRC-32C of some bytes as TensorFlow stores it: rotated, plus a constant."""
+    """CRC-32C, rotated, plus a constant."""
     crc = int(google_crc32c.value(data))
     return (((crc >> 15) | (crc << 17)) + 0xA282EAD8) & _UINT32
 
 
 def read_table(data: bytes, origin: str) -> dict[bytes, bytes]:
-    """Read a table and check it.
-
-    Args:
-        data: The whole file.
-        origin: What messages call it.
-
-    Raises:
-        SettingsError: It is not such a table, is damaged or compressed, or has too many entries.
-    """
+    """SettingsError if it is damaged or compressed, or has too many entries."""
     index_place = _footer(data, origin)
     found: dict[bytes, bytes] = {}
     before: bytes | None = None
@@ -72,7 +60,7 @@ def read_table(data: bytes, origin: str) -> dict[bytes, bytes]:
 
 
 def write_table(entries: dict[bytes, bytes], *, block_bytes: int = _BLOCK_BYTES) -> bytes:
-    """Write a table without compression; a block ends once it has `block_bytes`."""
+    """Write a table uncompressed."""
     file = bytearray()
     index, block = _Block(1), _Block(_RESTART_INTERVAL)
     ordered = sorted(entries.items())
@@ -88,7 +76,7 @@ def write_table(entries: dict[bytes, bytes], *, block_bytes: int = _BLOCK_BYTES)
 
 
 def damaged(origin: str, fault: str) -> SettingsError:
-    """The error for a file that is not what was written."""
+    """The error."""
     return SettingsError(
         f"{origin} is damaged: {fault}.",
         remedy="Copy the file again from where it was written, or choose another checkpoint.",
@@ -96,7 +84,6 @@ def damaged(origin: str, fault: str) -> SettingsError:
 
 
 def _footer(data: bytes, origin: str) -> _Place:
-    """Where the index block is."""
     footer = data[-_FOOTER_BYTES:]
     if len(footer) < _FOOTER_BYTES or struct.unpack("<Q", footer[-8:])[0] != _MAGIC:
         raise SettingsError(
@@ -109,7 +96,6 @@ def _footer(data: bytes, origin: str) -> _Place:
 
 
 def _block(data: bytes, place: _Place, origin: str) -> bytes:
-    """The content of a block."""
     end = place.offset + place.size
     if end + _TRAILER_BYTES > len(data) - _FOOTER_BYTES:
         raise damaged(origin, f"a block ends at byte {end}, and the file has {len(data)}")
@@ -129,7 +115,7 @@ def _block(data: bytes, place: _Place, origin: str) -> bytes:
 
 
 def _entries(block: bytes, origin: str) -> Iterator[tuple[bytes, bytes]]:
-    """Keys and values of a block; a key repeats the first bytes of the one before it."""
+    """A key repeats the first bytes of the one before it."""
     if len(block) < 4:
         raise damaged(origin, "a block is too short")
     (restarts,) = struct.unpack("<I", block[-4:])
@@ -152,14 +138,12 @@ def _entries(block: bytes, origin: str) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _handle(data: bytes, position: int, origin: str) -> tuple[_Place, int]:
-    """A place in the file, and the position after it."""
     offset, position = _varint(data, position, origin)
     size, position = _varint(data, position, origin)
     return _Place(offset, size), position
 
 
 def _varint(data: bytes, position: int, origin: str) -> tuple[int, int]:
-    """A number of variable length, up to 64 bits, and the position after it."""
     number = 0
     for shift in range(0, 64, 7):
         if position >= len(data):
@@ -173,8 +157,6 @@ def _varint(data: bytes, position: int, origin: str) -> tuple[int, int]:
 
 
 class _Block:
-    """A block while it is written."""
-
     def __init__(self, restart_interval: int) -> None:
         self._interval = restart_interval
         self._entries = bytearray()
@@ -184,11 +166,10 @@ class _Block:
 
     @property
     def size(self) -> int:
-        """Length of the content."""
         return len(self._entries) + 4 * len(self._restarts) + 4
 
     def add(self, key: bytes, value: bytes) -> None:
-        """Append an entry; keys come in order."""
+        """Keys come in order."""
         shared = _common(self._before, key)
         if self._count and self._count % self._interval == 0:
             self._restarts.append(len(self._entries))
@@ -200,13 +181,11 @@ class _Block:
         self._count += 1
 
     def content(self) -> bytes:
-        """The encoded block, without its trailer."""
         ends = (*self._restarts, len(self._restarts))
         return bytes(self._entries) + struct.pack(f"<{len(ends)}I", *ends)
 
 
 def _append(file: bytearray, block: bytes) -> bytes:
-    """Write a block with its trailer; returns its place, encoded."""
     place = _encoded_varint(len(file)) + _encoded_varint(len(block))
     content = block + bytes([_UNCOMPRESSED])
     file += content + struct.pack("<I", masked_crc(content))
@@ -214,7 +193,7 @@ def _append(file: bytearray, block: bytes) -> bytes:
 
 
 def _separator(last: bytes, first: bytes) -> bytes:
-    """A short key, from the last one of a block up to before the first one of the next."""
+    """A short key between two blocks."""
     shared = _common(last, first)
     if shared < len(last) and last[shared] < 0xFF and last[shared] + 1 < first[shared]:
         return last[:shared] + bytes([last[shared] + 1])
@@ -222,7 +201,6 @@ def _separator(last: bytes, first: bytes) -> bytes:
 
 
 def _successor(last: bytes) -> bytes:
-    """A short key that is not before the last one of the table."""
     for position, byte in enumerate(last):
         if byte < 0xFF:
             return last[:position] + bytes([byte + 1])
@@ -230,7 +208,6 @@ def _successor(last: bytes) -> bytes:
 
 
 def _common(one: bytes, other: bytes) -> int:
-    """How many bytes at the start are equal."""
     length = min(len(one), len(other))
     return next((i for i in range(length) if one[i] != other[i]), length)
 
@@ -244,5 +221,4 @@ def _encoded_varint(number: int) -> bytes:
 
 
 def _shown(key: bytes) -> str:
-    """A key for a message."""
     return repr(key.decode(errors="backslashreplace"))[:80]

@@ -1,1 +1,1 @@
-"""The separate process that tries a reward function, and its records."""
+"""The process that tries a reward function."""

@@ -1,4 +1,4 @@
-"""Runs a racer's reward function in the sandbox: a separate process, which can be ended."""
+"""Runs a reward function in the sandbox process."""
 
 import contextlib
 import os
@@ -26,19 +26,13 @@ from drcli.store.keys import REWARD_FUNCTION_FILE
 
 _MODULE = "drcli.rewards.sandbox.sandbox_process"
 _PATIENCE_S = 280.0
-"""Longest run: loading the file four times, which may take a minute each."""
+"""The file is loaded four times."""
 
 _POLL_S = 0.05
 
 
 class Sandbox:
-    """A running sandbox; a context manager, which ends it and all that it has started.
-
-    Args:
-        request: What to try.
-        content: The reward function; None loads worlds and races only.
-        directory: The racer's working folder, which is that of a training too.
-    """
+    """A context manager that ends it and all that it has started."""
 
     def __init__(self, request: SandboxRequest, content: bytes | None, directory: Path) -> None:
         self._request = request
@@ -72,7 +66,7 @@ class Sandbox:
         self._scratch.cleanup()
 
     def result(self, given_up: Event | None = None) -> SandboxResult:
-        """Wait for the result, which is empty if `given_up` is set.
+        """The result, empty if `given_up`.
 
         Raises:
             NotAvailable: A library cannot be loaded.
@@ -99,7 +93,6 @@ class Sandbox:
         return result if result.finished else self._ended(result, code, trace)
 
     def _ended(self, result: SandboxResult, code: int | None, trace: str) -> SandboxResult:
-        """The result for a function that ended the process."""
         kind: FailureKind = "ends"
         reason = signal.Signals(-code).name if code and code < 0 else f"exit code {code}"
         if code is None or trace.startswith("Timeout"):

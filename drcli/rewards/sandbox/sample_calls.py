@@ -1,4 +1,4 @@
-"""The calls that every check of a reward function makes: all along the lap, and unusual states."""
+"""The calls that every check of a reward function makes."""
 
 import math
 from collections.abc import Sequence
@@ -19,31 +19,26 @@ from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
 POSITIONS = 40
-"""Places along the lap."""
-
 OFFSETS = (0.0, 0.3, -0.3, 1.0)
-"""Distances to the left of the centre line, in road widths: the last is off the track."""
+"""To the left, in road widths."""
 
 Floats = NDArray[np.float64]
 
 _STATES = (0, POSITIONS // 4, POSITIONS // 2, 3 * POSITIONS + POSITIONS // 4, POSITIONS - 1)
-"""Five samples that are tried first: on the start line, on the road, after half a lap, off the
-track, at the finish. Source: the console's validator. The first is the first call of an episode, in
-which functions set up their variables."""
+"""Tried first: start line, road, half a lap, off the track, finish. Source: the console's
+validator. The first is an episode's first call, where functions set up variables.
+"""
 
 FIRST_UNUSUAL = LATE = -6
-"""Index of the first of the unusual samples, in the last step of a very long episode."""
-
 _SPEED_MPS, _SLOWEST_MPS = 1.0, 0.5
 
 _FALLBACK_WORLD = "reinvent_base"
-"""The reward function is tried here if none of the racer's tracks loads."""
 
 
 def sample_races(
     races: Sequence[RaceConfig],
 ) -> tuple[list[list[RewardParams]], list[str], list[Problem]]:
-    """The samples of each distinct race, its track and type, and why races cannot be loaded."""
+    """Samples of each distinct race, and why races cannot be loaded."""
     problems: list[Problem] = []
     samples: dict[tuple[str, Race], list[RewardParams]] = {}
     names = []
@@ -64,10 +59,7 @@ def sample_races(
 
 
 def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
-    """Reward parameters all along a lap, on the centre line, to its sides and off the track.
-
-    Six states that come up in long trainings follow.
-    """
+    """Parameters all along a lap, on and off the track, then six states of long trainings."""
     count = POSITIONS * len(OFFSETS)
     fraction = np.tile(np.linspace(0.0, 1.0, POSITIONS, endpoint=False), len(OFFSETS))
     xy, yaw_rad = places(track, fraction[:POSITIONS] * track.length_m, OFFSETS)
@@ -102,7 +94,7 @@ def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
 def _unusual(track: Track, samples: Sequence[RewardParams]) -> list[RewardParams]:
     """A very long episode, a day of training, driving back, extreme actions, the wrong way.
 
-    Few trainings meet them, so what fails only there does not refuse a start.
+    Few trainings meet them, so failures only there do not refuse a start.
     """
     usual = samples[POSITIONS // 2]
     slow_lap_s = track.length_m / _SLOWEST_MPS
@@ -118,7 +110,7 @@ def _unusual(track: Track, samples: Sequence[RewardParams]) -> list[RewardParams
 
 
 def state_of(call: RewardParams, race: str = "") -> str:
-    """The state of the car in a call, in words; `race` is that of `sample_races`, if it matters."""
+    """The state in words; `race` as of `sample_races`."""
     if call["is_offtrack"]:
         where = "off the track"
     elif call["progress"] >= 100.0:
@@ -130,15 +122,12 @@ def state_of(call: RewardParams, race: str = "") -> str:
 
 
 def places(track: Track, along_m: Floats, offsets: Sequence[float]) -> tuple[Floats, Floats]:
-    """Places along the lap, offset by offset, and the direction of the track at each in radians.
+    """Places, shape (m * n, 2), and directions in radians, shape (m * n,), offset by offset.
 
     Args:
         track: The track.
-        along_m: Distances from waypoint 0. Shape (n,).
-        offsets: Distances to the left of the centre line, in road widths. Shape (m,).
-
-    Returns:
-        Shapes (m * n, 2) and (m * n,).
+        along_m: From waypoint 0. Shape (n,).
+        offsets: To the left, in road widths. Shape (m,).
     """
     poses = np.tile(track.pose_at(along_m), (len(offsets), 1))
     width_m = np.tile(track.locate(poses[: len(along_m), :2]).track_width_m, len(offsets))

@@ -1,8 +1,8 @@
-"""Calls a racer's reward function in a separate process, which the code may end, hang or crash.
+"""Calls a reward function in a separate process, which it may end, hang or crash.
 
-Run as `python -m drcli.rewards.sandbox.sandbox_process FOLDER PARENT_PID`. FOLDER holds the request
-and a copy of the file; without the copy, only worlds and races are loaded. The result is written
-before the racer's code is loaded, and again at the end. Needs neither torch nor a bucket.
+`python -m drcli.rewards.sandbox.sandbox_process FOLDER PARENT_PID`. FOLDER holds the request and a
+copy of the file, or only worlds and races are loaded. The result is written before loading the
+racer's code, and at the end.
 """
 
 import contextlib
@@ -45,20 +45,13 @@ from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
 from drsim.errors import RewardError
 
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
-"""Longest time for the calls of a pass; the rest is not called."""
-
 _GRACE_S = 2.0
-"""Slow calls and slow loading are interrupted; if that does not help, the process ends this much
-later."""
-
 _MEMORY_BYTES = 16 << 30
-"""Memory limit: a list that grows in an endless loop must not fill the machine."""
-
 Values = dict[CallIndex, float | None]
 
 
 class Calls(NamedTuple):
-    """The sequences of the request, then the samples of each race; the rest as `sample_races`."""
+    """Races' samples last."""
 
     sequences: Sequence[Sequence[RewardParams]]
     races: Sequence[str]
@@ -66,7 +59,7 @@ class Calls(NamedTuple):
 
 
 def calls_of(request: SandboxRequest) -> Calls:
-    """The requested calls with their waypoints."""
+    """With waypoints."""
     waypoints = [[(x, y) for x, y in points] for points in request.waypoints]
     for calls in request.sequences:
         for params in calls:
@@ -80,7 +73,7 @@ def calls_of(request: SandboxRequest) -> Calls:
 def try_function(
     request: SandboxRequest, file: Path, calls: Calls, faults: TextIO
 ) -> SandboxResult:
-    """Make all calls, then repeat some; `faults` is where Python writes if it ends the process."""
+    """Make all calls, then repeat some."""
     passes = _Passes(request, file, calls, faults)
     with (
         contextlib.redirect_stdout(passes.printed),
@@ -91,8 +84,6 @@ def try_function(
 
 
 class _Passes:
-    """Goes through the calls several times and collects the results."""
-
     def __init__(self, request: SandboxRequest, file: Path, calls: Calls, faults: TextIO) -> None:
         self.printed = PrintCounter(str(file))
         self._request = request
@@ -113,7 +104,6 @@ class _Passes:
         self._discards: list[tuple[RewardError, CallIndex]] = []
 
     def run(self, trial: SharedStateTrial) -> SandboxResult:
-        """Make all calls; then the trial tells whether cars would share something."""
         everything = [
             CallIndex(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))
         ]
@@ -165,7 +155,6 @@ class _Passes:
         )
 
     def _load(self, *, first: bool = False) -> RewardFunction | None:
-        """A fresh copy of the function; None if it cannot be loaded."""
         self._effects.listening = first
         self._watch(self._request.load_s)
         try:
@@ -189,7 +178,6 @@ class _Passes:
         *,
         first: bool = False,
     ) -> Values:
-        """Call the function for the places in turn, until the time is up."""
         last = _LastCall()
         timed = _timed(function, last)
         values: Values = {}
@@ -221,8 +209,7 @@ class _Passes:
     def _watch(self, limit_s: float) -> None:
         """End the process if one call takes far too long, even within a library.
 
-        The watch is a thread of Python that needs no lock. Starting one for each call would cost
-        more than most calls.
+        A thread for each call would cost more than most calls.
         """
         if monotonic() > self._watched_until_s - limit_s - _GRACE_S / 2:
             until_s = limit_s + _GRACE_S
@@ -234,12 +221,10 @@ class _Passes:
         self._watched_until_s = 0.0
 
     def _regain(self) -> None:
-        """Undo what the racer's code has replaced, after it has returned."""
         self._originals.restore()
         self._effects.listening = False
 
     def _difference(self, values: Values, places: Sequence[CallIndex]) -> Difference | None:
-        """The first place where a fresh copy, called in this order, returns something else."""
         function = self._load()
         if function is None:
             return None
@@ -255,7 +240,7 @@ class _Passes:
         return Difference(first, values[first], others[first], len(unlike), len(both))
 
     def _record(self, error: RewardError, where: CallIndex | None, returned: str = "") -> None:
-        """Record a failure; of those that differ in numbers only, the first is enough."""
+        """Failures that differ in numbers only count once."""
         cause = error.__cause__
         kind: FailureKind = (
             "undefined"
@@ -290,7 +275,6 @@ class _Passes:
         return samples and where.index >= len(self._calls[where.sequence]) + FIRST_UNUSUAL
 
     def _state(self, where: CallIndex) -> str:
-        """The state of the car in a call, with the race if samples of several are tried."""
         sample = where.sequence - len(self._request.sequences)
         race = self._races[sample] if sample >= 0 and self._races[1:] else ""
         return state_of(self._calls[where.sequence][where.index], race)
@@ -298,15 +282,11 @@ class _Passes:
 
 @dataclass
 class _LastCall:
-    """Duration of the last call, and the type that it returned; empty if it failed."""
-
     took_s: float = 0.0
     returned: str = ""
 
 
 def _timed(function: RewardFunction, last: _LastCall) -> RewardFunction:
-    """The same function, which records the time and the type of each call."""
-
     @wraps(function)  # failures are placed by the code of the function itself
     def timed(params: RewardParams) -> float:
         last.returned = ""
@@ -324,7 +304,6 @@ def _timed(function: RewardFunction, last: _LastCall) -> RewardFunction:
 
 
 def _copied(value: Any) -> Any:
-    """A copy of parameters, lists included, as the simulation gives them."""
     if isinstance(value, dict):
         return {key: _copied(item) for key, item in value.items()}
     return [_copied(item) for item in value] if isinstance(value, list) else value
@@ -339,7 +318,7 @@ def _timing(took_s: Mapping[CallIndex, float]) -> Timing | None:
 
 
 def main(folder: Path, parent_pid: int) -> None:
-    """Try what the request in the folder says, and write the result there."""
+    """Write the result."""
     keep_descendants(parent_pid)
     faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
     faulthandler.enable(faults)

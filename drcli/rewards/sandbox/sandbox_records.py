@@ -1,4 +1,4 @@
-"""The sandbox's request and result; both travel as JSON files."""
+"""The sandbox's request and result, as JSON files."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -10,7 +10,7 @@ from drcli.base.problems import Problem
 from drcli.config.run_config import RaceConfig
 
 FAULTS_FILE = "faults.txt"
-"""Output of Python when it ends the process: stacks, or the traceback of an exception."""
+"""Of Python when it ends the process."""
 
 FailureKind = Literal[
     "load",
@@ -50,15 +50,10 @@ class SandboxRequest:
     """What to try.
 
     Attributes:
-        name: The author's name for the file of the reward function.
-        sequences: Parameters of calls, in order, without the waypoints.
+        sequences: Parameters without the waypoints.
         waypoints: By `is_reversed`. Shape (2, n, 2).
-        repeated: How many of the first sequences are called again, to see what the function
-            remembers.
-        races: Load the tracks and races of these workers, and before the sequences try the
-            samples of each (`sample_calls`).
-        call_s: Longest time of one call.
-        load_s: Longest time of loading the file.
+        repeated: Sequences that are called again.
+        races: Their samples come first.
     """
 
     name: str
@@ -70,18 +65,18 @@ class SandboxRequest:
     load_s: float = 60.0
 
     def write(self, folder: Path) -> None:
-        """Write it for the sandbox process."""
+        """For the sandbox."""
         (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=json_default), "utf-8")
 
     @staticmethod
     def read(folder: Path) -> "SandboxRequest":
-        """The request in a folder."""
+        """In a folder."""
         return from_json(SandboxRequest, parse_json((folder / _REQUEST_FILE).read_bytes()))
 
 
 @dataclass(frozen=True)
 class CallIndex:
-    """One call: the number of its sequence and its number in that, both from 0."""
+    """Numbers of the sequence and in it, from 0."""
 
     sequence: int
     index: int
@@ -92,16 +87,12 @@ class Failure:
     """Something that ends a training.
 
     Attributes:
-        kind: What went wrong.
-        reason: Such as "KeyError: 'sped'"; a whole sentence if no call was made.
-        line: Line in the racer's file, if known.
-        source: The text of that line.
-        state: State of the car in the first such call, such as "on the start line (step 2, 0.0 % of
-            the lap)"; empty if no call was made.
-        params: The parameters of that call which the file reads, in short form.
-        missing: The module that cannot be imported, if that is the reason.
-        times: How many of the `SandboxResult.counted` calls fail like this.
-        unusual: Whether only states that few trainings meet fail like this.
+        reason: Such as "KeyError: 'sped'".
+        state: "on the start line (step 2, 0.0 % of the lap)".
+        params: Those that the file reads.
+        missing: The module that cannot be imported.
+        times: Of the `SandboxResult.counted` calls.
+        unusual: Only rare states fail like this.
     """
 
     kind: FailureKind
@@ -116,7 +107,7 @@ class Failure:
 
     @property
     def sentence(self) -> str:
-        """The failure in words."""
+        """In words."""
         failed = f"The reward function failed {self.state}: {self.reason}."
         text = failed if self.state else self.reason
         if not self.source or self.kind in ("type", "range"):  # not the fault of one line
@@ -126,7 +117,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Effect:
-    """A side effect of a line; `what` is the file, address or program."""
+    """Of a line."""
 
     kind: EffectKind
     what: str
@@ -136,10 +127,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class Difference:
-    """`times` of `of` calls returned something else in another pass, first the one at `place`.
-
-    A value is None if the call failed.
-    """
+    """`times` of `of` calls returned something else in another pass, first at `place`."""
 
     place: CallIndex
     value: float | None
@@ -150,9 +138,9 @@ class Difference:
 
 @dataclass(frozen=True)
 class SharedState:
-    """`times` of `of` rewards of a car are others if a second car drives at the same time.
+    """`times` of `of` rewards of a car are others beside a second car.
 
-    `names` are what the file sets outside of itself, such as `math.last`, if that can be told.
+    `names` are what the file sets elsewhere, such as `math.last`.
     """
 
     names: list[str]
@@ -162,7 +150,7 @@ class SharedState:
 
 @dataclass(frozen=True)
 class Printed:
-    """Output to stdout and stderr in the counted calls; `line` printed first, if known."""
+    """In counted calls."""
 
     lines: int = 0
     characters: int = 0
@@ -171,7 +159,7 @@ class Printed:
 
 @dataclass(frozen=True)
 class Timing:
-    """Duration of the calls, and which call took longest."""
+    """Of calls."""
 
     median_s: float
     mean_s: float
@@ -185,21 +173,12 @@ class SandboxResult:
 
     Attributes:
         problems: Worlds and races that cannot be loaded.
-        values: The value of each call, those of the samples last; None if it failed or was not
-            made.
-        failures: Everything that ends a training.
-        returned: How many calls returned which type.
-        line: Line of `def reward_function`, if known.
-        timing: Duration of the calls of the sequences, else of the samples; None without any.
-        calls: How many calls were made.
-        counted: How many of them were samples, or all without samples: failures and lines are
-            counted among these, so that they do not depend on the sequences.
-        effects: Side effects.
-        printed: Output.
-        random: A call that returned something else when the same calls were repeated.
-        memory: A call that returned something else when the episodes came in another order.
-        shared: What cars would share that drive at the same time.
-        finished: False until the reward function has been tried.
+        values: The samples last; None if it failed or was not made.
+        returned: Calls by type.
+        counted: Samples, or all without samples.
+        random: Differs when the same calls are repeated.
+        memory: Differs with another order of episodes.
+        finished: Whether the function has been tried.
     """
 
     problems: list[Problem] = field(default_factory=list)
@@ -218,18 +197,14 @@ class SandboxResult:
     finished: bool = True
 
     def write(self, folder: Path) -> None:
-        """Write it for the parent, in one step."""
+        """In one step."""
         unfinished = folder / f"{_RESULT_FILE}.part"
         unfinished.write_text(json.dumps({"version": _VERSION, **asdict(self)}), "utf-8")
         unfinished.rename(folder / _RESULT_FILE)
 
     @staticmethod
     def read(folder: Path) -> "SandboxResult | None":
-        """The result in a folder; None if the process has not written it.
-
-        Raises:
-            RecordError: The racer's code has overwritten it.
-        """
+        """None if not written; RecordError if overwritten."""
         try:
             record = parse_json((folder / _RESULT_FILE).read_bytes())
         except FileNotFoundError:

@@ -1,10 +1,8 @@
-"""Finds out whether cars would share state: each has a copy of the file, and of nothing else.
+"""Finds out whether cars would share state outside of their copies of the file.
 
-Copies of this process, made before it has loaded the racer's code, call the function: twice for one
-car alone, and twice for two cars in turn. If the first car gets the same rewards each time when it
-is alone, and others beside another car, something outside of the file is to blame. Random numbers
-are drawn from the same seed for the same call, and a function that depends on anything else that
-changes, such as the time, is not judged.
+Copies of this process, made before it loads the racer's code, call the function twice for one car
+alone, and twice for two in turn. If the first car gets other rewards only beside another, they
+share something. Random numbers have the same seed; what depends on the time is not judged.
 """
 
 import json
@@ -28,17 +26,13 @@ from drsim.episode.reward import USER_MODULE, RewardParams, checked_reward
 from drsim.errors import RewardError
 
 _PASS_S = 1.0
-"""Longest time for the calls of a pass; the rest is not called."""
-
 _PATIENCE_S = 20.0
-"""Longest time for all passes."""
-
 _MOST_CALLS = 300
 _PIECE = 1 << 16
 
 
 class SharedStateTrial:
-    """A copy of this process, which tries when it is told to; a context manager ends it."""
+    """A copy of this process; a context manager ends it."""
 
     def __init__(self, file: Path, calls: Sequence[Sequence[RewardParams]]) -> None:
         self._before = set(sys.modules)
@@ -51,7 +45,7 @@ class SharedStateTrial:
         self._copy.end()
 
     def result(self) -> SharedState | None:
-        """What the cars would share; None for nothing, and where that cannot be told."""
+        """None for nothing, and where it cannot be told."""
         try:
             loaded = [name for name in sys.modules if name not in self._before]
             answer = parse_json(self._copy.answer(" ".join(loaded), _PATIENCE_S))
@@ -61,11 +55,7 @@ class SharedStateTrial:
 
 
 class _Copy:
-    """A copy of this process that does one thing, answers in JSON, and ends without a trace.
-
-    Args:
-        work: Gets the line that `answer` tells it.
-    """
+    """Does one thing, answers in JSON, and ends without a trace."""
 
     def __init__(self, work: Callable[[str], object]) -> None:
         go, self._go = os.pipe()
@@ -86,7 +76,7 @@ class _Copy:
             os.kill(os.getpid(), signal.SIGKILL)  # nothing of this process ends twice
 
     def answer(self, told: str, within_s: float) -> bytes:
-        """Let it work, and return what it says; nothing if it takes longer."""
+        """Nothing if it takes longer."""
         said, end_s = b"", monotonic() + within_s
         with suppress(BrokenPipeError):
             os.write(self._go, f"{told}\n".encode())
@@ -98,7 +88,6 @@ class _Copy:
         return b""
 
     def end(self) -> None:
-        """End it."""
         os.kill(self._pid, signal.SIGKILL)
         os.waitpid(self._pid, 0)
         os.close(self._go)
@@ -108,7 +97,6 @@ class _Copy:
 def _judged(
     file: Path, calls: Sequence[Sequence[RewardParams]], loaded: str
 ) -> dict[str, Any] | None:
-    """The `SharedState` as JSON; None without one. Packages that the file loads are loaded once."""
     for name in loaded.split():
         if name != USER_MODULE:
             with suppress(Exception):
@@ -127,7 +115,6 @@ def _judged(
 
 
 def _alike(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether two passes gave the same rewards, as far as there was time for both."""
     return all(a == b for a, b in zip(one["values"], other["values"], strict=False))
 
 
@@ -147,7 +134,6 @@ def _in_copy(
 def _played(
     file: Path, own: Sequence[RewardParams], other: Sequence[RewardParams]
 ) -> dict[str, Any]:
-    """The rewards of a car, and what its calls and those of the other car have set elsewhere."""
     before = dict(_elsewhere()) if other else {}
     car, beside = load_reward_function(file), load_reward_function(file) if other else None
     before = (dict(_elsewhere()) if other else {}) | before
@@ -181,7 +167,6 @@ def _copied(params: RewardParams) -> RewardParams:
 
 
 def _elsewhere() -> Iterator[tuple[str, tuple[str, Any]]]:
-    """What modules other than the racer's hold, by its name, and the variables of the system."""
     for module in [*sys.modules.values()]:
         if not isinstance(module, ModuleType) or module.__name__ == USER_MODULE:
             continue

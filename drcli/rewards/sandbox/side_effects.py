@@ -1,4 +1,4 @@
-"""Detects side effects of racers' code. Only for the sandbox process."""
+"""Detects side effects of racers' code, in the sandbox process."""
 
 import builtins
 import io
@@ -19,19 +19,17 @@ _EVENTS: dict[EffectKind, tuple[str, ...]] = {
     "network": ("socket.bind", "socket.connect", "socket.gethost", "socket.getaddr", "socket.send"),
     "process": ("os.exec", "os.fork", "os.posix_spawn", "os.spawn", "os.system", "subprocess."),
 }
-"""Starts of the events that Python reports to audit hooks, however the code is written."""
-
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _HARMLESS = ("/dev/", "/proc/", "/sys/")
 _LIBRARIES = tuple({f"{sys.prefix}/", f"{sys.base_prefix}/"})
 _SHOWN = 80
 
 _SHARED = (builtins, math, random, time)
-"""Modules that the simulation uses in the same process as the reward function."""
+"""The simulation uses them in the same process."""
 
 
 class Effects:
-    """The side effects of a Python file while `listening` is set."""
+    """Of a file."""
 
     def __init__(self, file: str) -> None:
         self.listening = False
@@ -40,11 +38,11 @@ class Effects:
         _listen_with(self)
 
     def noted(self) -> list[Effect]:
-        """The effects so far, in the order in which they first happened."""
+        """In order."""
         return [Effect(*what, times=times) for what, times in self._seen.items()]
 
     def hear(self, event: str, args: tuple[Any, ...]) -> None:
-        """Record an audit event of Python if the file has caused it."""
+        """Audit hook."""
         if not self.listening:
             return
         self.listening = False  # what follows may itself be an event
@@ -66,7 +64,7 @@ class Effects:
 
 
 class PrintCounter(io.TextIOBase):
-    """Counts and drops all output, so that a flood cannot fill the disk."""
+    """Drops all output, so that a flood cannot fill the disk."""
 
     def __init__(self, file: str) -> None:
         super().__init__()
@@ -79,7 +77,7 @@ class PrintCounter(io.TextIOBase):
         return True
 
     def write(self, text: str, /) -> int:
-        """Count a text."""
+        """Only counts."""
         if self._first is None:
             self._first = line_in(self._file, sys._getframe(1))
         self._lines += text.count("\n")
@@ -87,19 +85,19 @@ class PrintCounter(io.TextIOBase):
         return len(text)
 
     def noted(self) -> Printed:
-        """The output so far."""
+        """So far."""
         return Printed(self._lines, self._characters, self._first)
 
 
 class Originals:
-    """Python's own functions; `replaced` names those that racers' code replaced: `math.sqrt`."""
+    """Python's own functions."""
 
     def __init__(self) -> None:
         self.replaced: list[str] = []
         self._before = [(module, dict(module.__dict__)) for module in _SHARED]
 
     def restore(self) -> None:
-        """Put everything back. New names stay."""
+        """New names stay."""
         changed = [
             (module.__name__, name)
             for module, before in self._before
@@ -114,7 +112,7 @@ class Originals:
 
 
 def line_in(file: str, frame: FrameType | None) -> int | None:
-    """The line of a file that is running; None if the file is not running, or imports."""
+    """None if the file is not running, or imports."""
     while frame is not None:
         name = frame.f_code.co_filename
         if name == file:
@@ -130,7 +128,6 @@ def _kind_of(event: str) -> EffectKind | None:
 
 
 def _what(event: str, args: tuple[Any, ...]) -> str:
-    """The file, address or program of an event."""
     if event.startswith("socket."):
         return _shown(args[0] if event.startswith("socket.get") else args[1])
     if event.startswith(_EVENTS["process"]):
@@ -145,7 +142,7 @@ def _shown(value: object) -> str:
 
 
 _listening: list[Effects] = []
-"""The current listener. Python cannot remove an audit hook, so there is only one hook."""
+"""Python cannot remove an audit hook, so there is only one."""
 
 
 def _listen_with(effects: Effects) -> None:
