@@ -74,7 +74,6 @@ def write_private(path: Path, data: bytes) -> None:
 
 
 def write_private_json(path: Path, value: object) -> None:
-    """With JSON."""
     write_private(path, json.dumps(value, indent=2).encode())
 
 

@@ -16,7 +16,6 @@ SLOW_GROWTH = 1.05
 def delays_s(
     first_s: float = FIRST_DELAY_S, last_s: float = LAST_DELAY_S, *, growth: float = FAST_GROWTH
 ) -> Iterator[float]:
-    """Growing pauses."""
     delay_s = first_s
     while True:
         yield delay_s

@@ -12,7 +12,6 @@ _WORDS = {
 
 
 def cause_of(error: BaseException) -> str:
-    """The innermost known one."""
     seen: list[BaseException] = []
     waiting: list[object] = [error]
     while waiting:

@@ -68,7 +68,6 @@ def _held(descriptor: int, what: str, patience_s: float, failure: type[DrError])
 
 
 def leads_to(path: Path, descriptor: int) -> bool:
-    """An open file."""
     try:
         return os.path.samestat(path.stat(), os.fstat(descriptor))
     except OSError:

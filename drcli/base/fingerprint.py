@@ -13,7 +13,6 @@ class Fingerprint:
 
     @classmethod
     def of(cls, data: bytes) -> "Fingerprint":
-        """Of content."""
         return cls(len(data), hashlib.sha256(data).hexdigest())
 
     def fault(self, data: bytes) -> str | None:

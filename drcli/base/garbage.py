@@ -12,11 +12,9 @@ _USUAL = gc.get_threshold()
 
 
 def search_rarely() -> None:
-    """For imports."""
     gc.set_threshold(_RARE)
 
 
 def search_as_usual() -> None:
-    """Only in new objects."""
     gc.freeze()
     gc.set_threshold(*_USUAL)

@@ -64,7 +64,6 @@ class Fault:
         return [sys.executable, "-m", "pip", "install", *self.arguments, *more]
 
     def error(self) -> NotAvailable:
-        """For users."""
         pip = shlex.join(self.command())
         other = (
             "" if self.certain else " If that does not help, install drcli in a new environment."

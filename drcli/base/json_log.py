@@ -33,7 +33,6 @@ class JsonLog(logging.Handler):
         add_handler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write."""
         if record.name == traces.name:
             return
         try:
@@ -48,7 +47,6 @@ class JsonLog(logging.Handler):
             self.handleError(record)
 
     def printed(self, text: str) -> None:
-        """By the racer's code."""
         with self._printing:
             *lines, rest = (self._printed + text).split("\n")
             if len(rest) > LONGEST_LINE:
@@ -58,7 +56,6 @@ class JsonLog(logging.Handler):
             self._write(time.time(), "INFO", PRINT, line, {})
 
     def end(self) -> None:
-        """Stop writing."""
         remove_handler(self)
         if self._printed:
             self.printed("\n")

@@ -13,7 +13,6 @@ _BEGINNINGS = ("._", ".nfs", ".~lock.", "~$")
 
 
 def is_left_behind(name: str) -> bool:
-    """By its name."""
     return any(
         part.casefold() in _NAMES or part.startswith(_BEGINNINGS)
         for part in PurePosixPath(name).parts

@@ -38,7 +38,6 @@ def event(logger: logging.Logger, kind: str, message: str, /, **facts: object) -
 
 
 def add_handler(handler: logging.Handler) -> None:
-    """Of our records."""
     _ours.root.addHandler(handler)
 
 
@@ -72,7 +71,6 @@ class LogFile(logging.FileHandler):
             self.close()
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  the name in `logging`
-        """The process goes on."""
         if not isinstance(sys.exception(), OSError):
             super().handleError(record)
 
@@ -115,10 +113,8 @@ class _Formatter(logging.Formatter):
 
 
 def record_text(record: logging.LogRecord) -> str:
-    """As in files."""
     return _Formatter().format(record)
 
 
 def is_plain(record: logging.LogRecord) -> bool:
-    """Without time and level."""
     return record.name in (plain.name, traces.name)

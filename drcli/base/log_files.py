@@ -32,7 +32,6 @@ def part_bytes(max_bytes: int) -> int:
 
 
 def older_parts(log: Path) -> list[Path]:
-    """Oldest first."""
     parts = log.parent.glob(f"{log.name}.part-*")
     return sorted((path for path in parts if path.name.rpartition("-")[2].isdigit()), key=number_of)
 
@@ -43,7 +42,6 @@ def number_of(part: Path) -> int:
 
 
 def current_number(log: Path) -> int:
-    """As a part."""
     parts = older_parts(log)
     return number_of(parts[-1]) + 1 if parts else 1
 

@@ -31,7 +31,6 @@ class MemoryState:
 
     @property
     def place(self) -> str:
-        """In words."""
         gigabytes = f"{self.total_bytes / 1e9:.1f} GB"
         return (
             f"the memory limit of the container or control group ({gigabytes})"
@@ -41,7 +40,6 @@ class MemoryState:
 
 
 def read_memory(root: Path = ROOT) -> MemoryState:
-    """Memory now."""
     machine, swap = psutil.virtual_memory(), psutil.swap_memory()
     found = MemoryState(machine.total + swap.total, machine.available + swap.free)
     for limit, used in group_limits(root):
@@ -54,7 +52,6 @@ def read_memory(root: Path = ROOT) -> MemoryState:
 
 
 def group_limits(root: Path = ROOT) -> Iterator[tuple[int, int | None]]:
-    """Of each group."""
     for folder, unified in group_folders("memory", root):
         names = ("memory.max", "memory.current") if unified else _FIRST_VERSION
         limit, used = (_number(folder / name) for name in names)

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
 
 def keys_of(report: "DataclassInstance") -> dict[str, Any]:
-    """Fields and properties."""
     names = [field.name for field in dataclasses.fields(report)]
     names += [name for name, it in vars(type(report)).items() if isinstance(it, property)]
     return {name: plain(getattr(report, name)) for name in names}

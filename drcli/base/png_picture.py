@@ -29,7 +29,6 @@ LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#000000", "#56b
 
 
 def png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> bytes:
-    """PNG file."""
     import matplotlib  # here: it takes half a second to load, and most commands draw nothing
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -48,7 +48,6 @@ def hand_out(path: Path) -> None:
 
 
 def is_settings(path: Path) -> bool:
-    """Or a copy."""
     return _SETTINGS.fullmatch(path.name) is not None
 
 
@@ -62,7 +61,6 @@ def make_folder(path: Path) -> None:
 
 
 def others_may_read(path: Path) -> bool:
-    """Not meant groups."""
     mode = path.stat().st_mode
     folder = path if path.is_dir() else path.parent
     is_meant = folder.stat().st_mode & stat.S_ISGID

@@ -91,7 +91,6 @@ class ProblemsError(SettingsError):
 
     @property
     def errors(self) -> tuple[Problem, ...]:
-        """Without warnings."""
         return tuple(problem for problem in self.problems if problem.severity == "error")
 
 
@@ -102,7 +101,6 @@ def of_severity(problems: Iterable[Problem], severity: Severity) -> tuple[Proble
 
 
 def refuse(problems: Iterable[Problem]) -> None:
-    """Raise ProblemsError for errors."""
     errors = of_severity(problems, "error")
     if errors:
         raise ProblemsError(errors)
@@ -129,7 +127,6 @@ def closest(word: str, words: Iterable[str], cutoff: float = 0.6) -> str | None:
 
 
 def one_of(words: Sequence[str], written: str) -> str:
-    """The likely word first."""
     likely = closest(written, words)
     start = f"Did you mean {likely}? " if likely is not None else ""
     return f"{start}Write one of {', '.join(words)}."

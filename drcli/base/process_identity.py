@@ -42,7 +42,6 @@ def started_s(pid: int) -> float | None:
 
 
 def exists(pid: int) -> bool:
-    """Zombies do not."""
     return started_s(pid) is not None
 
 

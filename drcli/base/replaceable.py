@@ -44,7 +44,6 @@ def refuse_replacing(path: Path, *, force: bool) -> None:
 
 
 def make_picture_folder(folder: Path) -> None:
-    """Or SettingsError."""
     try:
         make_folder(folder)
     except OSError as error:

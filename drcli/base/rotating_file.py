@@ -34,7 +34,6 @@ class RotatingFile:
                 self._append(text[:end])
 
     def close(self) -> None:
-        """Writing reopens it."""
         with self._lock:
             if self._unfinished:
                 self._append(self._unfinished + "\n")

@@ -58,7 +58,6 @@ def try_lock(descriptor: int, *, shared: bool = False) -> bool:
 
 
 def no_such_system() -> NotAvailable:
-    """The refusal."""
     return NotAvailable(
         "drcli does not run on Windows itself, but inside of WSL.",
         remedy="Run `wsl --install`, and install drcli there: docs/platforms.md.",
@@ -126,7 +125,6 @@ def flush_descriptor(descriptor: int) -> None:
 
 
 def is_disk_full(error: OSError) -> bool:
-    """Or a quota."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -178,10 +176,8 @@ class ExitWait:
             self._descriptors.append(os.pidfd_open(pid))
 
     def wait(self, seconds: float) -> None:
-        """Return at the end."""
         select.select(self._descriptors, [], [], seconds)
 
     def close(self) -> None:
-        """Free the descriptor."""
         while self._descriptors:
             os.close(self._descriptors.pop())

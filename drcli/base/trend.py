@@ -21,7 +21,6 @@ class Growth:
 
     @property
     def per_s(self) -> float:
-        """Mean rate."""
         return (self.end - self.begin) / self.seconds
 
 
@@ -34,7 +33,6 @@ class Trend:
         self._every_s = 0.0
 
     def add(self, now_s: float, value: float) -> None:
-        """Add a sample."""
         samples = self._samples
         if samples and now_s - samples[-1][0] < self._every_s:
             return
@@ -45,7 +43,6 @@ class Trend:
 
     @property
     def seconds(self) -> float:
-        """Of all samples."""
         return self._samples[-1][0] - self._samples[0][0] if self._samples else 0.0
 
     def growth(self, least: float, share: float = 0.0) -> Growth | None:

@@ -51,14 +51,12 @@ class Wakeup:
         return True
 
     def close(self) -> None:
-        """Free the name."""
         if self._socket is not None:
             self._socket.close()
         self._socket, self.works = None, False
 
 
 def wake(folder: Path, *names: str) -> None:
-    """Others are skipped."""
     if sys.platform != "linux":
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:

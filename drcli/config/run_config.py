@@ -46,7 +46,6 @@ class PlacedSettings(FrozenGroups):
 
     @property
     def tracks_folder(self) -> Path:
-        """It need not exist."""
         return self.directory / (self.tracks_dir or "tracks")
 
     def place(self, name: str) -> Place:

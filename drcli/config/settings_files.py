@@ -183,7 +183,6 @@ class SettingsFiles:
         return file.last
 
     def run_file(self, outside: Sequence[Mapping[str, Entry]], experiment: str) -> str:
-        """By experiment or activation."""
         if experiment:
             return f"experiments/{experiment}/run.env"
         values = {name: entry.value for layer in outside for name, entry in layer.items()}

@@ -23,7 +23,6 @@ class ShellChange:
     warnings: tuple[str, ...]
 
     def script(self) -> str:
-        """For bash and zsh."""
         lines = [f"unset {name}\n" for name in self.unset]
         lines += [f"export {name}={shlex.quote(value)}\n" for name, value in self.export.items()]
         return "".join(lines)

@@ -113,7 +113,6 @@ def track_problem(race: RaceConfig, *, known_suffices: bool = False) -> Problem 
 
 
 def track_problems(races: Sequence[RaceConfig], *, known_suffices: bool = False) -> list[Problem]:
-    """Each place once."""
     problems = (track_problem(race, known_suffices=known_suffices) for race in races)
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
 

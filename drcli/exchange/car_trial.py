@@ -58,7 +58,6 @@ def encode_trials(trials: Sequence[CarTrial]) -> bytes:
 
 
 def decode_trials(data: bytes) -> list[CarTrial]:
-    """RecordError if damaged."""
     found = from_json(_File, parse_json(data)).cars
     if not found:
         raise RecordError("it has no cars")

@@ -87,7 +87,6 @@ def day_of(seconds: float) -> str:
 
 
 def write_day(directory: Path, day: str, session: str, spent: DaySpending) -> None:
-    """Raises OSError."""
     folder = directory / FOLDER / day
     folder.mkdir(parents=True, exist_ok=True)
     save_record(folder / f"{session}.json", spent)

@@ -57,7 +57,6 @@ def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
 
 
 def running_evaluations(directory: Path, run_id: int | None = None) -> list[EvaluationRecord]:
-    """Oldest first."""
     folders = directory.glob(f"data/runs/{'*' if run_id is None else run_id}/evaluations/*")
     records = (EvaluationRecord.read(folder) for folder in folders)
     return sorted(

@@ -171,7 +171,6 @@ def encode_history(records: Sequence[IterationRecord]) -> bytes:
 
 
 def decode_history(data: bytes) -> list[IterationRecord]:
-    """RecordError if damaged."""
     file = parse_json(data, with_nan=True)
     if not isinstance(file, dict) or not isinstance(file.get("iterations"), list):
         raise RecordError("it has no list of 'iterations'")

@@ -91,7 +91,6 @@ class LiveRequest:
 
     @staticmethod
     def decode(data: bytes) -> "LiveRequest":
-        """RecordError if damaged."""
         request = from_json(LiveRequest, parse_json(data))
         if request.car is not None and not 0 <= request.car < MOST_CAR:
             raise RecordError("'car' is not the number of a car")
@@ -121,7 +120,6 @@ class LiveMessage:
 
     @staticmethod
     def decode(data: bytes) -> "LiveMessage":
-        """RecordError if damaged."""
         begin = _HEADER_BYTES + int.from_bytes(data[:_HEADER_BYTES], "big")
         if len(data) < begin:
             raise RecordError("it ends too early")

@@ -16,7 +16,6 @@ class StageNote:
     text: str
 
     def write(self, folder: Path) -> None:
-        """Raises OSError."""
         save_record(folder / _FILE, self)
 
     @staticmethod

@@ -14,7 +14,6 @@ class WatchRecord:
     warnings: list[str] = field(default_factory=list)
 
     def write(self, folder: Path) -> None:
-        """Raises OSError."""
         save_record(folder / _FILE, self)
 
     @staticmethod

@@ -25,7 +25,6 @@ _OF_CRITIC = (TEACHER, "value_head.", "returns.")
 
 
 def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
-    """Of both files."""
     space = metadata.action_space
     return PolicySpec(
         num_actions=space.num_actions,

@@ -91,7 +91,6 @@ def member_problems(names: Collection[str], file: str) -> Iterator[Problem]:
 
 
 def read_car_metadata(data: bytes, file: str) -> CarMetadata:
-    """As the car does."""
     try:
         values = json.loads(data.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:

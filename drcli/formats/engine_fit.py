@@ -258,12 +258,10 @@ _POLICY = r"(?i)policy|prob|logit|action"
 
 
 def sensor_of(name: str) -> str | None:
-    """In a name."""
     return next((sensor for sensor in _SENSORS if sensor in name), None)
 
 
 def are_probabilities(values: Floats) -> bool:
-    """In each row."""
     sums = values.sum(axis=1)
     return bool(values.min() >= 0.0 and np.abs(sums - 1.0).max() < _SUM_TOLERANCE)
 

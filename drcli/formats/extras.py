@@ -54,7 +54,6 @@ def require(*names: str) -> None:
 
 
 def is_installed(name: str) -> bool:
-    """Loads nothing."""
     try:
         return importlib.util.find_spec(name) is not None
     except (ImportError, ValueError):

@@ -28,7 +28,6 @@ _NORM_EPSILON = 1e-5
 
 
 def encode_policy(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> bytes:
-    """The graph's file."""
     return encode_graph(policy_nodes(weights, spec, sensors))
 
 
@@ -94,7 +93,6 @@ class _Writer:
         return self.add(f"{scope}/BiasAdd", "BiasAdd", values, read, data_format="NHWC")
 
     def matmul(self, scope: str, values: str, kernel: Array) -> str:
-        """Kernel: (inputs, outputs)."""
         read = self.variable(f"{scope}/kernel", kernel)
         return self.add(
             f"{scope}/MatMul", "MatMul", values, read, transpose_a=False, transpose_b=False

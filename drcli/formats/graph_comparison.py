@@ -39,7 +39,6 @@ class GraphComparison:
 
     @property
     def is_equal(self) -> bool:
-        """Within both limits."""
         same = self.same_actions >= LEAST_SAME_ACTIONS * self.frames
         return same and self.greatest_difference <= TOLERANCE
 
@@ -65,7 +64,6 @@ def compare_graph(
 
 
 def compare_outputs(expected: Floats, found: Floats, *, continuous: bool) -> GraphComparison:
-    """Of shape (n, num_actions)."""
     if not np.isfinite(found).all():
         return GraphComparison(len(found), 0, float("inf"))
     differences = np.abs(expected.astype(np.float64) - found)

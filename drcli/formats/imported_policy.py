@@ -185,7 +185,6 @@ _FRESH_CRITIC = (
 def first_record(
     name: str, first: FirstCheckpoint, fitted: FittedMetadata, parameters: Hyperparameters
 ) -> CheckpointRecord:
-    """With parameter files."""
     inputs = {
         keys.MODEL_METADATA_FILE: fitted.data.decode("utf-8-sig"),
         keys.HYPERPARAMETERS_FILE: parameters.canonical_json(fitted.metadata.training_algorithm),

@@ -33,7 +33,6 @@ def read_onnx(data: bytes, origin: str) -> tuple[Node, ...]:
 
 
 def parse_onnx(data: bytes, origin: str) -> Any:
-    """Checked."""
     onnx = library("onnx")
     try:
         model = onnx.load_model_from_string(data)

@@ -19,7 +19,6 @@ _PICKLE_IN_ZIP = re.compile(r"(^|/)[^/]*\.(pkl|pickle)$|(^|/)data$", re.IGNORECA
 
 
 def is_weight_file(name: str) -> bool:
-    """By name."""
     return _WEIGHT_FILE.search(name) is not None
 
 

@@ -122,7 +122,6 @@ def open_engine(
 
 
 def cannot_load(origin: str, engine: str, error: Exception) -> NoReturn:
-    """Raise SettingsError."""
     raise SettingsError(
         f"{origin} cannot be loaded by {engine}: {reason_of(error)}",
         remedy="Write the file again, or name another one.",

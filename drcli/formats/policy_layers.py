@@ -151,7 +151,6 @@ class _Finder:
         return replace(path, layers=(*others, folded))
 
     def _folded(self, node: Node, layer: Linear, values: Array, is_first: bool) -> Linear:
-        """For batch norm."""
         kernel, bias = layer.kernel.astype(np.float64), layer.bias.astype(np.float64)
         if node.op in ("Add", "AddV2", "BiasAdd"):
             bias = bias + values

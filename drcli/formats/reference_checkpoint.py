@@ -97,7 +97,6 @@ def encode_reference_checkpoint(variables: Mapping[str, Array]) -> dict[str, byt
 
 
 def export_notes(weights: Weights, spec: PolicySpec) -> list[str]:
-    """About the exported critic."""
     if spec.state_dims:
         return [
             "critic=state: the critic of this model sees the simulation's state, which the "

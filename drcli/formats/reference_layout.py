@@ -110,7 +110,6 @@ def reference_layout(
 
 
 def differences(found: Mapping[str, Shape], wanted: Mapping[str, Shape]) -> list[str]:
-    """In words."""
     missing = [f"{name} is missing" for name in wanted if name not in found]
     extra = [f"{name} is not known" for name in found if name not in wanted]
     other = [

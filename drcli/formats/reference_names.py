@@ -49,12 +49,10 @@ class Embedder:
 
     @property
     def is_lidar(self) -> bool:
-        """Not a picture."""
         return self.sensor in LIDARS
 
 
 def input_name(agent: str, sensor: str) -> str:
-    """Of its node."""
     return f"{agent}/{VALUE_BODY}/{sensor}/{sensor}"
 
 
@@ -79,7 +77,6 @@ def embedders(spec: PolicySpec, sensors: Sequence[str]) -> list[Embedder]:
 
 
 def middleware(spec: PolicySpec) -> tuple[Layer, ...]:
-    """Dense layers."""
     widths = (STEREO if spec.eyes == 2 else MONO)[spec.network].dense
     return tuple(
         _layer(f"body.dense.{k}", "middleware_fc_embedder", "Dense", k) for k in range(len(widths))
@@ -87,7 +84,6 @@ def middleware(spec: PolicySpec) -> tuple[Layer, ...]:
 
 
 def policy_head(*, continuous: bool) -> Layer:
-    """PPO's last layer."""
     return Layer("policy_head", f"ppo_head_0/{'policy_mean' if continuous else 'policy_fc'}")
 
 

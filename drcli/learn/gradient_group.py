@@ -88,7 +88,6 @@ class GradientGroup:
         self._sums = torch.empty(0 if slots is None else slots.shape[2])
 
     def of_all(self, number: int) -> list[int]:
-        """By rank."""
         numbers = torch.zeros(self.size, dtype=torch.int64)
         numbers[self.rank] = number
         self.sum(numbers)

@@ -124,7 +124,6 @@ class ReplayBuffer:
         return (torch.arange(length) + start) % self.capacity
 
     def sample(self, count: int, draw: torch.Generator) -> Transitions:
-        """Draw uniformly, with replacement."""
         chosen = torch.randint(self.transitions, (count,), generator=draw)
         rows = self._usable_rows[chosen]
         steps = self._rewarded[rows].clamp(max=len(self._ahead))

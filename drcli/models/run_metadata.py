@@ -68,7 +68,6 @@ def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
 
 
 def metric_of(bucket: Bucket, prefix: str) -> str:
-    """DR_TRAIN_BEST_MODEL_METRIC, or empty."""
     with suppress(ObjectDamaged, ObjectNewer):
         start = read_start(bucket, prefix)
         if start is not None and start.settings is not None:

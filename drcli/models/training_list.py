@@ -97,7 +97,6 @@ class KnownTrainings:
 
 
 def known_trainings(bucket: Bucket) -> KnownTrainings:
-    """Raises StorageError."""
     listed = bucket.list("")
     present = {info.key for info in listed}
     models = models_in(listed)

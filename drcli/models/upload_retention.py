@@ -33,7 +33,6 @@ class Retention:
 
     @staticmethod
     def of(keep: str, max_mb: int) -> "Retention":
-        """Raises SettingsError."""
         try:
             return Retention(retention_rules(keep), max_mb * 1_000_000)
         except BadValue as error:

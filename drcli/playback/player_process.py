@@ -62,7 +62,6 @@ def serve(player: EpisodePlayer, requests: BinaryIO, answers: BinaryIO) -> None:
 
 
 def answer_of(player: EpisodePlayer, request: dict[str, Any]) -> bytes:
-    """Errors are answers, too."""
     try:
         return player.answer(request)
     except DrError as error:

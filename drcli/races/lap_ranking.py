@@ -132,7 +132,6 @@ def best_of_each(
 
 
 def same_racer(name: str) -> str:
-    """Ignores capitals and spaces."""
     return " ".join(name.split()).casefold()
 
 

@@ -39,7 +39,6 @@ def frozen_settings(settings: Settings, race_type: str) -> dict[str, str]:
 
 
 def shown_settings(rules: RaceRules) -> dict[str, str]:
-    """Those not shipped."""
     known = catalogue()
     return {
         name: text

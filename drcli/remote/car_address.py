@@ -18,13 +18,11 @@ class CarAddress:
 
     @property
     def place(self) -> str:
-        """For people."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return host if self.port == HTTPS_PORT else f"{host}:{self.port}"
 
     @property
     def url(self) -> str:
-        """Without final slash."""
         return f"https://{self.place}"
 
 

@@ -41,7 +41,6 @@ def read_fingerprint(address: CarAddress) -> str:
 
 
 def readable(fingerprint: str) -> str:
-    """With colons."""
     pairs = (fingerprint[i : i + 2] for i in range(0, len(fingerprint), 2))
     return ":".join(pairs).upper()
 
@@ -76,7 +75,6 @@ def _unchecked() -> "SSLContext":
 
 
 def unreachable(address: CarAddress, error: BaseException) -> CarError:
-    """The error."""
     import ssl
 
     causes = list(_causes(error))

@@ -40,7 +40,6 @@ class CarLogin:
 
     @property
     def is_open(self) -> bool:
-        """May have expired."""
         return bool(self.cookies)
 
 
@@ -50,7 +49,6 @@ def load_login(address: CarAddress) -> CarLogin | None:
 
 
 def save_login(address: CarAddress, login: CarLogin) -> None:
-    """Or SettingsError."""
     path = login_file(address)
     try:
         write_private_json(path, {**asdict(login), "cookies": dict(login.cookies)})
@@ -63,7 +61,6 @@ def save_login(address: CarAddress, login: CarLogin) -> None:
 
 
 def forget_login(address: CarAddress) -> bool:
-    """Keeps the certificate."""
     kept = load_login(address)
     if kept is None or not kept.is_open:
         return False
@@ -72,7 +69,6 @@ def forget_login(address: CarAddress) -> bool:
 
 
 def login_file(address: CarAddress) -> Path:
-    """Its path."""
     named = os.environ.get("XDG_CACHE_HOME", "")
     cache = Path(named) if Path(named).is_absolute() else Path.home() / ".cache"
     host = address.host.casefold().replace(":", "-")

@@ -177,7 +177,6 @@ def load_model(car: CarWeb, name: str) -> CarLoad:
 
 
 def loading_state(car: CarWeb) -> str:
-    """The car's word."""
     answer = car.get("/api/isModelLoading", action="say which model is loaded")
     return str(answer.get("isModelLoading", "")) if isinstance(answer, dict) else ""
 

@@ -50,7 +50,6 @@ class CarWeb:
 
     @property
     def login(self) -> CarLogin:
-        """With newest cookies."""
         cookies = {cookie.name: cookie.value or "" for cookie in self._session.cookies}
         return replace(self._login, cookies=cookies)
 

@@ -39,11 +39,9 @@ class Droa:
 
     @property
     def place(self) -> str:
-        """For sentences."""
         return self.session.site.place
 
     def models(self) -> list[RemoteModel]:
-        """The newest first."""
         found = [read_model(item, self.place) for page in self._pages() for item in page]
         return sorted(found, key=lambda model: model.created_at, reverse=True)
 

@@ -25,7 +25,6 @@ class DeletedModel:
 
 
 def refuse_undeletable(model: RemoteModel) -> None:
-    """Raises SettingsError."""
     if model.status not in DELETABLE:
         raise SettingsError(
             f"The model {model.name} ({model.model_id}) has the status "

@@ -88,13 +88,11 @@ def plan_import(
 
 
 def planned_report(site: str, plan: ImportPlan) -> ImportReport:
-    """After -d."""
     size = sum(map(len, plan.files.values()))
     return ImportReport(site, "", plan.name, "", len(plan.files), size, "", dry_run=True)
 
 
 def fingerprint_of(files: Mapping[str, bytes]) -> str:
-    """Sixteen characters."""
     whole = hashlib.sha256()
     for name in sorted(files):
         if ".ckpt" in name or name.endswith(".pb"):

@@ -30,7 +30,6 @@ class Keys:
 
 
 def cache_path(identity_pool_id: str, username: str) -> Path:
-    """Per user."""
     digest = hashlib.sha256(f"{identity_pool_id}:{username}".encode()).hexdigest()
     return Path.home() / ".droa-cache" / f"{digest[:16]}.json"
 
@@ -69,7 +68,6 @@ def save_keys(path: Path, keys: Keys) -> None:
 
 
 def forget_keys(path: Path) -> bool:
-    """Whether there were any."""
     try:
         path.unlink()
     except FileNotFoundError:

@@ -122,7 +122,6 @@ def archive_summary(file: Path) -> list[PhaseMeans]:
 
 
 def means_of(files: list[bytes]) -> list[PhaseMeans]:
-    """By phase."""
     by_phase: dict[str, list[_Episode]] = {}
     for data in files:
         for entry in _entries(data):

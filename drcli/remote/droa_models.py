@@ -29,7 +29,6 @@ class RemoteModel:
     values: Mapping[str, Any]
 
     def text(self, *path: str) -> str:
-        """Maybe empty."""
         value: Any = self.values
         for key in path:
             value = value.get(key) if isinstance(value, Mapping) else None
@@ -37,7 +36,6 @@ class RemoteModel:
 
     @property
     def import_error(self) -> str:
-        """Maybe empty."""
         return self.text("importErrorMessage")
 
 
@@ -50,7 +48,6 @@ class Asset:
 
 
 def read_model(value: Any, place: str) -> RemoteModel:
-    """StorageError without id."""
     if not isinstance(value, dict) or not isinstance(value.get("modelId"), str):
         raise StorageError(
             f"{place} lists a model without an id.",

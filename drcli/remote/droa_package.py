@@ -51,7 +51,6 @@ def read_package(source: Path) -> Files:
 
 
 def is_wanted(name: str) -> bool:
-    """Archives are not."""
     return not is_left_behind(name) and not name.casefold().endswith(_SKIPPED_ENDS)
 
 

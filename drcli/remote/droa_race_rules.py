@@ -18,7 +18,6 @@ _ROUNDING = 1e-9
 
 
 def race_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
-    """Of training_params.yaml."""
     yield from _track(values)
     yield from _car(values)
     race = values.get("RACE_TYPE")

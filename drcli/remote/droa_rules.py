@@ -36,7 +36,6 @@ _EXPLORATIONS = ("categorical", "e-greedy")
 
 
 def check_name(name: str) -> None:
-    """SettingsError if not accepted."""
     if not NAME_RULE.fullmatch(name):
         usable = re.sub(r"[^a-zA-Z0-9]+", "-", name).strip("-")[:64].strip("-")
         raise SettingsError(
@@ -46,7 +45,6 @@ def check_name(name: str) -> None:
 
 
 def check_description(description: str) -> None:
-    """SettingsError if not accepted."""
     if description and not DESCRIPTION_RULE.fullmatch(description):
         raise SettingsError(
             f"'{shown(description)}' cannot be a description: up to 255 letters, digits, spaces "
@@ -61,7 +59,6 @@ def package_problems(files: Mapping[str, bytes]) -> list[Problem]:
 
 
 def problem(file: str, message: str, remedy: str, severity: Severity = "error") -> Problem:
-    """In a file."""
     return Problem(RULE, severity, file, None, message, remedy)
 
 

@@ -18,7 +18,6 @@ from drcli.remote.droa_site import Site
 
 
 def now() -> datetime:
-    """With time zone."""
     return datetime.now(UTC)
 
 
@@ -52,7 +51,6 @@ class DroaSession:
         return self._keys
 
     def renew(self) -> Keys:
-        """Ignores the cache."""
         self._keys = log_in(self.site, self.username, self.password(), self.ask)
         try:
             save_keys(self._path, self._keys)
@@ -64,7 +62,6 @@ class DroaSession:
         return self._keys
 
     def forget(self) -> bool:
-        """Whether there were any."""
         self._keys = None
         try:
             return forget_keys(self._path)

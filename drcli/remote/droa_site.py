@@ -53,7 +53,6 @@ class Site:
 
     @property
     def place(self) -> str:
-        """For sentences."""
         return self.url or self.api_endpoint
 
 
@@ -69,7 +68,6 @@ _KEYS = {
 
 
 def refuse_no_site(options: SiteOptions, url: str) -> None:
-    """Raises SettingsError."""
     address = _given_address(options, url)
     if not address and len(_own_values(options)) < len(_KEYS):
         raise SettingsError(
@@ -168,7 +166,6 @@ def _read(address: str, web: Web) -> dict[str, str]:
 
 
 def _check(own: dict[str, str], address: str) -> None:
-    """Only Amazon's."""
     source = f"{address}/env.js or an option" if address else "an option"
     if not _REGION.fullmatch(own["region"]):
         raise SettingsError(

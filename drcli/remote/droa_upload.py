@@ -60,7 +60,6 @@ def upload_files(session: DroaSession, files: Mapping[str, bytes], watch: Watch)
 
 
 def remove_files(session: DroaSession, folder: str, names: list[str]) -> None:
-    """If allowed."""
     with suppress(Exception):
         client = aws_client("s3", session.site, session.keys())
         for name in names:

@@ -26,7 +26,6 @@ class Message:
 
     @property
     def lines(self) -> str:
-        """Text and facts."""
         facts = [
             f"{name}: {value}" for name, value in self.facts.items() if value not in ("", None)
         ]
@@ -42,7 +41,6 @@ class Channel:
 
 
 def open_channels(settings: MessageSettings, profile: str | None = None) -> list[Channel]:
-    """Sends nothing."""
     found = []
     topic = settings.sns_topic_arn or os.environ.get(TOPIC_VARIABLE, "")
     if topic:

@@ -95,7 +95,6 @@ class Web:
 
 
 def explain(error: Exception, url: str, setting: str) -> StorageError:
-    """One sentence."""
     import requests
     from urllib3.exceptions import LocationParseError
 

@@ -35,7 +35,6 @@ class Course:
 
     @staticmethod
     def of(drive: Drive) -> "Course":
-        """A drive's."""
         return Course(drive, track_grid(drive))
 
     @property
@@ -44,7 +43,6 @@ class Course:
         return [*(trip.calls for trip in self.drive.trips), self.grid.calls]
 
     def describe(self, place: CallIndex) -> str:
-        """In words."""
         trips = self.drive.trips
         if place.sequence == len(trips):
             return f"a car placed on the track, {position(self.grid.calls[place.index])}"
@@ -64,11 +62,9 @@ class TriedReward:
     problems: list[Problem]
 
     def values(self, driver: ScriptedDriver) -> list[float | None]:
-        """By step."""
         return self.result.values[self.course.drive.trips.index(self.trip(driver))]
 
     def trip(self, driver: ScriptedDriver) -> Trip:
-        """Of a driver."""
         return self.course.drive.trip(driver)
 
     def total(self, driver: ScriptedDriver) -> float | None:
@@ -78,7 +74,6 @@ class TriedReward:
         return sum(paid) if len(paid) == len(values) else None
 
     def mean(self, driver: ScriptedDriver) -> float | None:
-        """Per step."""
         total = self.total(driver)
         return None if total is None else total / len(self.values(driver))
 
@@ -103,11 +98,9 @@ class TriedReward:
 
     @property
     def samples(self) -> list[float | None]:
-        """Their rewards."""
         return next(iter(self.result.values[len(self.course.sequences) :]), [])
 
     def warning(self, rule: str, message: str, remedy: str, line: int | None = None) -> Problem:
-        """About this function."""
         return Problem(rule, "warning", self.name, line, message, remedy)
 
 
@@ -126,7 +119,6 @@ def scaled(values: Floats, over: Floats) -> Floats:
 
 
 def position(call: RewardParams) -> str:
-    """In words."""
     side = "left" if call["is_left_of_center"] else "right"
     return (
         f"{call['progress']:.1f} % of the lap, {call['distance_from_center']:.2f} m {side} of the "

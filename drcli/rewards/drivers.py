@@ -118,7 +118,6 @@ class Navigator:
         return 1 if params["objects_left_of_center"][nearest] else -1
 
     def _gap_m(self, there_m: float, here_m: float) -> float:
-        """Negative behind."""
         gap_m = there_m - here_m
         if not self._track.closed:
             return gap_m

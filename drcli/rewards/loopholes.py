@@ -24,7 +24,6 @@ _BETTER = "Pay for progress per step, or for a lap in few steps."
 
 
 def drive_problems(tried: TriedReward) -> Iterator[Problem]:
-    """Only warnings."""
     yield from _memory(tried)
     if not any(failure.kind in _FATAL for failure in tried.result.failures):
         yield from _loopholes(tried)

@@ -41,7 +41,6 @@ class Curve:
 
 
 def draw_reward(tried: TriedReward) -> bytes:
-    """PNG file."""
     drive = tried.course.drive
     map_in = _map_height_in(drive.track, _WIDTH_IN - 1.6)
     values = tried.grid_values
@@ -69,7 +68,6 @@ def draw_reward(tried: TriedReward) -> bytes:
 
 
 def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
-    """PNG file."""
     drive = first.course.drive
     map_in = max(_map_height_in(drive.track, _WIDTH_IN / 2 - 1.4), 3.4)
     a, b = first.grid_values, second.grid_values
@@ -112,7 +110,6 @@ def curve_range(curves: Sequence[Curve]) -> tuple[float, float, str]:
 
 
 def number(value: float) -> str:
-    """Short."""
     if value == 0 or 1e-3 <= abs(value) < 1e5:
         return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
     return f"{value:.2g}"

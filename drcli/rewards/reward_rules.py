@@ -31,7 +31,6 @@ class Source:
     def problem(
         self, rule: str, line: int | None, message: str, remedy: str, severity: Severity = "error"
     ) -> Problem:
-        """In a line."""
         return Problem(rule, severity, self.name, line, message, remedy)
 
     def is_silenced(self, line: int) -> bool:
@@ -41,7 +40,6 @@ class Source:
 
     @cached_property
     def unknown_parameters(self) -> dict[str, int]:
-        """With a line."""
         arguments = {
             next((each.arg for each in function.args.args if each.arg != "self"), "")
             for function in ast.walk(self.tree)
@@ -141,7 +139,6 @@ def _unknown_parameters(source: Source, known: Collection[str]) -> Iterator[Prob
 
 
 def likely_parameter(name: str) -> str:
-    """A remedy."""
     likely = closest(name, REWARD_PARAMETERS)
     return f"Did you mean `{likely}`?" if likely else "docs/reward-functions.md lists all of them."
 

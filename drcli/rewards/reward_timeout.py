@@ -21,12 +21,10 @@ _PLACE = re.compile(rf'File "(.*{re.escape(REWARD_FUNCTION_FILE)})", line (\d+) 
 
 
 def is_stuck(code: int) -> bool:
-    """By exit code."""
     return code < 0 and -code == getattr(signal, "SIGPROF", None)
 
 
 def stuck_place(text: str) -> tuple[Path | None, int]:
-    """In the last stacks."""
     for stack in reversed(_THREAD.split(text)):
         found = _PLACE.search(stack)
         if found:
@@ -58,7 +56,6 @@ def exit_of_stuck(code: int, log: Path, *, remedy: str = _REMEDY) -> WorkerExit 
 
 
 def source_line(path: Path | None, line: int) -> str:
-    """Maybe empty."""
     try:
         lines = [] if path is None else path.read_text("utf-8", "replace").splitlines()
     except OSError:

@@ -42,12 +42,10 @@ class Trip:
 
     @property
     def whole(self) -> bool:
-        """Lap completed."""
         return self.progress >= 100.0
 
     @property
     def seconds(self) -> float:
-        """Its duration."""
         return len(self.calls) / CONTROL_HZ
 
 
@@ -62,7 +60,6 @@ class Drive:
     trips: list[Trip]
 
     def trip(self, driver: ScriptedDriver) -> Trip:
-        """Of a driver."""
         return next(trip for trip in self.trips if trip.driver == driver)
 
     @property

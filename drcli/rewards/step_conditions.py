@@ -29,7 +29,6 @@ class Idle:
 
     @property
     def message(self) -> str:
-        """Two sentences."""
         often = "always" if self.holds else "never"
         return (
             f"`{self.text}` is {often} true: the first call of an episode has `steps` {FIRST}. "
@@ -39,7 +38,6 @@ class Idle:
 
     @property
     def remedy(self) -> str:
-        """Better condition."""
         if self.holds:
             return f"Write `steps > {FIRST}` for every call except the first of an episode."
         return f"Write `steps <= {FIRST}` for the first call of an episode."

@@ -33,7 +33,6 @@ def try_inputs(
 
 
 def races_of(run: RunConfig) -> list[RaceConfig]:
-    """And second track."""
     second = run.second_race(run.race())
     return [*run.races, *([] if second is None else [second])]
 
@@ -48,7 +47,6 @@ def tolerated_share(run: RunConfig) -> float:
 
 
 def as_given(problem: Problem, run: RunConfig) -> Problem:
-    """With its setting."""
     place, name = run.eval_world_place, "DR_TRAIN_EVAL_WORLD"
     if not run.train.train_eval_world or (problem.file, problem.line) != tuple(place):
         return problem

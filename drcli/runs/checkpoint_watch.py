@@ -39,7 +39,6 @@ class CheckpointWatch:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the looks."""
         if self._thread is not None:
             self._thread.stop()
 

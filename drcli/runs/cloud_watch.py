@@ -80,7 +80,6 @@ class CloudWatchLogs(Duty):
             self._board.clear(self.name)
 
     def leave(self, ending: Ending) -> None:
-        """Send the last lines."""
         if self._sender is None:
             return
         self._sender.finish(min(END_PATIENCE_S, ending.left_s(0.8)), ending.hurried)

@@ -47,7 +47,6 @@ class CommandEnd:
 
     @property
     def ok(self) -> bool:
-        """Whether it succeeded."""
         return self.code == 0
 
 
@@ -101,7 +100,6 @@ class CommandProcess:
 
     @property
     def pid(self) -> int:
-        """Number of the process."""
         return self._process.pid
 
     def poll(self) -> CommandEnd | None:

@@ -100,7 +100,6 @@ class Cost(Duty):
         )
 
     def finish(self, ending: Ending) -> None:
-        """Write the last count."""
         self._thread.stop()
         self._count()
         within(min(_PATIENCE_S, ending.left_s(0.2)), self._write, ending.hurried)
@@ -109,7 +108,6 @@ class Cost(Duty):
             _logger.info("%s", line)
 
     def leave(self, ending: Ending) -> None:
-        """Stop counting."""
         self._thread.stop()
 
     @property

@@ -68,7 +68,6 @@ class DailyBudget(Duty):
         self._thread = Periodic("daily budget", self.step, COUNT_S)
 
     def start(self, run: RunningTraining) -> None:
-        """Begin to count."""
         forget_old_days(self._job.directory)
         self._thread.start()
 
@@ -80,12 +79,10 @@ class DailyBudget(Duty):
         return Outcome(INTERRUPTED, budget.used_up, budget.remedy)
 
     def finish(self, ending: Ending) -> None:
-        """Write the last count."""
         self._thread.stop()
         self.step()
 
     def leave(self, ending: Ending) -> None:
-        """Stop counting."""
         self._thread.stop()
 
     def step(self) -> None:

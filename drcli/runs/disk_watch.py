@@ -101,12 +101,10 @@ class DiskWatch(Duty):
         self._thread = Periodic("disk watch", self.look, LOOK_S)
 
     def start(self, run: RunningTraining) -> None:
-        """Begin to measure."""
         self._board.begin(run.journal)
         self._thread.start()
 
     def leave(self, ending: Ending) -> None:
-        """Measure no more."""
         self._thread.stop()
 
     def look(self) -> None:
@@ -223,5 +221,4 @@ class DiskWatch(Duty):
 
 
 def size(size_bytes: float) -> str:
-    """A size for people."""
     return f"{size_bytes / 1e9:.1f} GB" if size_bytes >= 1e9 else f"{size_bytes / 1e6:.0f} MB"

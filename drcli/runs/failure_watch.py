@@ -41,7 +41,6 @@ class FailureWatch(Duty):
     name = "failure watch"
 
     def __init__(self, job: Job, board: WarningsBoard) -> None:
-        """Prepare."""
         self._job = job
         self._board = board
         self._open: Callable[[], Bucket] | None = None
@@ -77,7 +76,6 @@ class FailureWatch(Duty):
         self._rollbacks = read_rollbacks(self._bucket, prefix)
 
     def check(self) -> Outcome | None:
-        """Tell what is new."""
         self._tell()
         return None
 

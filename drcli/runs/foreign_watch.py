@@ -134,7 +134,6 @@ class ForeignWatch:
             restore(before)
 
     def wait(self) -> WatchReport:
-        """Wait for the notice."""
         try:
             found = self._await(lambda: False)
             assert found is not None

@@ -47,7 +47,6 @@ class FrozenWatch(Duty):
         self._asked: dict[int, float] = {}
 
     def start(self, run: RunningTraining) -> None:
-        """Begin."""
         self._run = run
         self._board.begin(run.journal)
 

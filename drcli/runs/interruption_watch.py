@@ -76,7 +76,6 @@ class InterruptionWatch(Duty):
         return None if first is None else self._interrupted(first, first.left_s(now_s))
 
     def finish(self, ending: Ending) -> None:
-        """Stop watching."""
         if self._watch is not None:
             self._watch.stop()
 

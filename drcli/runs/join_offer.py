@@ -30,7 +30,6 @@ class JoinOffer(Duty):
     name = "join offer"
 
     def start(self, run: RunningTraining) -> None:
-        """Begin."""
         after_s = LATER_S if run.job.config.train.workers else 0.0
         Thread(target=self._write, args=(run, after_s), name="join-offer", daemon=True).start()
 

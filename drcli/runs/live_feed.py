@@ -108,7 +108,6 @@ class LiveFeed:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close it."""
         self.close()
 
     def watch(
@@ -260,7 +259,6 @@ class _Link:
             raise
 
     def end(self) -> None:
-        """End the connection."""
         self._ended.set()
         self.is_open = False
         with self._lock:

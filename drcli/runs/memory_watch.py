@@ -92,7 +92,6 @@ class MemoryWatch(Duty):
         self._smaller = SmallerRun()
 
     def start(self, run: RunningTraining) -> None:
-        """Begin."""
         self._run = run
         self._board.begin(run.journal)
 
@@ -254,7 +253,6 @@ def is_tight(state: MemoryState) -> bool:
 
 
 def megabytes(size: float) -> str:
-    """A size for people."""
     return f"{size / 1e6:,.0f} MB"
 
 

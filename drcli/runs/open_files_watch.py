@@ -35,12 +35,10 @@ class OpenFilesWatch(Duty):
         self._named: set[int] = set()
 
     def start(self, run: RunningTraining) -> None:
-        """Begin."""
         self._run = run
         self._board.begin(run.journal)
 
     def check(self) -> Outcome | None:
-        """Name a worker once."""
         for child in self._run.children:
             seen = self._pulses.of(child.name)
             subject = f"open files of {child.name}"

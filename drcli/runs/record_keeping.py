@@ -155,7 +155,6 @@ class RecordKeeping(Duty):
         self._thread.stop()
 
     def leave(self, ending: Ending) -> None:
-        """Stop writing."""
         self._thread.stop()
 
     def update(self) -> None:

@@ -55,7 +55,6 @@ class StallWatch(Duty):
         self._silent_bucket_s: float | None = None
 
     def start(self, run: RunningTraining) -> None:
-        """Begin."""
         self._run = run
         self._board.begin(run.journal)
         self._checked_s = self._since_s = self._update_s = self._pulses.now_s

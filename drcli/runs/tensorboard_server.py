@@ -123,7 +123,6 @@ def check_tensorboard(settings: Settings) -> None:
 
 
 def is_installed() -> bool:
-    """Whether TensorBoard is."""
     return importlib.util.find_spec("tensorboard") is not None
 
 

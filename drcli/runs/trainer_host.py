@@ -112,7 +112,6 @@ class TrainerHost:
         return report
 
     def stop(self) -> None:
-        """Let the trainer end."""
         self.signal(signal.SIGTERM)
 
     def signal(self, number: int) -> None:

@@ -90,7 +90,6 @@ class Child:
 
     @property
     def running(self) -> bool:
-        """Whether the process runs."""
         return self.process is not None and self.process.poll() is None
 
     def ask_stacks(self) -> None:

@@ -41,7 +41,6 @@ def speed_curve(explained: ExplainedEpisode) -> str:
 
 
 def value_curve(explained: ExplainedEpisode) -> str:
-    """Empty without a critic."""
     values = explained.outputs.value
     if values is None:
         return ""
@@ -61,7 +60,6 @@ def entropy_curve(explained: ExplainedEpisode) -> str:
 
 
 def action_colour(table: Float64s, index: int) -> str:
-    """Lighter for faster actions."""
     steering, speed = table[index]
     most = max(float(np.abs(table[:, 0]).max()), 1e-9)
     fastest = max(float(table[:, 1].max()), 1e-9)

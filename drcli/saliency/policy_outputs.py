@@ -160,7 +160,6 @@ def _of_ppo(policy: ActorCritic, seen: Observation, *, judges: bool, spreads: bo
 
 
 def outputs_of(subject: ExplainedPolicy, seen: Observation) -> PolicyOutputs:
-    """In units for people."""
     with torch.no_grad():
         heads = heads_of(subject, seen)
     value = None if heads.value is None else _array(heads.value)

@@ -53,7 +53,6 @@ class RecordedEpisode:
 
     @property
     def outcome(self) -> str:
-        """Such as "Off track"."""
         return STATUS_LABELS[self.last.status]
 
 

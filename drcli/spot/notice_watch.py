@@ -73,7 +73,6 @@ class NoticeWatch:
             threading.Thread(target=self._run_command, name="notice command", daemon=True).start()
 
     def stop(self) -> None:
-        """Returns at once."""
         self._stopped.set()
         with self._lock:
             process = self._process

@@ -124,7 +124,6 @@ def unscored(score: Score) -> Score:
 
 
 def read_evaluation(bucket: Bucket, prefix: str, number: int) -> EvaluationResult:
-    """Raises ObjectMissing or ObjectDamaged."""
     key = keys.evaluation_result(prefix, number)
     return read_record(bucket, key, EvaluationResult.decode, remedy_of(key))
 

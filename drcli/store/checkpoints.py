@@ -190,7 +190,6 @@ class CheckpointStore:
         return [*map(str, before), str(newest)]
 
     def record(self, name: str) -> CheckpointRecord:
-        """Raises ObjectMissing or ObjectDamaged."""
         key = keys.checkpoint_record(self._prefix, name)
         decode = partial(CheckpointRecord.decode_of, name)
         # `attach_optimizer` writes it a second time, just when the workers read it.

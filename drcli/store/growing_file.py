@@ -93,7 +93,6 @@ class GrowingFile:
         return self._open.get(group, {}).get(iteration)
 
     def put(self, iteration: int, entry: bytes) -> None:
-        """Raises StorageError."""
         self._set(iteration, entry)
         self._settle()
         if self._outdated or (self._size_bytes <= SMALL_BYTES and self._writing is None):

@@ -147,7 +147,6 @@ class HistoryReader:
 
 
 def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
-    """Oldest first; raises ObjectDamaged."""
     key = keys.history(prefix)
 
     def read(key: str) -> list[IterationRecord]:

@@ -90,7 +90,6 @@ class MemberReader:
             return dict(zip(changed, readers.map(read, changed.values()), strict=True))
 
     def read(self) -> dict[str, Member]:
-        """Raises StorageError."""
         found: dict[str, _Seen] = {}
         changed: dict[str, ObjectInfo] = {}
         for info in self._bucket.list(keys.members_folder(self._prefix)):

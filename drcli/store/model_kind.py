@@ -42,7 +42,6 @@ def is_tensorflow(listed: Collection[str], prefix: str, name: str) -> bool:
 
 
 def model_kind(bucket: Bucket, prefix: str) -> Kind:
-    """Raises StorageError."""
     folder = keys.folder(prefix)
     test = folder + TEST_FOLDER
     listed = [info.key for info in bucket.list(folder)]

@@ -141,12 +141,10 @@ def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
 
 
 def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
-    """Raises ObjectMissing or ObjectDamaged."""
     return read_record(bucket, key, decode_metrics, remedy_of(key))
 
 
 def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
-    """With parts; raises ObjectDamaged."""
     parts = read_parts(bucket, key, partial(read_metrics, bucket))
     try:
         return combined_metrics(read_metrics(bucket, key), parts)

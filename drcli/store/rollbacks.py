@@ -7,7 +7,6 @@ from drcli.store.remedies import remedy_of
 
 
 def read_rollbacks(bucket: Bucket, prefix: str) -> Rollbacks:
-    """Raises ObjectDamaged."""
     key = keys.rollbacks(prefix)
     try:
         return read_record(bucket, key, Rollbacks.decode, remedy_of(key))

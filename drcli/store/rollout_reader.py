@@ -166,7 +166,6 @@ class RolloutReader:
         return sorted({key.iteration for key in found if key is not None})
 
     def read(self, manifests: Iterable[Manifest]) -> Episodes:
-        """Raises ObjectMissing or ObjectDamaged."""
         wanted = [(manifest, part) for manifest in manifests for part in manifest.parts]
         reading = ""
 
@@ -202,7 +201,6 @@ class RolloutReader:
         return data
 
     def delete_learned(self, iteration: int) -> None:
-        """With those before. Thread-safe."""
         learned = []
         for info in self._bucket.list(keys.rollouts_folder(self._prefix)):
             key = keys.rollout_key(self._prefix, info.key)

@@ -110,7 +110,6 @@ class S3Bucket:
         return self._retry(lambda: self._get(key, watch), "read", key)[0]
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        """By the server's clock."""
         return self._retry(lambda: self._get(key), "read", key)
 
     def fenced(self, check: Callable[[str], None]) -> Self:
@@ -189,7 +188,6 @@ class S3Bucket:
         return self._retry(look, "look up", "")
 
     def ensure_exists(self) -> None:
-        """Only on our server."""
         if not self.is_created():
             self._retry(partial(self._client.create_bucket, Bucket=self.name), "create", "")
 

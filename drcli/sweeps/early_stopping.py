@@ -47,7 +47,6 @@ def _amount(budget: Budget, share: float) -> float:
 
 
 def kept_of(count: int, reduction_factor: float) -> int:
-    """One at least."""
     return max(1, math.ceil(count / reduction_factor - 1e-9))
 
 

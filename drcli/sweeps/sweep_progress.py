@@ -82,7 +82,6 @@ class SweepProgress:
         self._on_change(record)
 
     def write_experiment(self, trial: TrialRecord) -> int:
-        """Returns its DR_RUN_ID."""
         return self._files.write(
             self.trials[trial.name],
             trial.prefix,

@@ -70,7 +70,6 @@ class FigureSender:
         return self._thread is not None
 
     def send(self, *events: Event) -> None:
-        """Returns at once."""
         if self._thread is None:
             return
         for event in events:

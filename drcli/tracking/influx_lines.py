@@ -60,7 +60,6 @@ class InfluxLines:
 
 
 def line_of(event: EpisodePoint | EpochPoint, model: str) -> str:
-    """Without a line break."""
     if isinstance(event, EpochPoint):
         return _line("dr_sagemaker_epochs", {"model": model}, {"entropy": event.entropy}, event)
     tags = {"model": model, "status": event.status, "worker": str(event.worker)}

@@ -101,7 +101,6 @@ class FigureFile:
         return True
 
     def close(self) -> None:
-        """The last figures stay."""
         if not self._is_saved:
             self._save()
 

@@ -73,8 +73,6 @@ def _number(body: dict[str, Any], key: str, low: float, high: float) -> float:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Below /api/metadata."""
-
     def show(_: Request) -> Any:
         settings = folder.settings()
         file = own_file(settings, MODEL_METADATA_FILE)

@@ -86,7 +86,6 @@ def placed(problem: Problem) -> dict[str, Any]:
 
 
 def status_of(error: Exception) -> int:
-    """HTTP."""
     if isinstance(error, BadRequest):
         return error.status
     found = (status for kind, status in _STATUS.items() if isinstance(error, kind))

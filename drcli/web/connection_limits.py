@@ -42,12 +42,10 @@ class TimedHttp(H11Protocol):
         self._look = self.loop.call_later(LOOK_S, self._check)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop looking."""
         self._stop_looking()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Progress."""
         self._read_s = self.loop.time()
         if self.timeout_keep_alive_task is not None:  # another request begins
             self._began_s = self._read_s
@@ -55,17 +53,14 @@ class TimedHttp(H11Protocol):
         self._asked = self._asked or self.scope is not None
 
     def pause_writing(self) -> None:
-        """Nobody reads."""
         self._written_s = self.loop.time()
         super().pause_writing()
 
     def resume_writing(self) -> None:
-        """Somebody reads."""
         self._written_s = None
         super().resume_writing()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Stop looking."""
         self._stop_looking()
         super().handle_websocket_upgrade(event)
 
@@ -107,7 +102,6 @@ class TimedWebSocket(WebSocketsSansIOProtocol):
         super().data_received(data)
 
     def keepalive_timeout(self) -> None:
-        """Ping unanswered."""
         super().keepalive_timeout()
         self.loop.call_later(FAREWELL_S, self._cut)
 

@@ -33,7 +33,6 @@ class DownloadFolder:
         self._is_clean = False
 
     def new_folder(self) -> Path:
-        """Per task."""
         with self._lock:
             if not self._is_clean:
                 shutil.rmtree(self._folder, ignore_errors=True)
@@ -43,7 +42,6 @@ class DownloadFolder:
             return path
 
     def offer(self, path: Path, report: object = None) -> Download:
-        """For download."""
         name = path.parent.name
         with self._lock:
             self._known[name] = path

@@ -86,8 +86,6 @@ class LapReader:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Only topics."""
-
     def look_at(run_id: int) -> Callable[[], SeenRun]:
         return lambda: seen_run(folder.settings(), run_id)
 

@@ -54,7 +54,6 @@ class Client:
     wake: asyncio.Event = field(default_factory=asyncio.Event)
 
     def tell(self, topic: str) -> None:
-        """Note news."""
         self.news.setdefault(topic)
         self.wake.set()
 
@@ -74,12 +73,10 @@ class Hub:
         self._kinds[kind] = open_source
 
     def run_in(self, loop: asyncio.AbstractEventLoop) -> None:
-        """The server's."""
         self._loop = loop
 
     @property
     def watched(self) -> Set[str]:
-        """By anybody."""
         return self._sources.keys()
 
     def publish(self, topic: str, value: Value) -> None:
@@ -89,13 +86,11 @@ class Hub:
             loop.call_soon_threadsafe(self._accept, topic, value)
 
     def connect(self) -> Client:
-        """Watches nothing."""
         client = Client()
         self._clients.add(client)
         return client
 
     def disconnect(self, client: Client) -> None:
-        """Forget it."""
         self.watch(client, set())
         self._clients.discard(client)
 
@@ -140,7 +135,6 @@ class Hub:
             await client.wake.wait()
 
     def close(self) -> None:
-        """End sources."""
         for source in self._sources.values():
             source.stop()
         self._sources.clear()
@@ -183,7 +177,6 @@ class Stored:
         self._publish, self._newest = publish, newest
 
     def start(self) -> None:
-        """Publish."""
         self._publish(self._newest())
 
     def stop(self) -> None:
@@ -201,7 +194,6 @@ class Polled:
         self._task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        """Begin reading."""
         self._task = asyncio.get_running_loop().create_task(self._poll())
 
     def stop(self) -> None:

@@ -94,8 +94,6 @@ def _problems(settings: Settings, file: InputFile) -> list[dict[str, Any]]:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Below /api/hyperparameters."""
-
     def show(_: Request) -> Any:
         settings = folder.settings()
         file = own_file(settings, HYPERPARAMETERS_FILE)

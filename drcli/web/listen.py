@@ -34,7 +34,6 @@ class Listen:
     secrets: dict[str, str] = field(default_factory=dict)
 
     def line(self) -> bytes:
-        """As JSON."""
         return json.dumps(asdict(self)).encode() + b"\n"
 
     @staticmethod

@@ -48,7 +48,6 @@ class LiveText:
         return LiveText(text)
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """Whole."""
         return (None if since is self else self.text), self
 
 
@@ -69,12 +68,10 @@ class LiveViews:
         return _LiveSource(self, (int(found[1]), found[2], view), topic, publish)
 
     def begin(self, key: tuple[int, str, LiveView], topic: str, publish: Publish) -> None:
-        """Watch."""
         self._open[key] = topic, publish
         self._ask(key[:2])
 
     def end(self, key: tuple[int, str, LiveView]) -> None:
-        """Stop."""
         if self._open.pop(key, None) is not None:
             self._ask(key[:2])
 
@@ -115,7 +112,6 @@ class _LiveSource:
 
 
 def present(folder: ServedFolder) -> dict[str, Any]:
-    """Runs and workers."""
     runs = []
     for path in sorted((folder.directory / "data" / "runs").glob("*/run.json")):
         record = RunRecord.read(path.parent)

@@ -68,7 +68,6 @@ class LogReader:
         self._lines: deque[str] = deque(maxlen=KEPT_LINES)
 
     def read(self, path: Path | None, missing: str) -> LogLines:
-        """So far."""
         note = ""
         try:
             if path is None:
@@ -110,8 +109,6 @@ class LogReader:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Only topics."""
-
     def open_log(topic: str, publish: Publish) -> Polled:
         found = _TOPIC.fullmatch(topic)
         if found is None:

@@ -65,7 +65,6 @@ class ProcessorMeter:
         self._total_s, self._idle_s = _processor_times()
 
     def percent(self) -> float:
-        """Since last call."""
         total_s, idle_s = _processor_times()
         passed_s, unused_s = total_s - self._total_s, idle_s - self._idle_s
         self._total_s, self._idle_s = total_s, idle_s
@@ -81,7 +80,6 @@ def _processor_times() -> tuple[float, float]:
 
 
 def look(directory: Path, processor: ProcessorMeter) -> Machine:
-    """Now."""
     memory, disk = read_memory(), psutil.disk_usage(str(directory))
     return Machine(
         name=_processor(),
@@ -138,7 +136,6 @@ def _number(text: str, factor: float = 1.0) -> float | None:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Only topics."""
     processor = ProcessorMeter()
 
     def open_machine(topic: str, publish: Publish) -> Polled:

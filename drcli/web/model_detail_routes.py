@@ -21,8 +21,6 @@ from drcli.web.model_reader import ModelReader, checked, prefix_of
 
 
 def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
-    """Below /api/model."""
-
     def overview(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)

@@ -29,7 +29,6 @@ could neither read nor ask anything of the console.
 def file_routes(
     reader: ModelReader, downloads: DownloadFolder, analyses: dict[str, Any]
 ) -> Sequence[BaseRoute]:
-    """For downloads."""
     videos = ObjectCopies(reader.folder.directory / "data" / "viewer" / "videos")
 
     def video(request: Request) -> Any:

@@ -38,8 +38,6 @@ _GROUPS = {
 
 
 def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
-    """And topics."""
-
     def open_models(topic: str, publish: Publish) -> Polled:
         return Polled(topic, publish, lambda: Snapshot.of(topic, all_models(reader)), MODELS_S)
 
@@ -64,7 +62,6 @@ def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
 
 
 def all_models(reader: ModelReader) -> dict[str, Any]:
-    """And trainings."""
     listed, known = reader.models()
     newest: dict[str, TrainingEntry] = {}
     laps: dict[str, int] = {}

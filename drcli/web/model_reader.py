@@ -49,7 +49,6 @@ class ModelReader:
         self._known_s, self._known_took_s = -math.inf, 0.0
 
     def bucket(self, settings: Settings) -> Bucket:
-        """For reading."""
         return bucket_to_look_at(settings.transfer, upload=False)
 
     def models(self) -> tuple[ModelList, KnownTrainings]:
@@ -76,7 +75,6 @@ class ModelReader:
             return self._list, self._known
 
     def known(self) -> KnownTrainings:
-        """All trainings."""
         return self.models()[1]
 
     def _read_known(self, bucket: Bucket, listed: Listing) -> None:
@@ -108,7 +106,6 @@ class ModelReader:
         return settings, bucket
 
     def record(self, prefix: str) -> TrainingRecord | None:
-        """Newest training."""
         try:
             return self.known().find(prefix)
         except SettingsError:
@@ -128,7 +125,6 @@ def settings_for(directory: Path, prefix: str, flags: Mapping[str, str] | None =
 
 
 def no_model(bucket: str, prefix: str) -> BadRequest:
-    """The error."""
     return BadRequest(f"There is no model {prefix:.200} in s3://{bucket}.", 404)
 
 

@@ -16,7 +16,6 @@ from drcli.web.served_folder import ServedFolder
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """All."""
     reader = ModelReader(folder)
     downloads = DownloadFolder(folder.directory)
     analyses: dict[str, Any] = {}

@@ -98,7 +98,6 @@ def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str,
 def start_training(
     progress: Progress, directory: Path, prefix: str, max_minutes: float | None
 ) -> dict[str, Any]:
-    """As dr-start-training --resume -q."""
     from drcli.runs.plan import StartOptions
     from drcli.runs.track_fetch import fetch_allowed
 
@@ -111,7 +110,6 @@ def start_training(
 def start_evaluation(
     progress: Progress, directory: Path, prefix: str, flags: dict[str, str]
 ) -> dict[str, Any]:
-    """As dr-start-evaluation -q."""
     from drcli.runs.evaluation import launch_evaluation
     from drcli.runs.evaluation_plan import prepare_evaluation
     from drcli.runs.track_fetch import fetch_allowed
@@ -181,7 +179,6 @@ def upload_model(
     to: str,
     local: bool,
 ) -> Any:
-    """As dr-upload-model."""
     from drcli.models.upload import UploadOptions, plan_upload, upload
 
     settings = settings_for(directory, prefix)
@@ -193,7 +190,6 @@ def upload_model(
 def import_archive(
     progress: Progress, directory: Path, source: Path, prefix: str, world: str | None
 ) -> Any:
-    """As dr-import --no-drive."""
     from drcli.config.loading import load_settings
     from drcli.models.download import download, plan_download
     from drcli.models.find_checkpoint import OwnModel
@@ -212,7 +208,6 @@ def import_archive(
 
 
 def delete_model(progress: Progress, directory: Path, prefix: str, forget: bool) -> Any:
-    """As dr-delete-model."""
     from drcli.config.loading import load_settings
     from drcli.runs.model_removal import plan_removal, remove_models
 

@@ -42,7 +42,6 @@ class ObjectCopies:
         )
 
     def path_of(self, bucket: Bucket, info: ObjectInfo) -> Path:
-        """Its copy."""
         version = f"{bucket.name}\n{info.key}\n{info.size_bytes}\n{info.modified.isoformat()}"
         name = hashlib.sha256(version.encode()).hexdigest()[:32]
         with self._lock:

@@ -35,16 +35,13 @@ class OwnFile:
 
     @property
     def text(self) -> str:
-        """Decoded."""
         return self.data.decode("utf-8", "replace")
 
     @property
     def input(self) -> InputFile:
-        """For checks."""
         return InputFile(self.name, self.data, self.shown)
 
     def facts(self) -> dict[str, Any]:
-        """For the page."""
         return {"file": self.shown, "origin": self.origin, "version": self.version}
 
 
@@ -62,7 +59,6 @@ def own_file(settings: Settings, name: str) -> OwnFile:
 
 
 def values_of(file: OwnFile, rule: str) -> dict[str, Any] | None:
-    """As written."""
     try:
         return dict(read_json_object(file.data, file.shown, rule).values)
     except ProblemsError:
@@ -119,7 +115,6 @@ def _elsewhere(settings: Settings) -> dict[str, InputFile]:
 
 
 def new_text(body: dict[str, Any], key: str = "text") -> bytes:
-    """Or BadRequest."""
     text = body.get(key)
     if not isinstance(text, str):
         raise BadRequest(f"The request needs a text {key}.")

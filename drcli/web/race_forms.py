@@ -46,7 +46,6 @@ def wish_of_form(body: dict[str, Any], now_s: float) -> RaceWish:
 
 
 def one_of_texts(body: dict[str, Any], key: str, known: tuple[str, ...], usual: str) -> Any:
-    """Or BadRequest."""
     value = text_of(body, key, usual)
     if value not in known:
         raise BadRequest(f"The {key} is one of {', '.join(known)}.")
@@ -74,7 +73,6 @@ def whole_number(body: dict[str, Any], key: str) -> int | None:
 
 
 def flag(body: dict[str, Any], key: str) -> bool:
-    """Default: false."""
     value = body.get(key, False)
     if not isinstance(value, bool):
         raise BadRequest(f"The {key} is true or false.")
@@ -82,7 +80,6 @@ def flag(body: dict[str, Any], key: str) -> bool:
 
 
 def texts(body: dict[str, Any], key: str) -> list[str]:
-    """Default: empty."""
     value = body.get(key, [])
     if (
         not isinstance(value, list)

@@ -40,7 +40,6 @@ class RaceReader:
         self._objects = RaceObjects()
 
     def open(self) -> tuple[Settings, Bucket]:
-        """For writing."""
         settings = self.folder.settings()
         return settings, self.folder.bucket(settings)
 
@@ -52,7 +51,6 @@ class RaceReader:
         return found
 
     def races(self) -> RaceList:
-        """All."""
         settings = self.folder.settings()
         bucket = self.to_look_at(settings)
         if bucket is None:
@@ -64,7 +62,6 @@ class RaceReader:
         return self._read(race)[0]
 
     def view(self, race: str) -> dict[str, Any]:
-        """With more."""
         report, more = self._read(race)
         return keys_of(report) | more
 
@@ -117,7 +114,6 @@ def words_of(report: RaceReport) -> dict[str, str]:
 
 
 def words_of_rules(rules: RaceRules) -> dict[str, str]:
-    """For people."""
     return {
         "kind": race_words.kind(rules),
         "decides": race_words.decides(rules),

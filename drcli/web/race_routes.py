@@ -37,7 +37,6 @@ LOG_BYTES = 20_000
 
 
 def routes(folder: ServedFolder, clock: Callable[[], float] = time.time) -> Sequence[BaseRoute]:
-    """And topics."""
     reader = RaceReader(folder, clock)
 
     def open_races(topic: str, publish: Publish) -> Polled:
@@ -292,7 +291,6 @@ def _bucket_of(reader: RaceReader) -> Any:
 
 
 def race_of(request: Request) -> str:
-    """In a path."""
     race = request.path_params["race"]
     if not is_race_id(race):
         raise BadRequest("This is not the id of a race.", 404)

@@ -84,7 +84,6 @@ class RewardChecks:
                 self._waiting -= 1
 
     def close(self) -> None:
-        """End."""
         if self._idle is not None:
             self._idle.cancel()
         with self._lock:

@@ -41,7 +41,6 @@ class _Requests(threading.Thread):
 
 
 def main() -> None:
-    """Until input ends."""
     # What the racer's code or a library prints must not get into the answers.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)

@@ -40,7 +40,6 @@ def _about(text: str) -> str:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Below /api/reward."""
     checks = RewardChecks(folder.directory)
     folder.at_end.append(checks.close)
 

@@ -36,7 +36,6 @@ class RunReader:
         self._read_s = -math.inf
 
     def report(self) -> RunReport:
-        """Recent."""
         with self._lock:
             if self._report is None or time.monotonic() - self._read_s > NEW_S:
                 settings = self._folder.settings()

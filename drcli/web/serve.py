@@ -24,7 +24,6 @@ GRACE_S = 0.8
 
 
 def main() -> None:
-    """Until SIGTERM."""
     directory = Path(sys.argv[1])
     listen = Listen.of_line(sys.stdin.buffer.readline())
     secret_environment.keep(listen.secrets)
@@ -65,7 +64,6 @@ class ConsoleServer(uvicorn.Server):
 
 
 def server_of(app: ASGIApp) -> uvicorn.Server:
-    """For a bound socket."""
     return ConsoleServer(
         uvicorn.Config(
             app,

@@ -36,7 +36,6 @@ class ServedFolder:
         self.live = SharedFeed(self.directory)
 
     def settings(self) -> Settings:
-        """Now."""
         return load_settings(self.directory)
 
     def bucket(self, settings: Settings) -> Bucket:

@@ -53,7 +53,6 @@ def _version(directory: Path, name: str) -> str:
 
 
 def form_of(directory: Path) -> dict[str, Any]:
-    """All settings by group."""
     files = FolderFiles.read(directory)
     try:
         settings: Settings | None = load_settings(directory)
@@ -121,7 +120,6 @@ def _field(
 
 
 def written_values(directory: Path, names: list[str]) -> dict[str, str | None]:
-    """Secrets are hidden."""
     files = FolderFiles.read(directory)
     found: dict[str, str | None] = {}
     for name in names:

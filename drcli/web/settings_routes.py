@@ -69,7 +69,6 @@ def _unseen(title: str, size: int) -> AbstractContextManager[Watch]:
 
 
 def is_folder(directory: Path) -> bool:
-    """Has settings."""
     try:
         FolderFiles.read(directory)
     except Exception:
@@ -78,8 +77,6 @@ def is_folder(directory: Path) -> bool:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Below /api/settings."""
-
     def show(_: Request) -> Any:
         return form_of(folder.directory)
 

@@ -57,7 +57,6 @@ class SharedFeed:
         return part
 
     def workers(self) -> list[LiveWorker]:
-        """Sorted."""
         return self._opened().workers()
 
     def car(self, run_id: int, worker: str) -> int | None:
@@ -65,7 +64,6 @@ class SharedFeed:
         return self._cars.get((run_id, worker))
 
     def look_at(self, run_id: int, worker: str, car: int | None) -> None:
-        """For all who look."""
         with self._lock:
             if car is None:
                 self._cars.pop((run_id, worker), None)
@@ -74,7 +72,6 @@ class SharedFeed:
         self.ask((run_id, worker))
 
     def ask(self, key: WorkerKey) -> None:
-        """For all parts."""
         # In one block: a wish must not overtake a later one. `watch` only sends some bytes.
         feed = self._opened()
         with self._lock:
@@ -82,7 +79,6 @@ class SharedFeed:
             feed.watch(*key, sorted(views), self._cars.get(key))
 
     def remove(self, part: "FeedPart") -> None:
-        """Forget it."""
         with self._lock:
             if part not in self._parts:
                 return
@@ -91,7 +87,6 @@ class SharedFeed:
             self.ask(key)
 
     def close(self) -> None:
-        """End connections."""
         with self._lock:
             feed, self._feed = self._feed, None
             self._parts.clear()
@@ -140,9 +135,7 @@ class FeedPart:
         return self._wanted.get(key, frozenset())
 
     def watched(self) -> list[WorkerKey]:
-        """Its workers."""
         return list(self._wanted)
 
     def close(self) -> None:
-        """Watch nothing."""
         self._shared.remove(self)

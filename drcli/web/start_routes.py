@@ -71,8 +71,6 @@ def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """/api/validate, /api/start."""
-
     def check(_: Request, body: dict[str, Any]) -> Any:
         from drcli.checks.validate import validate
 

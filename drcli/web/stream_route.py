@@ -60,7 +60,6 @@ class Wanted:
 
     @staticmethod
     def of(query: Mapping[str, str], run_id: int) -> "Wanted":
-        """Or BadRequest."""
         topic = query.get("topic", USUAL_TOPIC)
         view = TOPICS.get(topic)
         if view is None:
@@ -75,7 +74,6 @@ class Wanted:
         )
 
     def draw(self, message: LiveMessage) -> bytes:
-        """JPEG."""
         size = (self.width or message.width, self.height or message.height)
         if self.quality is None and size == (message.width, message.height):
             return message.data
@@ -129,7 +127,6 @@ class Streams:
         return stream
 
     def close(self, stream: _Stream) -> None:
-        """End one."""
         self._streams.discard(stream)
         if self._feed is None:
             return

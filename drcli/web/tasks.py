@@ -135,7 +135,6 @@ class Tasks:
         return task
 
     def find(self, number: int) -> Task:
-        """Or BadRequest."""
         with self._lock:
             task = self._tasks.get(number)
         if task is None:
@@ -143,7 +142,6 @@ class Tasks:
         return task
 
     def snapshot(self) -> Snapshot:
-        """Newest first."""
         with self._lock:
             tasks = sorted(self._tasks.values(), key=lambda task: -task.id)
         return Snapshot.of("tasks", {"tasks": tasks})

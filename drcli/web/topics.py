@@ -22,7 +22,6 @@ class Value(Protocol):
 
 
 def text_message(topic: str, data: Any) -> str:
-    """As JSON."""
     return json.dumps({"topic": topic, "data": data}, allow_nan=False, separators=(",", ":"))
 
 
@@ -35,11 +34,9 @@ class Snapshot:
 
     @staticmethod
     def of(topic: str, value: Any) -> "Snapshot":
-        """Any value."""
         return Snapshot(topic, text_message(topic, plain(value)))
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """Whole."""
         return (None if since == self.text else self.text), self.text
 
 
@@ -57,7 +54,6 @@ class Rows:
         self._version = 0
 
     def update(self, rows: Sequence[Any]) -> None:
-        """Newest list."""
         # Texts are compared, because a row with NaN is not equal to itself when it is read again.
         texts = [
             self._texts[k] if k < len(self._rows) and row is self._rows[k] else _row_text(row)
@@ -95,7 +91,6 @@ class Picture:
     facts: dict[str, Any]
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """Once."""
         if since is self:
             return None, self
         header = json.dumps({"topic": self.topic, **self.facts}, allow_nan=False).encode()

@@ -171,7 +171,6 @@ def running_viewer(directory: Path) -> ViewerRecord | None:
 
 
 def report_of(record: ViewerRecord, *, started: bool) -> ViewerReport:
-    """For commands."""
     host = record.host if record.host not in ("0.0.0.0", "::") else _own_address()
     shown = f"[{host}]" if ":" in host else host
     path = f"{ENTER}?token={quote(record.token, safe='')}" if record.token else "/"
@@ -189,7 +188,6 @@ def _own_address() -> str:
 
 
 def log_path(directory: Path) -> Path:
-    """The console's."""
     return directory / "data" / "logs" / "viewer.log"
 
 

@@ -100,7 +100,6 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """What messages call it."""
         return self.prefix if self.source.file is None else str(self.source.file)
 
 

@@ -108,7 +108,6 @@ class LiveEpisodes:
             self._open.clear()
 
     def _settle(self) -> None:
-        """Count what has ended."""
         while self._ended:
             ended = self._ended.popleft()
             rows = ended.episode.rows

@@ -91,7 +91,6 @@ class Viewer:
             self._sent_s = monotonic()
 
     def close(self) -> None:
-        """End the connection."""
         with self._changed:
             self._closed = True
             self._direct.close()

@@ -86,7 +86,6 @@ class LiveShow:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
         return self._server.port
 
     def see(self, moment: Moment) -> None:
@@ -106,7 +105,6 @@ class LiveShow:
         self.facts = replace(facts or self.facts, iteration=iteration, checkpoint=checkpoint)
 
     def close(self) -> None:
-        """Send everybody away."""
         self._closed = True
         self.wanted = False
         self._server.close()
@@ -145,7 +143,6 @@ class LiveShow:
             self._wake.clear()
 
     def _rest(self) -> None:
-        """Wait until somebody comes."""
         self.wanted = self._tap.active = False
         self._tap.take()
         self._moment = self._state = None

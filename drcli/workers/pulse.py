@@ -93,7 +93,6 @@ class Pulse:
         ).start()
 
     def record(self) -> PulseRecord:
-        """The pulse of now."""
         relayed = self._relayed
         return PulseRecord(
             pid=self._pid,

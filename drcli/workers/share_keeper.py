@@ -132,7 +132,6 @@ class ShareKeeper:
         self._looker.shutdown(wait=False, cancel_futures=True)
 
     def at(self, iteration: int) -> tuple[WorkerShare, ...]:
-        """Who drives an iteration."""
         shares = self._record.at(iteration)
         if shares is not None:
             return shares.workers

@@ -77,7 +77,6 @@ class TrainingProgress:
 
     @property
     def elapsed_s(self) -> float:
-        """Wall time of training."""
         return self._before_s + time.monotonic() - self._began_s
 
     def counted(self) -> Counted:

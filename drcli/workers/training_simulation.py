@@ -191,7 +191,6 @@ class TrainingSimulation:
 
     @property
     def race(self) -> RaceConfig:
-        """What is driven."""
         return self._race
 
     @property

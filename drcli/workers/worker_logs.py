@@ -62,6 +62,5 @@ class _RewardLog(logging.Handler):
             self.file.write(f"{record_text(record)}\n")
 
     def end(self) -> None:
-        """Stop writing."""
         remove_handler(self)
         self.file.close()

@@ -30,5 +30,4 @@ def train_on(*changes: str, checkpoint: str = "") -> str:
 
 
 def rounded(value: float) -> str:
-    """To one significant digit."""
     return f"{float(f'{value:.0e}'):.10f}".rstrip("0").rstrip(".")

@@ -76,7 +76,6 @@ class Bundle:
 
     @property
     def data_names(self) -> list[str]:
-        """In order."""
         return data_names(self.origin, self.shards)
 
     def read(self, name: str, data: bytes | Sequence[bytes]) -> Array:
@@ -160,7 +159,6 @@ def open_bundle(index: bytes, origin: str) -> Bundle:
 
 
 def read_bundle(index: bytes, data: bytes | Sequence[bytes], origin: str) -> dict[str, Array]:
-    """All tensors."""
     bundle = open_bundle(index, origin)
     left = sum(map(len, [data] if isinstance(data, bytes) else data))
     found = {}
@@ -198,7 +196,6 @@ def write_bundle(tensors: Mapping[str, Array]) -> tuple[bytes, bytes]:
 
 
 def data_names(checkpoint: str, shards: int = 1) -> list[str]:
-    """In order."""
     return [f"{checkpoint}.data-{number:05d}-of-{shards:05d}" for number in range(shards)]
 
 

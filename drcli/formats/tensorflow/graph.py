@@ -51,14 +51,12 @@ class Node:
 
 
 def encode_graph(nodes: Sequence[Node]) -> bytes:
-    """Equal nodes, equal bytes."""
     graph = graph_message(nodes)
     data: bytes = graph.SerializeToString(deterministic=True)
     return data
 
 
 def graph_message(nodes: Sequence[Node]) -> Any:
-    """Of nodes."""
     graph = GraphMessage()
     graph.versions.producer = _PRODUCER
     for node in nodes:
@@ -101,7 +99,6 @@ def dtype_of(number: int) -> np.dtype[Any] | None:
 
 
 def shape_of(message: Any) -> Shape:
-    """In a message."""
     return Shape(dim.size for dim in message.dim)
 
 

@@ -60,7 +60,6 @@ def read_table(data: bytes, origin: str) -> dict[bytes, bytes]:
 
 
 def write_table(entries: dict[bytes, bytes], *, block_bytes: int = _BLOCK_BYTES) -> bytes:
-    """Write a table uncompressed."""
     file = bytearray()
     index, block = _Block(1), _Block(_RESTART_INTERVAL)
     ordered = sorted(entries.items())
@@ -76,7 +75,6 @@ def write_table(entries: dict[bytes, bytes], *, block_bytes: int = _BLOCK_BYTES)
 
 
 def damaged(origin: str, fault: str) -> SettingsError:
-    """The error."""
     return SettingsError(
         f"{origin} is damaged: {fault}.",
         remedy="Copy the file again from where it was written, or choose another checkpoint.",
@@ -169,7 +167,6 @@ class _Block:
         return len(self._entries) + 4 * len(self._restarts) + 4
 
     def add(self, key: bytes, value: bytes) -> None:
-        """Keys come in order."""
         shared = _common(self._before, key)
         if self._count and self._count % self._interval == 0:
             self._restarts.append(len(self._entries))

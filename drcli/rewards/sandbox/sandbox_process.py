@@ -59,7 +59,6 @@ class Calls(NamedTuple):
 
 
 def calls_of(request: SandboxRequest) -> Calls:
-    """With waypoints."""
     waypoints = [[(x, y) for x, y in points] for points in request.waypoints]
     for calls in request.sequences:
         for params in calls:
@@ -318,7 +317,6 @@ def _timing(took_s: Mapping[CallIndex, float]) -> Timing | None:
 
 
 def main(folder: Path, parent_pid: int) -> None:
-    """Write the result."""
     keep_descendants(parent_pid)
     faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
     faulthandler.enable(faults)

@@ -65,12 +65,10 @@ class SandboxRequest:
     load_s: float = 60.0
 
     def write(self, folder: Path) -> None:
-        """For the sandbox."""
         (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=json_default), "utf-8")
 
     @staticmethod
     def read(folder: Path) -> "SandboxRequest":
-        """In a folder."""
         return from_json(SandboxRequest, parse_json((folder / _REQUEST_FILE).read_bytes()))
 
 
@@ -107,7 +105,6 @@ class Failure:
 
     @property
     def sentence(self) -> str:
-        """In words."""
         failed = f"The reward function failed {self.state}: {self.reason}."
         text = failed if self.state else self.reason
         if not self.source or self.kind in ("type", "range"):  # not the fault of one line
@@ -197,7 +194,6 @@ class SandboxResult:
     finished: bool = True
 
     def write(self, folder: Path) -> None:
-        """In one step."""
         unfinished = folder / f"{_RESULT_FILE}.part"
         unfinished.write_text(json.dumps({"version": _VERSION, **asdict(self)}), "utf-8")
         unfinished.rename(folder / _RESULT_FILE)

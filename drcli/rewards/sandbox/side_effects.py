@@ -38,11 +38,9 @@ class Effects:
         _listen_with(self)
 
     def noted(self) -> list[Effect]:
-        """In order."""
         return [Effect(*what, times=times) for what, times in self._seen.items()]
 
     def hear(self, event: str, args: tuple[Any, ...]) -> None:
-        """Audit hook."""
         if not self.listening:
             return
         self.listening = False  # what follows may itself be an event
@@ -73,11 +71,9 @@ class PrintCounter(io.TextIOBase):
         self._first: int | None = None
 
     def writable(self) -> bool:
-        """Always."""
         return True
 
     def write(self, text: str, /) -> int:
-        """Only counts."""
         if self._first is None:
             self._first = line_in(self._file, sys._getframe(1))
         self._lines += text.count("\n")
@@ -85,7 +81,6 @@ class PrintCounter(io.TextIOBase):
         return len(text)
 
     def noted(self) -> Printed:
-        """So far."""
         return Printed(self._lines, self._characters, self._first)
 
 
@@ -97,7 +92,6 @@ class Originals:
         self._before = [(module, dict(module.__dict__)) for module in _SHARED]
 
     def restore(self) -> None:
-        """New names stay."""
         changed = [
             (module.__name__, name)
             for module, before in self._before

