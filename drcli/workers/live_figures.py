@@ -1,4 +1,4 @@
-"""The figures of a training for the tools of others: what a trainer and a simulation send."""
+"""The figures of a training for the tools of others."""
 
 import math
 import time
@@ -20,18 +20,16 @@ if TYPE_CHECKING:
     from drcli.learn.update_result import Stats  # loads torch, which a command does without
 
 EPISODE_S = 1.0
-"""Most seconds between the times of two episodes that were driven side by side and ended together.
-The server of the Grafana board keeps only one line of equal tags in each second."""
+"""Between episodes that ended together: the server of the Grafana board keeps one line of equal
+tags in each second.
+"""
 
 
 class LiveFigures:
-    """What a trainer sends: each iteration, each scored evaluation, each epoch's entropy.
-
-    Without a tool to send to, it does nothing.
-    """
+    """What a trainer sends: each iteration, each scored evaluation, each epoch's entropy."""
 
     def __init__(self, sender: FigureSender, records: Iterable[IterationRecord] = ()) -> None:
-        """Begin after the iterations of `records`, whose evaluations are sent already."""
+        """The evaluations of `records` are sent already."""
         self._sender = sender
         self._evaluated = {record.iteration for record in records if record.evaluation_progress}
 
@@ -39,7 +37,6 @@ class LiveFigures:
     def of_trainer(
         job: Job, design: Design, records: Sequence[IterationRecord], steps: int
     ) -> "LiveFigures":
-        """For a trainer that continues after the iterations of `records`, at so many steps."""
         config = job.config
         if not is_wanted(job):
             return LiveFigures(FigureSender([]))
@@ -62,20 +59,19 @@ class LiveFigures:
         return LiveFigures(sender, records)
 
     def epoch(self, stats: "Stats") -> None:
-        """Send the entropy of an epoch."""
         entropy = stats.metrics().get("losses/entropy", math.nan)
         if self._sender.is_active and math.isfinite(entropy):
             self._sender.send(EpochPoint(time.time(), entropy))
 
     def learned(self, row: Row, records: Sequence[IterationRecord]) -> None:
-        """Send an iteration, the last of the records, and what was scored since the last one."""
+        """An iteration, the last of the records, and new scores."""
         if self._sender.is_active:
             values = _named(row) | (progress_of(records[-1]) if records else {})
             self._sender.send(Point(int(row[STEPS]), time.time(), values))
             self._send_scores(records)
 
     def end(self, records: Sequence[IterationRecord], *, finished: bool) -> None:
-        """Send the last scores, and wait a little until all is sent."""
+        """Waits a little until all is sent."""
         if self._sender.is_active:
             self._send_scores(records)
             self._sender.send(Ended(time.time(), finished))
@@ -89,17 +85,13 @@ class LiveFigures:
 
 
 def is_wanted(job: Job) -> bool:
-    """Whether the settings name any tool."""
     f = job.config.figures
     servers = f.telegraf_host, f.prometheus_port, f.mlflow_url, f.trackio_url
     return bool(f.tensorboard or f.prometheus_folder or any(servers))
 
 
 def earlier_points(records: Iterable[IterationRecord]) -> list[Point]:
-    """The points of iterations before this start, at the times that the history tells.
-
-    It tells how long the training took, not when it paused: the times are counted back from now.
-    """
+    """The history does not tell pauses: times are counted back from now."""
     known = list(records)
     if not known:
         return []
@@ -115,7 +107,7 @@ def earlier_points(records: Iterable[IterationRecord]) -> list[Point]:
 
 
 def progress_of(record: IterationRecord) -> dict[str, float]:
-    """What CleanRL has no name for: progress and laps of the training episodes."""
+    """What CleanRL has no name for."""
     numbers: dict[str, float | None] = {
         "charts/episodic_progress": record.mean_progress,
         "charts/full_laps": float(record.full_laps),
@@ -125,7 +117,6 @@ def progress_of(record: IterationRecord) -> dict[str, float]:
 
 
 def evaluation_point(record: IterationRecord, time_s: float) -> Point:
-    """The evaluation of the checkpoint that an iteration began with."""
     values = _scores("evaluation", record.evaluation_progress, record.evaluation_lap_s)
     if record.second_world:
         values |= _scores("evaluation_second", record.second_progress, record.second_lap_s)
@@ -134,7 +125,6 @@ def evaluation_point(record: IterationRecord, time_s: float) -> Point:
 
 
 def parameters_of(design: Design, given: Mapping[str, str]) -> dict[str, str]:
-    """Hyperparameters, network and the settings that were given, by name."""
     metadata = design.metadata
     values = design.parameters.model_dump(mode="json", exclude_none=True)
     numbers = {name: str(value) for name, value in values.items() if name != "problems"}
@@ -150,13 +140,7 @@ def parameters_of(design: Design, given: Mapping[str, str]) -> dict[str, str]:
 def episode_points(
     records: Sequence[EpisodeMetrics], worker: int, wall_clock: tuple[float, float]
 ) -> list[EpisodePoint]:
-    """Episodes of an iteration as if one had ended after the other.
-
-    Args:
-        records: The episodes.
-        worker: Simulation worker, from 0.
-        wall_clock: Unix times between which they were driven.
-    """
+    """As if one episode had ended after the other."""
     return [
         EpisodePoint(
             time_s,
@@ -174,7 +158,6 @@ def episode_points(
 def trial_points(
     trials: Sequence[TrialMetrics], wall_clock: tuple[float, float]
 ) -> list[EpisodePoint]:
-    """The trials of a stand-alone evaluation, likewise."""
     return [
         EpisodePoint(
             time_s,
@@ -191,7 +174,6 @@ def trial_points(
 
 
 def _times(count: int, wall_clock: tuple[float, float]) -> list[float]:
-    """Times of so many episodes, the last one at the end."""
     began_s, ended_s = wall_clock
     apart_s = min(EPISODE_S, max(0.0, ended_s - began_s) / max(1, count))
     return [ended_s - apart_s * (count - 1 - place) for place in range(count)]
@@ -210,7 +192,6 @@ def _scores(name: str, progress: Sequence[float], lap_s: Sequence[float]) -> dic
 
 
 def _named(row: Row) -> dict[str, float]:
-    """A row without its step, which is the place of its point."""
     iteration = {"charts/iteration": float(row[NUMBER])} if NUMBER in row else {}
     return iteration | {
         name: float(value) for name, value in row.items() if name not in (NUMBER, STEPS)
