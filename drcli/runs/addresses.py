@@ -1,4 +1,4 @@
-"""Looks up the addresses of bucket, model and files: s3://, http and on this disk."""
+"""Addresses of bucket, model and files: s3://, http and on this disk."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -51,7 +51,6 @@ class Addresses:
 def addresses(
     storage: StorageConfig, model: ModelConfig, custom_files: str, names: list[PlaceName]
 ) -> Addresses:
-    """Look up addresses, without asking or starting a server."""
     endpoint = server.last_known(storage)
     lives = endpoint is not None and endpoint.pid is not None
     prefixes: dict[PlaceName, str] = {
@@ -82,14 +81,13 @@ def _server(endpoint: Endpoint) -> str:
 
 
 def _http(endpoint: Endpoint, bucket: str, prefix: str) -> str:
-    """Amazon names the bucket in the host, other servers in the path."""
     if endpoint.url is None:
         return f"https://{bucket}.s3.{endpoint.region}.amazonaws.com/{quote(prefix)}"
     return f"{endpoint.place.rstrip('/')}/{bucket}/{quote(prefix)}"
 
 
 def _folder(storage: StorageConfig, prefix: str) -> str | None:
-    """The folder with the objects; only rclone keeps them as plain files."""
+    """Only rclone keeps objects as plain files."""
     if storage.cloud != "local" or storage.engine != "rclone":
         return None
     return str(storage.data_dir / storage.bucket / prefix)

@@ -1,4 +1,4 @@
-"""Builds the arguments and variables with which the aws command reaches the bucket."""
+"""Arguments and variables of the aws command for the bucket."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,7 +12,6 @@ _COMPATIBLE = {
 }
 
 _OTHER_KEYS = ("AWS_PROFILE", "AWS_DEFAULT_PROFILE", "AWS_SESSION_TOKEN", "AWS_SECURITY_TOKEN")
-"""Variables that would conflict with the keys of our own server."""
 
 
 def aws_command(
@@ -20,10 +19,7 @@ def aws_command(
     arguments: Sequence[str],
     environ: Mapping[str, str],
 ) -> tuple[list[str], dict[str, str]]:
-    """Arguments and environment of the aws command; starts the local server if needed.
-
-    Keys go into the environment, because every user of the machine can read a command line.
-    """
+    """May start the local server. Keys are variables: every user can read a command line."""
     endpoint = server.ensure_running(storage)
     options: list[str] = []
     variables = {**environ, "AWS_DEFAULT_REGION": endpoint.region}

@@ -1,4 +1,4 @@
-"""Writes the archive of a support bundle, and searches the finished one for secrets."""
+"""Writes the archive of a support bundle, and searches it for secrets."""
 
 import gzip
 import io
@@ -13,15 +13,9 @@ from drcli.base.errors import SettingsError
 from drcli.runs.redaction import Redactor
 
 FOLDER = "drcli-support"
-"""Folder in the archive."""
 
 
 def check_writable(target: Path) -> None:
-    """Try to write beside the archive.
-
-    Raises:
-        SettingsError: That is impossible.
-    """
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=target.parent):
@@ -31,12 +25,7 @@ def check_writable(target: Path) -> None:
 
 
 def write_checked(target: Path, texts: Mapping[str, str], redactor: Redactor) -> None:
-    """Write the archive under another name, search it for secrets, and give it its name.
-
-    Args:
-        target: The archive.
-        texts: What it contains, by name.
-        redactor: Knows the secrets.
+    """Write the archive, search it for secrets, and only then give it its name.
 
     Raises:
         SettingsError: It cannot be written, or a secret was found in it.
@@ -62,7 +51,6 @@ def write_checked(target: Path, texts: Mapping[str, str], redactor: Redactor) ->
 
 
 def _archive(texts: Mapping[str, str]) -> bytes:
-    """A compressed archive that says nothing about the user who wrote it."""
     packed = io.BytesIO()
     now = int(time.time())
     with (
@@ -78,7 +66,6 @@ def _archive(texts: Mapping[str, str]) -> bytes:
 
 
 def _leaks(path: Path, redactor: Redactor) -> list[str]:
-    """Secrets in the finished archive, as `file: kind`."""
     found = []
     with tarfile.open(path) as archive:
         for entry in archive:

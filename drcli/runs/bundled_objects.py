@@ -1,4 +1,4 @@
-"""Reads what a support bundle takes from the bucket: the journal, and the keys of the model."""
+"""What a support bundle takes from the bucket: the journal, and the model's keys."""
 
 from drcli.base.errors import DrError
 from drcli.config.settings import Settings
@@ -9,14 +9,12 @@ from drcli.store.connect import open_running_bucket
 
 PATIENCE_S = 10.0
 MOST_STARTS = 50
-"""So many newest starts have their journal in a bundle."""
-
 JOURNAL_BYTES = 256 << 10
 MOST_KEYS = 20_000
 
 
 def objects_of(settings: Settings) -> tuple[dict[str, str], str]:
-    """Texts by their names in the bundle, and why some are missing; starts no server."""
+    """Texts by name, and why some are missing; starts no server."""
     found: dict[str, str] = {}
     reason: list[str] = []
 
@@ -37,7 +35,6 @@ def objects_of(settings: Settings) -> tuple[dict[str, str], str]:
 
 
 def _listing(bucket: Bucket, prefix: str) -> str:
-    """Size, time and key of each object of the model."""
     lines = []
     for folder in (keys.folder(prefix), keys.run_folder(prefix), keys.rollouts_folder(prefix)):
         lines += [

@@ -1,4 +1,4 @@
-"""Makes the archive for the physical car, and compares its graph with the weights on a drive."""
+"""Makes the archive for the physical car, and compares its graph with the weights."""
 
 from typing import TYPE_CHECKING
 

@@ -21,23 +21,16 @@ from drcli.exchange.log_places import log_file
 from drcli.runs.worker_processes import end_process, start_process
 
 STARTS = 16
-"""Starts of each car, spread evenly over the lap."""
-
 RARE = 0.05
-"""A difference that chance makes more often than this, among all cars, is none."""
-
 CAR = "DR_SIM_CAR"
 MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
 WORLD = "DR_WORLD_NAME"
 
 _EXIT_S = 2.0
-"""How long the worker may take to exit when the command is interrupted."""
-
 _NAME = "cars"
 
 
 def settings_of_model(settings: Settings, prefix: str, world: str) -> Settings:
-    """The settings for a model on a track."""
     flags = {MODEL: prefix, WORLD: world}
     return load_settings(settings.directory, flags=flags)
 
@@ -46,7 +39,6 @@ def try_cars(settings: Settings, checkpoint: str) -> CarTrials:
     """Drive the model of the settings on their track with each car.
 
     Raises:
-        ProblemsError: The track is not installed.
         WorkerDied: The worker failed.
     """
     track = track_problem(settings.race)
@@ -96,7 +88,7 @@ def _run(job: Job, checkpoint: str) -> list[CarTrial]:
 
 
 def best_of(trials: Sequence[CarTrial], present: str) -> str:
-    """The car with the most laps, unless the `present` one may have as many but for chance."""
+    """The car with the most laps; `present` unless the difference is more than chance."""
     own = next((trial for trial in trials if trial.car == present), None)
     most = max(trials, key=lambda trial: (trial.laps, trial.mean_progress))
     # So many others are compared that one of them would often seem better by chance.
@@ -107,13 +99,7 @@ def best_of(trials: Sequence[CarTrial], present: str) -> str:
 
 
 def chance(more: int, fewer: int, starts: int) -> float:
-    """How probable it is that equal cars differ at least so much (Fisher's exact test).
-
-    Args:
-        more: Laps of one car.
-        fewer: Laps of the other car.
-        starts: Of each car.
-    """
+    """How likely equal cars are to differ at least so much (Fisher's exact test)."""
     both = more + fewer
     ways = (
         comb(starts, laps) * comb(starts, both - laps)

@@ -1,4 +1,4 @@
-"""Knows the last and the best checkpoint of a running training, for duties that react to them."""
+"""Knows the last and the best checkpoint of a training, for several duties."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -10,14 +10,11 @@ from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket
 
 LOOK_S = 20.0
-"""How often it looks: one request."""
-
 LAST_LOOK_S = 3.0
-"""Longest time for the look when the training has ended."""
 
 
 class CheckpointWatch:
-    """Looks every few seconds in a thread; several duties share one."""
+    """Looks every few seconds in a thread."""
 
     def __init__(self) -> None:
         self._bucket: Bucket | None = None
@@ -31,7 +28,6 @@ class CheckpointWatch:
         """The best one, None before the first evaluation."""
 
     def start(self, open_bucket: Callable[[], Bucket], prefix: str) -> None:
-        """Begin to look; further calls do nothing."""
         if self._thread is not None:
             return
         self._open, self._prefix = open_bucket, prefix
@@ -43,11 +39,6 @@ class CheckpointWatch:
             self._thread.stop()
 
     def look(self) -> None:
-        """Look now.
-
-        Raises:
-            DrError: The bucket does not answer, or the scores are damaged.
-        """
         if self._open is None:
             return
         if self._bucket is None:
@@ -60,7 +51,7 @@ class CheckpointWatch:
             self.best = scores.best_checkpoint
 
     def look_last(self, within_s: float = LAST_LOOK_S) -> None:
-        """Look once more when the workers have exited; one look that succeeds is enough."""
+        """When the workers have exited; one success is enough."""
         if not self._has_looked_last:
             within(min(within_s, LAST_LOOK_S), self._look_last)
 

@@ -1,7 +1,4 @@
-"""When logs go to Amazon CloudWatch: during a training, and during an evaluation.
-
-Nothing that goes wrong there ends either of them.
-"""
+"""Sends logs of trainings and evaluations to CloudWatch; failures end neither."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -21,22 +18,10 @@ from drcli.runs.warnings_board import WarningsBoard
 _logger = get_logger(__name__)
 
 END_PATIENCE_S = 6.0
-"""How long the last lines may take at the end of a training or an evaluation."""
-
 STOPPED_PATIENCE_S = 1.0
-"""The same for an evaluation that somebody stops, and waits for its end."""
 
 
 class CloudWatchLogs(Duty):
-    """Sends logs from the start of a training to its end.
-
-    Args:
-        job: The training.
-        board: Shows that CloudWatch refuses the logs.
-        connect: Makes the client, instead of one for Amazon.
-        clock: Unix seconds.
-    """
-
     name = "CloudWatch"
 
     def __init__(
@@ -55,7 +40,6 @@ class CloudWatchLogs(Duty):
         self._sender: LogSender | None = None
 
     def start(self, run: RunningTraining) -> None:
-        """Send logs from now on, if DR_CLOUD_WATCH_ENABLE is on."""
         settings = self._job.config.logs
         if not settings.cloud_watch_enable:
             return
@@ -72,7 +56,6 @@ class CloudWatchLogs(Duty):
         self._sender.start()
 
     def check(self) -> None:
-        """Show in `dr-status` whether CloudWatch refuses the logs."""
         failure = self._sender and self._sender.failure  # the thread may change it meanwhile
         if failure:
             self._board.show(self.name, failure)
@@ -96,13 +79,7 @@ class CloudWatchLogs(Duty):
 def sent_to_cloud_watch(
     job: Job, names: Sequence[str], *, connect: Callable[[], LogService] | None = None
 ) -> Iterator[None]:
-    """Send the logs of an evaluation while the `with` block runs, if DR_CLOUD_WATCH_ENABLE is on.
-
-    Args:
-        job: The evaluation.
-        names: Of its logs, which have just been begun anew.
-        connect: Makes the client, instead of one for Amazon.
-    """
+    """Send the logs of an evaluation, just begun anew, during the `with` block."""
     if not job.config.logs.cloud_watch_enable:
         yield
         return

@@ -1,4 +1,4 @@
-"""Runs one of our commands as a child process of a supervisor: gently, and killed in time."""
+"""Runs one of our commands as a child process of a supervisor."""
 
 import json
 import os
@@ -21,23 +21,13 @@ _logger = get_logger(__name__)
 
 _LOOK_S = 0.1
 _READ_S = 2.0
-"""How long to wait for the last output of a command that has ended."""
-
 _ERROR = "Error: "
 _REMEDY = "Try: "
 
 
 @dataclass(frozen=True)
 class CommandEnd:
-    """How a command ended.
-
-    Attributes:
-        code: Its exit code; negative for a signal.
-        report: What --json printed; empty if it printed nothing.
-        reason: Its error and remedy in one line; empty if it succeeded.
-        seconds: How long it ran.
-        killed: Whether it was killed because its time was over.
-    """
+    """How a command ended; a negative `code` is a signal, `report` is what --json printed."""
 
     code: int
     report: Mapping[str, Any] = field(default_factory=dict)
@@ -51,14 +41,10 @@ class CommandEnd:
 
 
 class CommandProcess:
-    """A running command. It sees the settings as they were when the training started.
+    """Runs with the settings of the start of the training.
 
-    Its messages go to the log of this process, line by line. It gets its secrets through a pipe,
-    runs with low priority and one thread, and ends when this process ends.
-
-    Args:
-        job: The training: settings and folder.
-        arguments: What follows `dr`.
+    It gets secrets through a pipe, has low priority and one thread, logs to our log, and ends
+    with this process.
     """
 
     def __init__(self, job: Job, *arguments: str) -> None:
@@ -103,12 +89,10 @@ class CommandProcess:
         return self._process.pid
 
     def poll(self) -> CommandEnd | None:
-        """How it ended; None while it runs."""
         code = self._process.poll()
         return None if code is None else self._ended(code)
 
     def wait(self, within_s: float, give_up: Callable[[], bool] = lambda: False) -> CommandEnd:
-        """Wait for its end, and kill it after `within_s` or once `give_up()`."""
         deadline_s = time.monotonic() + within_s
         while (code := self._process.poll()) is None:
             left_s = deadline_s - time.monotonic()
@@ -119,7 +103,7 @@ class CommandProcess:
         return self._ended(code)
 
     def kill(self) -> CommandEnd:
-        """Kill it and wait for its end; what it wrote to a bucket stays usable."""
+        """What it wrote to a bucket stays usable."""
         if self._process.poll() is None:
             self._killed = True
             with suppress(ProcessLookupError):
@@ -164,11 +148,9 @@ class CommandProcess:
 
 
 Start = Callable[..., CommandProcess]
-"""Starts a command: takes the job and its arguments."""
 
 
 def _environment(plain: Mapping[str, str], job: Job) -> dict[str, str]:
-    """The environment of a command: no secrets, and the settings of the start of the training."""
     kept = activation.chosen(plain)
     return {
         **kept,

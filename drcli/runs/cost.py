@@ -1,4 +1,4 @@
-"""Counts machine hours and money of a training over all its starts, and ends it at the limit."""
+"""Counts hours and money of all starts of a training, and ends it at the limit."""
 
 import socket
 import threading
@@ -23,30 +23,16 @@ from drcli.store.request_count import RequestCount, read_counts
 _logger = get_logger(__name__)
 
 COUNT_S = 10.0
-"""How often time becomes money, and the file for `dr-status` is written."""
-
 WRITE_S = 300.0
-"""How often the object in the bucket is written: a vanished machine loses so much of its count."""
-
 PRICE_S = 3600.0
-"""How often EC2 is asked for the price again."""
-
 LOG_S = 1800.0
-"""How often the log tells time, money and requests."""
-
 _PATIENCE_S = 3.0
 _MOST_STEP_S = 60.0
-"""Longest time that one count adds: while the machine slept, nothing was counted or paid."""
+"""A sleeping machine is not counted."""
 
 
 class Cost(Duty):
-    """Counts machine hours and money.
-
-    Args:
-        job: The training.
-        ask_price: Asks EC2; tests replace it.
-        clock: Monotonic seconds, for tests. The wall clock may jump.
-    """
+    """Counts on the monotonic clock, because the wall clock may jump."""
 
     name = "cost"
 
@@ -80,14 +66,12 @@ class Cost(Duty):
         self._thread = Periodic("cost", self.step, COUNT_S)
 
     def start(self, run: RunningTraining) -> None:
-        """Begin to count; nothing waits for prices or for the bucket."""
         self._open_bucket = run.open_bucket
         # The job of the run has the term of the lease.
         self._key = keys.spending(run.job.config.model.prefix, run.job.term, run.job.session)
         self._thread.start()
 
     def check(self) -> Outcome | None:
-        """End the training when its money is spent."""
         if not self._max_usd:
             return None
         spending = self.spending
@@ -112,7 +96,6 @@ class Cost(Duty):
 
     @property
     def spending(self) -> Spending:
-        """Everything that is known now."""
         earlier = self._earlier or []
         usd = sum(each.usd for each in earlier if each.usd is not None) + self._usd
         unpriced = self._unpriced + sum(each.hours for each in earlier if each.usd is None)
@@ -134,16 +117,13 @@ class Cost(Duty):
 
     @property
     def own_hours(self) -> float:
-        """Machine hours of this start until now."""
         return self._hours
 
     @property
     def own_usd(self) -> float:
-        """What they cost, USD, as far as the price is known."""
         return self._usd
 
     def end_facts(self) -> Mapping[str, object]:
-        """For the `end` entry of the journal, for messages and for the command at the end."""
         spending, requests = self.spending, self._requests()
         facts: dict[str, object] = {
             "machine_hours": round(spending.hours, 3),
@@ -157,7 +137,6 @@ class Cost(Duty):
         return {name: value for name, value in facts.items() if value is not None}
 
     def sentences(self) -> list[str]:
-        """Time, money and requests until now, for people."""
         spending = self.spending
         text = f"{spending.hours:.2f} machine hours in {spending.starts} start"
         text += "s" if spending.starts > 1 else ""
@@ -171,11 +150,7 @@ class Cost(Duty):
         return lines if requests is None else [*lines, str(requests)]
 
     def step(self) -> None:
-        """Count, ask for the price, write: whatever is due.
-
-        Raises:
-            DrError: The bucket does not answer; it is tried again.
-        """
+        """Do whatever is due; DrError if the bucket does not answer."""
         self._count()
         now_s = self._clock()
         if self._auto and now_s - self._priced_s >= PRICE_S:
@@ -220,7 +195,6 @@ class Cost(Duty):
         self._price, self._price_of = found.usd_per_hour, f"spot price of {found.place}"
 
     def _read_earlier(self) -> None:
-        """Read what earlier starts have cost; damaged objects are named and left out."""
         bucket = self._opened()
         found = []
         for info in bucket.list(keys.spending_folder(self._job.config.model.prefix)):

@@ -1,7 +1,7 @@
-"""Counts what all trainings of a working folder use on a day, and ends them when that is too much.
+"""Counts what all trainings of a folder use on a day, and ends them at the limit.
 
-Each start writes a file of its own for each day, every ten seconds. So nobody waits for a lock, and
-a start that vanishes loses no more than that.
+Each start writes a file for each day: nobody waits for a lock, and a vanished start loses ten
+seconds.
 """
 
 import shutil
@@ -28,14 +28,11 @@ from drcli.runs.periodic import Periodic
 _logger = get_logger(__name__)
 
 COUNT_S = 10.0
-"""How often the file of a start is written, and those of all others are read."""
-
 KEPT_DAYS = 62
-"""How many days stay in the folder of the budget."""
 
 
 class Meter(Protocol):
-    """Counts hours and money of the present start."""
+    """Counts the present start."""
 
     @property
     def own_hours(self) -> float:
@@ -47,14 +44,6 @@ class Meter(Protocol):
 
 
 class DailyBudget(Duty):
-    """Counts for all trainings of a folder, and ends this one when the budget of the day is used.
-
-    Args:
-        job: The training.
-        meter: Counts its hours and money.
-        now: Unix seconds, for tests.
-    """
-
     name = "daily budget"
 
     def __init__(self, job: Job, meter: Meter, *, now: Callable[[], float] = time.time) -> None:
@@ -72,7 +61,6 @@ class DailyBudget(Duty):
         self._thread.start()
 
     def check(self) -> Outcome | None:
-        """End the training when the budget of the day is used up."""
         budget = self._budget
         if budget is None or budget.used_up is None:
             return None
@@ -86,7 +74,6 @@ class DailyBudget(Duty):
         self._thread.stop()
 
     def step(self) -> None:
-        """Write what this start has used today, and read what all have used."""
         self._write()
         today = day_of(self._now())
         if today != self._day:
@@ -114,7 +101,6 @@ class DailyBudget(Duty):
 
 
 def forget_old_days(directory: Path, keep: int = KEPT_DAYS) -> None:
-    """Delete all days but the newest."""
     with suppress(OSError):
         days = sorted(path for path in (directory / FOLDER).iterdir() if path.is_dir())
         for path in days[:-keep]:

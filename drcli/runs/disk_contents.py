@@ -1,4 +1,4 @@
-"""Finds out what takes the room on the disk of a working folder."""
+"""Finds out what takes the room on a working folder's disk."""
 
 import os
 from collections import defaultdict
@@ -7,28 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _BLOCK_BYTES = 512
-"""Unit of `st_blocks`."""
-
 SHOWN = 3
-"""How many of the largest are named."""
 
 
 @dataclass(frozen=True)
 class Occupied:
-    """Something that takes room: its folder, its size on the disk, and what it is."""
-
     folder: Path
     bytes: int
     what: str
 
 
 def largest(bucket_folder: Path | None, data: Path) -> list[Occupied]:
-    """The largest models, logs and other folders, the largest first.
-
-    Args:
-        bucket_folder: Where the embedded server keeps its buckets; None without one.
-        data: The folder `data` of the racer's working folder.
-    """
+    """Models, logs and other folders, the largest first."""
     sizes: dict[tuple[Path, str], int] = defaultdict(int)
     if bucket_folder is not None:
         for bucket in _folders(bucket_folder):
@@ -43,7 +33,7 @@ def largest(bucket_folder: Path | None, data: Path) -> list[Occupied]:
 
 
 def size_on_disk(folder: Path) -> int:
-    """Bytes that a folder takes with everything in it; links are not followed."""
+    """Links are not followed."""
     total = 0
     for path, _, names in os.walk(folder):
         for name in names:

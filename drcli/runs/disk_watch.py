@@ -1,4 +1,4 @@
-"""Watches the disks of a run: warns early, and ends the run while everything can still be saved."""
+"""Warns early of full disks, and ends the run while it can be saved."""
 
 import os
 import tempfile
@@ -17,34 +17,24 @@ from drcli.runs.periodic import Periodic
 from drcli.runs.warnings_board import WarningsBoard
 
 LOOK_S = 10.0
-"""Time between two looks at the disks."""
-
 LIMIT_SHARE = 0.1
-"""The run never ends because of a limit that is more than this share of a disk."""
+"""A limit is never more than this share of a disk."""
 
 LOW_FACTOR = 3.0
-"""A disk with less than this many times the limit is low, however slowly it fills."""
+"""Below this many times the limit a disk is low."""
 
 WARNED_S = (24 * 3600.0, 3 * 3600.0, 1200.0)
-"""Warn when a disk lasts for less than each of these times."""
-
 GREW_BYTES = 20e6
-"""Least growth of what is used, to work out how long the disk lasts."""
-
 TEMPORARY_BYTES = 50e6
-"""Warn when the folder for temporary files has less: exports and checks use it."""
+"""For exports and checks."""
 
 LOW_FILES, LEAST_FILES = 20_000, 2_000
-"""Warn, and end the run, when a disk can take no more than so many new files."""
+"""New files that fit: warn, and end the run."""
 
 
 @dataclass(frozen=True)
 class Disk:
-    """The disk of a folder.
-
-    Attributes:
-        files: How many new files it can take; None where it has no such limit.
-    """
+    """`files`: how many new ones fit, None without such a limit."""
 
     folder: Path
     device: int
@@ -54,7 +44,7 @@ class Disk:
 
 
 def measure(folder: Path) -> Disk | None:
-    """The disk of a folder, or of the folder above that exists; None if it does not answer."""
+    """The disk of a folder or its nearest parent; None if it does not answer."""
     try:
         place = next(place for place in (folder, *folder.parents) if place.exists())
         stat = os.statvfs(place)
@@ -71,7 +61,7 @@ def measure(folder: Path) -> Disk | None:
 
 
 class DiskWatch(Duty):
-    """Measures the disks of a run in a thread, and reacts in the supervisor's loop."""
+    """Measures in a thread, and reacts in the supervisor's loop."""
 
     name = "disk watch"
 
@@ -83,7 +73,6 @@ class DiskWatch(Duty):
         clock: Callable[[], float] = elapsed_s,
         measure: Callable[[Path], Disk | None] = measure,
     ) -> None:
-        """Prepare; `clock` and `measure` are for tests."""
         storage = job.config.storage
         self._bucket_folder = storage.data_dir if storage.cloud == "local" else None
         self._data = job.directory / "data"
@@ -108,7 +97,6 @@ class DiskWatch(Duty):
         self._thread.stop()
 
     def look(self) -> None:
-        """Measure the disks, and what takes the room if one of them is low."""
         folders = [self._data] if self._bucket_folder is None else [self._bucket_folder, self._data]
         found: dict[int, tuple[Disk, float]] = {}
         for folder in folders:
@@ -126,7 +114,6 @@ class DiskWatch(Duty):
         self._disks = disks
 
     def check(self) -> Outcome | None:
-        """React to the last measurement."""
         disks, self._disks = self._disks, ()
         for disk, lasts_s in disks:
             if disk.folder == self._temporary:
@@ -136,7 +123,6 @@ class DiskWatch(Duty):
         return None
 
     def _lasts_s(self, disk: Disk) -> float:
-        """How long the disk lasts at the present rate; infinite if what is used does not grow."""
         trend = self._trends.setdefault(disk.device, Trend())
         trend.add(self._clock(), float(disk.total_bytes - disk.free_bytes))
         growth = trend.growth(GREW_BYTES)
@@ -148,7 +134,7 @@ class DiskWatch(Duty):
         return min(self._min_bytes, LIMIT_SHARE * disk.total_bytes)
 
     def _step_of(self, disk: Disk, lasts_s: float) -> int:
-        """How near the end is: 0 for far, then one more for each time in WARNED_S."""
+        """0 for far from full, then one more for each time in WARNED_S."""
         step = sum(lasts_s < warned_s for warned_s in WARNED_S)
         low = disk.free_bytes < LOW_FACTOR * max(self._limit(disk), TEMPORARY_BYTES)
         few = disk.files is not None and disk.files < LOW_FILES
@@ -204,7 +190,6 @@ class DiskWatch(Duty):
             )
 
     def _largest(self) -> str:
-        """What takes the room, as a sentence after another one."""
         parts = [f"{one.what} {one.folder} {size(one.bytes)}" for one in self._occupied]
         return f" The largest: {', '.join(parts)}." if parts else ""
 

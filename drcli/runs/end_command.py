@@ -1,4 +1,4 @@
-"""Runs the command of DR_ON_END or --on-end when a training has ended and everything is saved."""
+"""Runs the command of DR_ON_END or --on-end when everything is saved."""
 
 import os
 import subprocess
@@ -16,21 +16,13 @@ from drcli.runs.outcome import Ending
 _logger = get_logger(__name__)
 
 PATIENCE_S = 3600.0
-"""Longest time for the command if nothing hurries."""
-
 _LOOK_S = 0.1
 
 
 class EndCommand(Duty):
-    """Runs the command after every end: complete, stopped, interrupted or failed.
+    """Runs after every end: complete, stopped, interrupted or failed.
 
-    It learns how the training ended from variables, and has the whole environment of the training,
-    access keys included: the racer's reward function does not run any more then.
-
-    Args:
-        job: The training.
-        watch: Knows its checkpoints.
-        facts: What else is known at the end, such as the cost; each becomes a variable.
+    It has the whole environment, access keys included: the reward function no longer runs then.
     """
 
     name = "command at the end"
@@ -44,17 +36,14 @@ class EndCommand(Duty):
         self._command = job.config.unattended.on_end
 
     def start(self, run: RunningTraining) -> None:
-        """Begin to watch the checkpoints."""
         if self._command:
             self._watch.start(run.open_bucket, run.job.config.model.prefix)
 
     def finish(self, ending: Ending) -> None:
-        """Look for the last time which checkpoints there are."""
         if self._command and ending.left_s() > LAST_LOOK_S:
             self._watch.look_last()
 
     def leave(self, ending: Ending) -> None:
-        """Run the command; its failure is logged and changes nothing."""
         if not self._command:
             return
         _logger.info("Running the command at the end: DR_ON_END.")
@@ -105,7 +94,6 @@ class EndCommand(Duty):
 
 
 def _wait(process: "subprocess.Popen[bytes]", within_s: float, ending: Ending) -> int | None:
-    """The exit code; None if the process was killed because its time was over."""
     rounds = int(within_s / _LOOK_S) + 1
     for _ in range(rounds):
         with suppress(subprocess.TimeoutExpired):

@@ -1,7 +1,6 @@
-"""What is done once when a training is complete: upload its best checkpoint, and import it.
+"""Uploads and imports the best checkpoint once when a training is complete.
 
-Each piece may be repeated without harm, and has a name, so that a successor on another machine can
-complete what this one had no time for.
+Each piece may be repeated; a successor on another machine may complete it.
 """
 
 import re
@@ -20,10 +19,8 @@ from drcli.runs.outcome import Ending, Outcome
 _logger = get_logger(__name__)
 
 EndWork = Literal["upload", "import"]
-"""The pieces: an upload of the best checkpoint, and its import into DeepRacer on AWS."""
-
 PATIENCE_S = 2700.0
-"""Longest time for a piece: DeepRacer on AWS may take half an hour to check a model."""
+"""DeepRacer on AWS may check a model for half an hour."""
 
 _WHAT = {"upload": "upload of the best checkpoint", "import": "import into DeepRacer on AWS"}
 
@@ -31,7 +28,6 @@ _IMPORT = "DR_IMPORT_MODEL_ON_COMPLETION"
 
 
 def wanted_work(job: Job) -> list[str]:
-    """The pieces that the settings ask for at the end of a complete training."""
     settings, given = job.config.unattended, job.config.given
     wanted: list[EndWork] = []
     if settings.upload_model_on_completion:
@@ -42,13 +38,6 @@ def wanted_work(job: Job) -> list[str]:
 
 
 class EndOfTraining(Duty):
-    """Does the work at the end of a complete training.
-
-    Args:
-        job: The training.
-        start: Starts a command; tests replace it.
-    """
-
     name = "end of the training"
 
     def __init__(self, job: Job, *, start: Start = CommandProcess) -> None:
@@ -59,7 +48,7 @@ class EndOfTraining(Duty):
         self._results: list[Outcome] = []
 
     def start(self, run: RunningTraining) -> None:
-        """Say at the beginning what will not work at the end."""
+        """Say what will not work at the end."""
         self._journal = run.journal
         given = self._job.config.given
         if not self._job.config.unattended.import_model_on_completion:
@@ -79,7 +68,6 @@ class EndOfTraining(Duty):
             )
 
     def finish(self, ending: Ending) -> None:
-        """Do the work if the training is complete, as far as the time allows."""
         self._left = self.left(ending)
         for name in list(self._left):
             within_s = min(PATIENCE_S, ending.left_s(0.8))
@@ -94,7 +82,6 @@ class EndOfTraining(Duty):
             _logger.warning("%s", text)
 
     def end_result(self) -> Outcome | None:
-        """What was done, and what failed with the command that makes up for it."""
         if not self._results:
             return None
         return Outcome(
@@ -104,11 +91,7 @@ class EndOfTraining(Duty):
         )
 
     def left(self, ending: Ending) -> list[str]:
-        """Names of the pieces that are not done: before `finish`, all that it is going to do.
-
-        If an earlier start has completed the training, that start has left them over
-        (`Ending.only`).
-        """
+        """Before `finish`, all pieces; or those of an earlier start."""
         if self._left is not None:
             return list(self._left)
         if ending.outcome.code != 0:
@@ -131,7 +114,6 @@ class EndOfTraining(Duty):
         )
 
     def _note(self, name: str, end: CommandEnd) -> bool:
-        """Tell how a piece ended; whether it is done."""
         what = _WHAT[name]
         if not end.ok:
             text = f"The {what} failed: {end.reason}"
@@ -152,6 +134,6 @@ class EndOfTraining(Duty):
 
 
 def import_name(prefix: str) -> str:
-    """The name of a model at DeepRacer on AWS: letters, digits and hyphens, 64 at most."""
+    """DeepRacer on AWS allows letters, digits and hyphens, 64 at most."""
     usable = re.sub(r"[^a-zA-Z0-9]+", "-", prefix).strip("-")
     return usable[-64:].strip("-") or "model"

@@ -1,4 +1,4 @@
-"""Runs an evaluation: one worker process, its trace and metrics, and a report."""
+"""Runs an evaluation in a worker process."""
 
 import logging
 import os
@@ -44,18 +44,13 @@ from drcli.store import keys
 from drcli.store.connect import open_bucket
 
 EXIT_S = 0.6
-"""How long the worker may take to exit when its evaluation is stopped."""
-
 LAUNCHED_EXIT_S = 5.0
-"""The same for an evaluation that was not ready in time: it may already have a worker."""
+"""It may already have a worker."""
 
 STOPPED = "The evaluation was stopped."
-"""What its log says then."""
-
 _FAILURES: dict[int, type[DrError]] = {
     kind.code: kind for kind in (SettingsError, StorageError, TrainingFailed, NotAvailable)
 }
-"""Failures that are not the worker's fault, by exit code."""
 
 
 def evaluate(
@@ -69,17 +64,12 @@ def evaluate(
 ) -> EvaluationReport:
     """Run the evaluation that the settings describe, and wait for its end.
 
-    Args:
-        settings: Name the model, and the race in DR_EVAL_*.
-        clone: Copy the model to `<prefix>-E` first and evaluate the copy.
-        seed: Of all random numbers.
-        own: What drives: the checkpoint of the settings, or a file, and in which engine.
-        opponent: The same for the opponent of a HEAD_TO_MODEL race.
-        on_progress: Shows a short sentence on each step.
+    With `clone`, a copy at `<prefix>-E` drives. `own` and `opponent` (of HEAD_TO_MODEL) say
+    what drives.
 
     Raises:
         SettingsError: The model or checkpoint does not exist.
-        WorkerDied: The evaluation worker failed.
+        WorkerDied: The worker failed.
         Stopped: SIGTERM came.
     """
     with until_stopped():
@@ -92,11 +82,7 @@ def evaluate(
 def run_evaluation(
     plan: EvaluationPlan, on_progress: Callable[[str], None] = lambda text: None
 ) -> EvaluationReport:
-    """Drive in a worker process, wait for its end, and remove everything except its results.
-
-    Raises:
-        WorkerDied: The worker failed; other errors are those that it left.
-    """
+    """Drive in a worker process, and remove everything except its results."""
     folder = plan.job.folder
     try:
         _run(plan)
@@ -114,7 +100,7 @@ def run_evaluation(
 
 
 def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
-    """Start the evaluation as processes that outlive this one.
+    """Start processes that outlive this one.
 
     Raises:
         WorkerDied: It exited at once or was not ready in time.
@@ -172,7 +158,6 @@ def _report(plan: EvaluationPlan, driven: EvaluationTrials) -> EvaluationReport:
 
 
 def _run(plan: EvaluationPlan) -> None:
-    """Run the worker until it exits, with a new log."""
     job = plan.job
     path = log_file(job.directory, job.config.model.prefix, "evaluation")
     empty_logs(job.directory, job.config.model.prefix, "evaluation")
@@ -200,12 +185,10 @@ def _run(plan: EvaluationPlan) -> None:
 
 
 def failure(code: int, message: str, remedy: str) -> DrError:
-    """The failure of a worker, of the kind that has this exit code."""
     return _FAILURES.get(code, WorkerDied)(message, remedy=remedy)
 
 
 def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
-    """Write the record by which other commands find the evaluation."""
     config = plan.job.config
     EvaluationRecord(
         run_id=config.run_id,
@@ -223,7 +206,7 @@ def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
 
 
 def _end(plan: EvaluationPlan, process: subprocess.Popen[bytes]) -> None:
-    """Stop the worker. If it must be killed, delete its results, which may be incomplete."""
+    """Results of a killed worker may be incomplete and are deleted."""
     if not end_process(process, EXIT_S):
         with suppress(StorageError):
             bucket = open_bucket(plan.job.config.storage, patience_s=0.0)
@@ -231,15 +214,12 @@ def _end(plan: EvaluationPlan, process: subprocess.Popen[bytes]) -> None:
 
 
 def until_stopped() -> AbstractContextManager[None]:
-    """Let SIGTERM, which `dr-stop-evaluation` sends, end the `with` block as `Stopped`."""
+    """Let SIGTERM end the block as `Stopped`."""
     return until_sigterm(STOPPED, "Start it again with `dr-evaluate`.")
 
 
 def _wait_in_background() -> None:
-    """Wait for an evaluation in the background.
-
-    Started as `python -m drcli.runs.evaluation STAMP CHECKPOINT [OPPONENT]`.
-    """
+    """`python -m drcli.runs.evaluation STAMP CHECKPOINT [OPPONENT]`."""
     job, (_, stamp, *checkpoints) = Job.received_or_exit(), sys.argv
     notices.warn = lambda text: _log(job, logging.WARNING, text)
     try:
@@ -252,7 +232,7 @@ def _wait_in_background() -> None:
 
 
 def _log(job: Job, level: int, text: str) -> None:
-    """Add a line to the log when the worker has ended: until then, it writes the log alone."""
+    """Until the worker has ended, it alone writes the log."""
     path = log_file(job.directory, job.config.model.prefix, "evaluation")
     log = LogFile(path, job.config.logs.log_max_mb << 20)
     get_logger(__name__).log(level, "%s", text)

@@ -1,4 +1,4 @@
-"""Lists the stored stand-alone evaluations of a model, with their trials."""
+"""Lists the stored stand-alone evaluations of a model."""
 
 import re
 from dataclasses import dataclass, field
@@ -21,8 +21,6 @@ from drcli.store.repair import Model
 from drcli.store.training_records import at_once
 
 MOST_EVALUATIONS = 200
-"""The newest so many are read."""
-
 _METRICS = re.compile(r"(?:EvaluationMetrics-|evaluation/(?:evaluation-)?)(\d{14})[^/]*\.json")
 
 
@@ -32,23 +30,10 @@ class ListedEvaluation:
 
     Attributes:
         stamp: Its name, fourteen digits of its local time.
-        world: The track.
-        race_type: As DR_RACE_TYPE.
-        reverse: Whether it was driven in the opposite direction.
-        checkpoint: Name of the checkpoint or file that drove.
-        trials: In order.
-        complete_laps: How many of them completed the lap, with or without resets.
-        best_lap_s: Fastest clean lap, simulated seconds; None without one.
-        mean_lap_s: Mean of the completed laps, penalties included.
-        off_track_penalty_s: What leaving the track adds to the time of a lap.
-        collision_penalty_s: What a crash adds to it.
-        video: Whether there is a video of it.
-        trace: Whether its steps are stored, so that it can be filmed.
-        problem: Why its trials cannot be read; empty if they can.
-        clean_laps: How many trials completed the lap without reset and penalty.
-        resets: How often the car was put back on the track in all trials.
-        best_finished_s: Fastest completed lap, penalties included; None without one.
-        summary: The trials in a sentence.
+        best_lap_s: Fastest clean lap, simulated seconds.
+        mean_lap_s: Of completed laps, penalties included.
+        problem: Why its trials cannot be read.
+        best_finished_s: Fastest completed lap, penalties included.
     """
 
     stamp: str
@@ -73,14 +58,7 @@ class ListedEvaluation:
 
 @dataclass(frozen=True)
 class EvaluationList:
-    """The evaluations of a model.
-
-    Attributes:
-        model: As s3://bucket/prefix.
-        evaluations: The newest first.
-        total: How many there are.
-        videos: Names of all videos below the model, such as `mp4/camera-pip/0-video.mp4`.
-    """
+    """The newest first, of `total`; `videos` such as `mp4/camera-pip/0-video.mp4`."""
 
     model: str
     evaluations: list[ListedEvaluation]
@@ -94,16 +72,10 @@ _VIDEO = re.compile(
 
 
 def is_video(name: str) -> bool:
-    """Whether an object below a model is a video, by its name without the model's prefix."""
     return _VIDEO.fullmatch(name) is not None
 
 
 def list_evaluations(config: ModelConfig, bucket: Bucket, prefix: str) -> EvaluationList:
-    """List the evaluations of a model.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
     folder = keys.folder(prefix)
     present = {info.key.removeprefix(folder) for info in bucket.list(folder)}
     metrics_prefix = Model.of(config, bucket, prefix).metrics_prefix
@@ -159,7 +131,6 @@ def _listed(
 
 
 def _recording(bucket: Bucket, trace: str) -> RaceRecording | None:
-    """The race of a trace; None if nothing readable tells it."""
     key = keys.recording_of(trace)
     try:
         return read_record(bucket, key, RaceRecording.decode, remedy_of(key))

@@ -1,4 +1,4 @@
-"""Evaluates a model again and again, each time its newest checkpoint, and keeps the best laps."""
+"""Evaluates a model's newest checkpoint again and again, and keeps the best laps."""
 
 import os
 import shutil
@@ -22,13 +22,10 @@ from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 
 MOST_ROWS = 20
-"""Rounds in the table. Traces, videos and metrics of all others are deleted."""
+"""What other rounds wrote is deleted."""
 
 LOOK_S = 2.0
-"""Pause between two looks for a new checkpoint."""
-
 LONGEST_PAUSE_S = 60.0
-"""Between two tries while rounds fail."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +67,9 @@ class BestLap(JsonRecord):
 
 @dataclass(frozen=True)
 class BestLaps(JsonRecord):
-    """The best rounds of a model over all its loops, the fastest clean lap first."""
-
     laps: list[BestLap] = field(default_factory=list)
 
     def with_lap(self, lap: BestLap) -> "BestLaps":
-        """The table with one more round, and at most `MOST_ROWS`."""
         return BestLaps(sorted([*self.laps, lap], key=lambda one: one.rank)[:MOST_ROWS])
 
 
@@ -107,12 +101,10 @@ def run_loop(
     on_progress: Callable[[str], None] = lambda text: None,
     on_failure: Callable[[str], None] = lambda text: None,
 ) -> LoopReport:
-    """Evaluate until Ctrl-C or SIGTERM, which end the loop but are no failures.
+    """Evaluate the newest checkpoints until Ctrl-C or SIGTERM, which are not failures.
 
-    Each round drives the newest checkpoint, whatever DR_EVAL_CHECKPOINT says.
-
-    A round that could only repeat the last one waits for a new checkpoint; where lights, traffic
-    or disturbances are drawn, each round has the next seed.
+    Where lights, traffic or disturbances are drawn, each round has the next seed; elsewhere it
+    waits for a new checkpoint.
 
     Raises:
         DrError: The first round fails; later ones are tried again.
@@ -151,8 +143,6 @@ def run_loop(
 
 
 class _Loop:
-    """The rounds so far."""
-
     def __init__(self, settings: Settings, bucket: Bucket, seed: int) -> None:
         self.rounds = 0
         self._settings = settings
@@ -167,7 +157,6 @@ class _Loop:
         self._noted: set[str] = set()
 
     def drive(self) -> str:
-        """Drive one round, keep the table, and say how it went."""
         plan = prepare_evaluation(self._settings, seed=self._seed + self.rounds)
         try:
             report = run_evaluation(plan)
@@ -195,7 +184,6 @@ class _Loop:
         return min(laps, default=None)
 
     def _keep(self, report: EvaluationReport, stamp: str) -> None:
-        """Add the round to the table, and delete what belongs to none of its rows."""
         before = {lap.stamp for lap in self._table.laps}
         best = best_lap(report.trials)
         if best is not None:
@@ -227,13 +215,11 @@ class _Loop:
         self._loose = [] if stamp in kept else [stamp]  # the newest stays until the next round
 
     def pause_after_failure(self) -> None:
-        """Wait, longer after each failure in a row."""
         self._failures += 1
         self._failures_in_a_row += 1
         time.sleep(min(LONGEST_PAUSE_S, LOOK_S * 2.0**self._failures_in_a_row))
 
     def wait_for_something_new(self) -> None:
-        """Return when the next round can differ from the last one."""
         while self._last is not None and not draws_anything(self._settings):
             with suppress(DrError):
                 prefix = self._settings.model_prefix
@@ -243,7 +229,6 @@ class _Loop:
             time.sleep(LOOK_S)
 
     def report(self) -> LoopReport:
-        """What the loop came to."""
         return LoopReport(
             prefix=self._settings.model_prefix,
             world=self._settings.world_name,
@@ -255,7 +240,6 @@ class _Loop:
 
 
 def read_best_laps(bucket: Bucket, key: str) -> BestLaps:
-    """The table in the bucket; an empty one if there is none or it is damaged."""
     try:
         return BestLaps.decode(bucket.get(key))
     except (ObjectMissing, RecordError):
@@ -263,7 +247,7 @@ def read_best_laps(bucket: Bucket, key: str) -> BestLaps:
 
 
 def draws_anything(settings: Settings) -> bool:
-    """Whether two evaluations of the same checkpoint can differ by their seeds."""
+    """Whether two evaluations can differ by their seeds."""
     s = settings
     disturbed = s.sim_extras_in != "training" and any(
         isinstance(value, float) and value != 0.0

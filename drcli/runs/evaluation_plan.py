@@ -1,4 +1,4 @@
-"""Plans an evaluation: chooses the checkpoints and writes its parameter file."""
+"""Plans an evaluation: checkpoints and parameter file."""
 
 import os
 import secrets
@@ -27,10 +27,7 @@ from drcli.store.repair import Model, readable_scores
 from drcli.store.write_probe import prove_writing
 
 CHECKPOINT = PolicySource()
-"""A checkpoint in PyTorch."""
-
 CLONE_SUFFIX = "-E"
-"""Appended to the prefix of a model that is cloned for its evaluation."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +35,7 @@ class EvaluationPlan:
     """An evaluation that passed all checks.
 
     Attributes:
-        job: For its processes, with a folder for this evaluation only.
-        checkpoints: The model's, and the opponent's in a HEAD_TO_MODEL race; the name of a file
-            where a file drives.
+        checkpoints: The model's, and the HEAD_TO_MODEL opponent's; or names of files.
         stamp: Its name, the time as fourteen digits.
     """
 
@@ -50,12 +45,10 @@ class EvaluationPlan:
 
     @property
     def simtrace(self) -> str:
-        """Key of the model's trace."""
         return keys.evaluation_trace(self.job.config.model.prefix, self.stamp)
 
     @property
     def metrics(self) -> str:
-        """Key of the model's metrics."""
         return keys.evaluation_metrics(self.job.config.model.metrics_prefix, self.stamp)
 
 
@@ -68,13 +61,10 @@ def prepare_evaluation(
     opponent: PolicySource | None = None,
     on_progress: Callable[[str], None] = lambda text: None,
 ) -> EvaluationPlan:
-    """Find the checkpoints and describe the evaluation in the bucket, before a process starts.
-
-    `own` and `opponent` say what drives; a file needs no model in the bucket.
+    """Choose the checkpoints, and describe the evaluation in the bucket.
 
     Raises:
-        SettingsError: The track, the model or the checkpoint does not exist, or a file cannot
-            drive.
+        SettingsError: The track, model or checkpoint does not exist, or a file cannot drive.
         NotAvailable: The engine of a policy, or the encoder of videos, is not installed.
     """
     if opponent is not None and settings.race_type != "HEAD_TO_MODEL":
@@ -142,7 +132,6 @@ def prepare_evaluation(
 
 
 def evaluation_job(settings: Settings, folder: Path, seed: int | None) -> Job:
-    """The job of an evaluation, whose processes still need to know what drives."""
     return Job(
         config=settings.run,
         session=secrets.token_hex(6),
@@ -155,7 +144,6 @@ def evaluation_job(settings: Settings, folder: Path, seed: int | None) -> Job:
 
 
 def checked_source(source: PolicySource) -> PolicySource:
-    """The same with its engine and, for a file, its hash, after everything was checked."""
     from drcli.formats.engine_fit import check_file
     from drcli.formats.policy_engines import RUNS, check_runtime
     from drcli.formats.policy_file import read_policy_file
@@ -180,7 +168,6 @@ def _driven(
     option: str,
     on_progress: Callable[[str], None],
 ) -> str:
-    """The name of the checkpoint or file that drives; `option` chooses another checkpoint."""
     if source.file is not None:
         return source.file.name
     chosen = _found(settings, bucket, prefix, choice)
@@ -200,11 +187,7 @@ def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
 
 
 def choose_checkpoint(settings: Settings, bucket: Bucket, prefix: str) -> str:
-    """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for.
-
-    Raises:
-        SettingsError: The model has none.
-    """
+    """The one of DR_EVAL_CHECKPOINT; SettingsError if the model has none."""
     return _found(settings, bucket, prefix, settings.eval_checkpoint).name
 
 
@@ -220,7 +203,7 @@ def _found(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> Chos
 
 
 def _cloned(settings: Settings, bucket: Bucket) -> Settings:
-    """Copy the model, its pointers last; returns the settings of the copy."""
+    """Copies the model, its pointers last."""
     source, target = settings.model_prefix, settings.model_prefix + CLONE_SUFFIX
     pointers = (keys.deepracer_checkpoints(source), keys.coach_checkpoint(source))
     found = [
@@ -236,7 +219,7 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
 
 
 def claim_stamp(settings: Settings, bucket: Bucket, directory: Path) -> tuple[str, Path]:
-    """Find a unique name for this evaluation, and make its folder; two may start in one second."""
+    """A unique name, and its folder; two may start in one second."""
     at = time.time()
     while True:
         stamp = time.strftime("%Y%m%d%H%M%S", time.localtime(at))

@@ -1,4 +1,4 @@
-"""What `dr-evaluate` reports: trials, clean laps, and the best average of laps in a row."""
+"""What `dr-evaluate` reports."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,7 +8,6 @@ from drcli.exchange.laps import Laps, is_clean_lap, lap_time, laps_summary
 from drcli.exchange.trace import STATUS_LABELS
 
 COMPLETE = STATUS_LABELS["lap_complete"]
-"""Status of a trial that completed its lap."""
 
 
 @dataclass(frozen=True)
@@ -146,39 +145,32 @@ class EvaluationReport:
 
 
 def laps_of(trials: Sequence[TrialReport]) -> Laps:
-    """The trials as a sample of laps."""
     return Laps(len(trials), [trial.lap_s for trial in trials if trial.clean])
 
 
 def best_finished_s(trials: Sequence[TrialReport]) -> float | None:
-    """Time of the fastest completed lap, penalties included; None without one."""
     return min((trial.lap_s for trial in trials if trial.finished), default=None)
 
 
 def best_lap(trials: Sequence[TrialReport]) -> TrialReport | None:
-    """The fastest clean lap; without one the fastest completed lap, if there is any."""
+    """The fastest clean lap; else the fastest completed lap."""
     finished = [trial for trial in trials if trial.finished]
     return min(finished, key=lambda trial: (not trial.clean, trial.lap_s), default=None)
 
 
 def best_average(trials: Sequence[TrialReport], laps: int) -> Sequence[TrialReport]:
-    """So many completed laps in a row with the least mean time; none if there are not so many."""
     runs = (trials[first : first + laps] for first in range(len(trials) - laps + 1))
     whole = (run for run in runs if all(trial.finished for trial in run))
     return min(whole, key=lambda run: sum(trial.lap_s for trial in run), default=())
 
 
 def best_average_s(trials: Sequence[TrialReport], laps: int) -> float | None:
-    """Least mean time of so many completed laps in a row; None without them."""
     run = best_average(trials, laps)
     return sum(trial.lap_s for trial in run) / laps if run else None
 
 
 def summary(trials: Sequence[TrialReport]) -> str:
-    """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s".
-
-    The best lap is a clean one. Without any, the fastest finished one is told with its resets.
-    """
+    """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s"."""
     best = best_lap(trials)
     return laps_summary(
         laps_of(trials),
@@ -189,7 +181,6 @@ def summary(trials: Sequence[TrialReport]) -> str:
 
 
 def trial_reports(records: Sequence[TrialMetrics]) -> list[TrialReport]:
-    """The trials of an evaluation as commands report them."""
     return [
         TrialReport(
             trial=record.trial,

@@ -1,4 +1,4 @@
-"""Films an evaluation when it has ended, if DR_EVAL_SAVE_MP4 asks for it."""
+"""Films an evaluation when it has ended (DR_EVAL_SAVE_MP4)."""
 
 import tempfile
 from collections.abc import Callable
@@ -22,7 +22,7 @@ _logger = get_logger(__name__)
 def filmed(
     plan: EvaluationPlan, report: EvaluationReport, on_progress: Callable[[str], None]
 ) -> EvaluationReport:
-    """The report with the keys of the videos. A failure is a note: the laps were driven."""
+    """A failure is a note: the laps were driven."""
     config = plan.job.config
     if not config.evaluation.eval_save_mp4:
         return report
@@ -48,7 +48,6 @@ def _with_videos(
     stamp: str,
     on_progress: Callable[[str], None],
 ) -> EvaluationReport:
-    """Film one trace; `folder` is the prefix below which DeepRacer-for-Cloud looks for videos."""
     # Here, because a supervisor of a training must not load what draws.
     from drcli.video.make_video import Wish, frames_of
     from drcli.video.trace_source import trace_of_key

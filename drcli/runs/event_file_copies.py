@@ -1,4 +1,4 @@
-"""Copies of a model's TensorBoard event files in the bucket, where they outlive a spot machine."""
+"""TensorBoard event files in the bucket, where they outlive a spot machine."""
 
 import re
 from collections.abc import Callable
@@ -14,16 +14,9 @@ _NAME = re.compile(r"events\.out\.tfevents\.[A-Za-z0-9._-]+")
 
 
 class EventFileCopies:
-    """Uploads the event files of a model that have grown.
+    """Uploads event files that have grown; above `max_bytes`, the oldest go.
 
-    Their names begin with the time, so that they sort from the oldest to the newest. The files of
-    other machines stay in the bucket: TensorBoard drops what a later file has again.
-
-    Args:
-        bucket: Where to upload.
-        prefix: The model.
-        folder: Its event files on this machine.
-        max_bytes: Largest size of all files in the bucket together; the oldest are deleted first.
+    The files of other machines stay: TensorBoard drops what a later file has again.
     """
 
     def __init__(self, bucket: Bucket, prefix: str, folder: Path, max_bytes: int) -> None:
@@ -34,7 +27,7 @@ class EventFileCopies:
         self._copied: dict[str, int] | None = None
 
     def update(self, over: Callable[[], bool] = lambda: False, *, hurried: bool = False) -> None:
-        """Upload what has grown until `over()`; if `hurried`, the newest file comes first.
+        """Upload until `over()`; if `hurried`, the newest file comes first.
 
         Raises:
             StorageError: The bucket does not answer, or refuses.
@@ -58,13 +51,11 @@ class EventFileCopies:
             del self._copied[name]
 
     def left_bytes(self) -> int:
-        """Size of what is not uploaded yet."""
         copied = self._copied or {}
         sizes = local_sizes(self._folder)
         return sum(max(0, sizes.get(n, 0) - copied.get(n, 0)) for n in self._kept(copied))
 
     def _kept(self, copied: dict[str, int]) -> set[str]:
-        """Names of the newest files, here and in the bucket, that are not too large together."""
         sizes, kept, total = copied | local_sizes(self._folder), set(), 0
         for name in sorted(sizes, reverse=True):
             total += sizes[name]
@@ -75,19 +66,10 @@ class EventFileCopies:
 
 
 def fetch_event_files(bucket: Bucket, prefix: str, folder: Path, max_bytes: int) -> bool:
-    """Download what the bucket has of a model's event files and this machine has not.
+    """Download a model's event files that this machine lacks; whether any was new.
 
-    Files that are older than those here stay away: the first file of a machine begins with all
-    iterations of its time. A file that was made here of the history gives way to the real ones.
-
-    Args:
-        bucket: To read.
-        prefix: The model.
-        folder: Its event files on this machine.
-        max_bytes: Of all files together; the oldest are left out.
-
-    Returns:
-        Whether anything was new.
+    Older files than those here stay away: the first file of a machine begins with all earlier
+    iterations. One made of the history gives way to real ones.
 
     Raises:
         StorageError: The bucket cannot be read.
@@ -120,7 +102,6 @@ def fetch_event_files(bucket: Bucket, prefix: str, folder: Path, max_bytes: int)
 
 
 def copied_sizes(bucket: Bucket, prefix: str) -> dict[str, int]:
-    """The event files of a model in the bucket, by name, and their sizes."""
     folder = keys.event_folder(prefix)
     return {
         name: info.size_bytes
@@ -130,12 +111,11 @@ def copied_sizes(bucket: Bucket, prefix: str) -> dict[str, int]:
 
 
 def local_sizes(folder: Path) -> dict[str, int]:
-    """The event files in a folder of this machine, by name, and their sizes."""
     return {path.name: path.stat().st_size for path in folder.glob(PATTERN) if path.is_file()}
 
 
 def _extend(path: Path, data: bytes) -> bool:
-    """Write a file, or what it lacks at its end: TensorBoard may be reading it."""
+    """Only what it lacks at its end: TensorBoard may be reading it."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         rewrite(path, data)

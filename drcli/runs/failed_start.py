@@ -1,4 +1,4 @@
-"""Says why a process that was started in the background is not there: late, or exited, and why."""
+"""Says why a process started in the background is not there."""
 
 from pathlib import Path
 
@@ -7,15 +7,12 @@ from drcli.base.installation import installation_error
 from drcli.runs.text_tail import text_tail
 
 READY_TIMEOUT_S = 60.0
-"""How long a process may take until it is ready, on a machine whose cores are busy."""
-
 _TAIL_BYTES = 4000
 
 _LONGEST_LINE = 300
 
 
 def log_bytes(log: Path) -> int:
-    """The size of a log before a start, for `failed_start`; 0 if there is none."""
     try:
         return log.stat().st_size
     except OSError:
@@ -23,13 +20,9 @@ def log_bytes(log: Path) -> int:
 
 
 def failed_start(what: str, code: int | None, log: Path, earlier_bytes: int) -> DrError:
-    """The error of a process that was not ready in time, or exited before it was.
+    """The error of a process that exited (`code`), or was not ready in time (None).
 
-    Args:
-        what: The process as the subject of a sentence, such as "The evaluation".
-        code: Its exit code; None if it ran until it was ended for being late.
-        log: Its log.
-        earlier_bytes: What `log_bytes` returned before the start: earlier lines are not its own.
+    `earlier_bytes` of its log are from before the start.
     """
     if code is None:
         return WorkerDied(

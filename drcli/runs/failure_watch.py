@@ -1,7 +1,4 @@
-"""Tells journal and `dr-status` of failures after which a training goes on.
-
-These are rollbacks of the trainer, and calls of the reward function that the workers count.
-"""
+"""Tells of failures after which a training goes on: rollbacks, failed reward calls."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -19,24 +16,15 @@ from drcli.store.reward_errors import read_reward_errors
 from drcli.store.rollbacks import read_rollbacks
 
 LOOK_S = 60.0
-"""How often it looks into the bucket: two requests."""
-
 LAST_LOOK_S = 3.0
-"""Longest time for the look when the workers have exited."""
-
 TOLD_SHARE = 0.001
-"""A share of failing calls of the reward function that a racer should know of, although it harms
-the training little: nothing is learned from these steps."""
+"""Of failing reward calls: nothing is learned from these steps."""
 
 ErrorKey = tuple[str, str, int | None]
 
 
 class FailureWatch(Duty):
-    """Looks at what trainer and workers wrote into the bucket.
-
-    Each rollback, and each distinct error of the reward function, is told once in the life of a
-    model: what an earlier start has left is known already.
-    """
+    """Tells each rollback and distinct error once in a model's life."""
 
     name = "failure watch"
 
@@ -53,7 +41,6 @@ class FailureWatch(Duty):
         self._told_share = False
 
     def start(self, run: RunningTraining) -> None:
-        """Begin to look, and take what is there as told."""
         self._board.begin(run.journal)
         self._open = run.open_bucket
         with suppress(DrError):
@@ -66,7 +53,6 @@ class FailureWatch(Duty):
         self._thread.start()
 
     def look(self) -> None:
-        """Look now; DrError if the bucket does not answer."""
         if self._open is None:
             return
         if self._bucket is None:
@@ -80,10 +66,6 @@ class FailureWatch(Duty):
         return None
 
     def end_facts(self) -> Mapping[str, object]:
-        """How often the training went back, and how many calls and episodes were broken.
-
-        The workers have exited, so this is the last look, and what it finds is told before the end.
-        """
         if self._thread is not None:
             self._thread.stop()
             within(LAST_LOOK_S, self._look_last)

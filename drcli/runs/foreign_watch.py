@@ -1,4 +1,4 @@
-"""Watches for the notice on behalf of another program, and ends that program in time."""
+"""Watches for the notice on behalf of another program, and ends it in time."""
 
 import os
 import signal
@@ -21,10 +21,9 @@ from drcli.spot.notice_watch import Announced, NoticeWatch, soonest
 POLL_S = 0.2
 
 TERM_GRACE_S = 30.0
-"""How long schedulers usually wait between SIGTERM and SIGKILL, such as Kubernetes and Slurm."""
+"""Of Kubernetes and Slurm before SIGKILL."""
 
 NOT_FOUND, NOT_EXECUTABLE = 127, 126
-"""Exit codes of shells for a command that cannot be started."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +57,9 @@ class WatchReport:
 
 @dataclass(frozen=True)
 class NoticeHandling:
-    """What happens when the notice comes.
+    """What happens at the notice: `number` is the signal for the program.
 
-    Attributes:
-        number: The signal for the program.
-        on_notice: A program that runs then, with its arguments; empty for none.
-        wait_s: How long the program may take to exit; None for what the notice leaves.
-        on_rebalance: Whether a recommendation to move counts as a notice.
+    `wait_s`: how long it may take to exit; None for what the notice leaves.
     """
 
     number: signal.Signals = signal.SIGTERM
@@ -74,9 +69,9 @@ class NoticeHandling:
 
 
 class ForeignWatch:
-    """Waits for a notice or for the end of a program, whichever comes first.
+    """Waits for a notice or for the end of a program.
 
-    SIGTERM for this process is a notice too, because schedulers send it; so is SIGHUP.
+    SIGTERM, which schedulers send, and SIGHUP are notices too.
     """
 
     def __init__(self, watch: NoticeWatch, handling: NoticeHandling) -> None:
@@ -85,7 +80,6 @@ class ForeignWatch:
         self._terminated: signal.Signals | None = None
 
     def run(self, command: Sequence[str]) -> WatchReport:
-        """Run a command until it ends or the notice comes."""
         # Ctrl-C goes to the command as well, and its exit code says what became of it.
         before = {
             **handle(self._note_signal, STOPS),
@@ -111,11 +105,7 @@ class ForeignWatch:
             restore(before)
 
     def follow(self, pid: int) -> WatchReport:
-        """Watch for a process that runs already, until it ends or the notice comes.
-
-        Raises:
-            Absent: There is no such process.
-        """
+        """Watch a running process; Absent if there is none."""
         began_s = started_s(pid)
         if began_s is None:
             raise Absent(f"No process {pid} runs here.", remedy="Look for it with `ps aux`.")
@@ -143,11 +133,7 @@ class ForeignWatch:
             self._watch.stop()
 
     def once(self) -> WatchReport:
-        """Ask for a notice once; exit code 1 if there is none.
-
-        Raises:
-            MetadataSilent: The metadata service does not answer.
-        """
+        """Exit code 1 without a notice; MetadataSilent if nobody answers."""
         announced = self._watch.ask_once()
         found = soonest(announced, time.monotonic())
         if found is None:
@@ -160,7 +146,6 @@ class ForeignWatch:
         self._terminated = signal.Signals(number)
 
     def _await(self, has_ended: Callable[[], bool]) -> Announced | None:
-        """Wait for a notice; None if the program ends before."""
         self._watch.start()
         while not has_ended():
             now_s = time.monotonic()
@@ -176,7 +161,6 @@ class ForeignWatch:
         return None
 
     def _act(self, found: Announced, pid: int, has_ended: Callable[[], bool]) -> WatchReport:
-        """Send the signal, run the racer's program, and wait for the end of both."""
         with suppress(ProcessLookupError, PermissionError):
             os.kill(pid, self._handling.number)
         left_s = found.left_s(time.monotonic())
@@ -192,7 +176,6 @@ class ForeignWatch:
         return WatchReport.of(found.notice, INTERRUPTED, found.left_s(time.monotonic()))
 
     def _run_on_notice(self, found: Announced) -> "subprocess.Popen[bytes] | None":
-        """Start the racer's program; it gets the notice in its environment."""
         command = self._handling.on_notice
         if not command:
             return None
@@ -212,11 +195,7 @@ class ForeignWatch:
 
 
 def signal_named(text: str) -> signal.Signals:
-    """A signal by its name or number, such as USR1, SIGUSR1 or 10.
-
-    Raises:
-        SettingsError: There is no such signal.
-    """
+    """A signal such as USR1, SIGUSR1 or 10; SettingsError if there is none."""
     word = text.strip().upper()
     try:
         if word.isdigit():
@@ -229,6 +208,5 @@ def signal_named(text: str) -> signal.Signals:
 
 
 def _ended(name: str, code: int) -> WatchReport:
-    """The report of a command that ended by itself, with the exit code that a shell would give."""
     shown = 128 - code if code < 0 else code
     return WatchReport(None, None, None, None, f"{name} ended with exit code {shown}.", shown)

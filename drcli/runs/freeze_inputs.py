@@ -1,4 +1,4 @@
-"""Copies the files of a training below its model prefix, where they stay as they are."""
+"""Copies the files of a training below its model prefix."""
 
 from collections.abc import Mapping
 from pathlib import PurePosixPath
@@ -18,7 +18,7 @@ from drcli.store.bucket import Bucket
 
 
 def files_to_train_with(settings: Settings, inputs: Inputs, design: Design) -> dict[str, str]:
-    """The files of a start by name, `Job.inputs`; hyperparameters with all their values."""
+    """With all values of hyperparameters."""
     parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
     own = parameter_files(settings).items()
     return {
@@ -36,10 +36,10 @@ def freeze(
     curriculum: FrozenCurriculum | None = None,
     resumed: Design | None = None,
 ) -> None:
-    """Copy the files of a start (`Job.inputs`) below the model prefix, with its curriculum if any.
+    """Copy the files of a start and its curriculum below the model prefix.
 
-    Those of a training that goes on from a checkpoint (`resumed`) become the model's with the first
-    checkpoint that has learned with them.
+    Those of a `resumed` training become the model's with the first checkpoint that has learned
+    with them.
     """
     prefix = settings.model_prefix
     if curriculum is not None:
@@ -51,7 +51,6 @@ def freeze(
 
 
 def parameter_files(settings: Settings) -> dict[str, Settings]:
-    """The settings of each parameter file: each worker with its own race has its own file."""
     file = PurePosixPath(settings.training_params_file)
     files = {settings.training_params_file: settings}
     if settings.overrides:

@@ -1,7 +1,6 @@
-"""Replaces workers that no longer run: stopped by a signal, or inside a system call for good.
+"""Replaces workers that no longer run: stopped by a signal, or inside a system call.
 
-Such a worker cannot end by itself, and its supervisor sees a living process. But its pulse stops,
-and it uses no processor time.
+Such a process lives, but has no pulse and uses no processor time.
 """
 
 import psutil
@@ -15,20 +14,14 @@ from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import STACKS_S, Child
 
 FROZEN_S = 30.0
-"""Time without a pulse and without processor time after which a worker is replaced."""
-
 STARTING_S = 120.0
-"""The same before the first pulse: it loads libraries, perhaps from a slow disk."""
+"""It loads libraries, perhaps from a slow disk."""
 
 BUSY_S = 120.0
-"""Time without a pulse although the worker computes: one operation never lets Python go on."""
+"""One operation never lets Python go on."""
 
 USED_S = 0.05
-"""A worker that used less processor time than this did not run."""
-
 REMOVAL_S = 10.0
-"""How long the kernel may take to remove a killed worker before another one is started."""
-
 _STATES = {
     psutil.STATUS_STOPPED: "stopped by a signal",
     psutil.STATUS_DISK_SLEEP: "waiting for a disk or network drive",
@@ -36,8 +29,6 @@ _STATES = {
 
 
 class FrozenWatch(Duty):
-    """Kills frozen workers, so that the supervisor starts others in their places."""
-
     name = "frozen workers"
 
     def __init__(self, pulses: SeenPulses, board: WarningsBoard) -> None:
@@ -51,7 +42,6 @@ class FrozenWatch(Duty):
         self._board.begin(run.journal)
 
     def check(self) -> Outcome | None:
-        """Look at the pulses every two seconds."""
         if not self._pulses.look(self._run.children):
             return None
         for child in self._run.children:
@@ -66,7 +56,6 @@ class FrozenWatch(Duty):
         return None
 
     def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
-        """Forget a process that has ended."""
         if child.process is not None:
             self._killed.pop(child.process.pid, None)
             self._asked.pop(child.process.pid, None)
@@ -90,7 +79,6 @@ class FrozenWatch(Duty):
             self._replace_busy(child, seen, silent_s)
 
     def _replace_busy(self, child: Child, seen: Seen, silent_s: float) -> None:
-        """Replace a worker that computes, once its log says where."""
         now_s = self._pulses.now_s
         if seen.pid not in self._asked and seen.record is not None:
             child.ask_stacks()

@@ -63,8 +63,6 @@ class Increment:
 
 @dataclass(frozen=True)
 class PlannedIncrement:
-    """A change that passed all checks."""
-
     step: Increment
     edit: RunEnvEdit
     settings: Settings
@@ -81,9 +79,7 @@ def plan_increment(
 ) -> PlannedIncrement:
     """Check everything and prepare the edit; nothing is changed yet.
 
-    Without a `prefix`, this raises the number at the end of the present one; `delimiter` is what
-    must stand before that number. With `wiping`, everything at the new prefix will be deleted.
-    `overrides` are other settings and files for the new model.
+    Without a `prefix`, this raises the number at the end of the present one, after `delimiter`.
 
     Raises:
         DrError: The first thing that is wrong.
@@ -123,10 +119,7 @@ def plan_increment(
 
 
 def make_increment(planned: PlannedIncrement, storage: StorageConfig) -> Increment:
-    """Delete the objects at the new prefix if asked to, then edit the files, run.env last.
-
-    Returns:
-        What has changed.
+    """Wipe the new prefix if asked to, then edit the files, run.env last.
 
     Raises:
         SettingsError: The file has changed since the check, or cannot be written.
@@ -150,7 +143,6 @@ def _refuse_nested(before: str, after: str) -> None:
 
 
 def _refuse_left_behind(settings: Settings, after: str, others: Mapping[str, str]) -> None:
-    """Check the settings after the edit: they must be right and not name the old model."""
     before = settings.model_prefix
     edited = {MODEL: after, PRETRAINED: "True", PRETRAINED_PREFIX: before, **others}
     metrics = check_settings(settings, edited).metrics_prefix

@@ -1,4 +1,4 @@
-"""What else changes with the next model: settings in run.env, and the racer's own files."""
+"""What else changes with the next model: run.env, the racer's own files."""
 
 import ast
 import json
@@ -31,16 +31,7 @@ DESCRIPTION = "DR_MODEL_DESCRIPTION"
 
 @dataclass(frozen=True)
 class Overrides:
-    """Options of the command.
-
-    Attributes:
-        checkpoint: Which weights to start with; None for what the settings say.
-        world: DR_WORLD_NAME of the new model.
-        reward: A file that replaces reward_function.py.
-        hyperparameters: Texts such as `lr=0.0001`, for hyperparameters.json.
-        settings: Texts such as `DR_TRAIN_MAX_ITERATIONS=100`, for run.env.
-        description: What the new model is, for people.
-    """
+    """Options of the command, such as `lr=0.0001`; `reward` replaces reward_function.py."""
 
     checkpoint: CheckpointChoice | None = None
     world: str | None = None
@@ -54,15 +45,10 @@ NO_OVERRIDES = Overrides()
 
 
 def changed_settings(overrides: Overrides, taken: Sequence[str], before: str) -> dict[str, str]:
-    """Texts for run.env, by name.
-
-    Args:
-        overrides: The options.
-        taken: Names that the command itself changes.
-        before: The present description; that of the old model does not fit the new one.
+    """Texts for run.env; `taken` are names that the command itself changes.
 
     Raises:
-        SettingsError: A text is not NAME=VALUE, or the name is no setting of run.env.
+        SettingsError: A text is not NAME=VALUE, or the name is not a setting of run.env.
     """
     values = {}
     if overrides.checkpoint is not None:
@@ -88,7 +74,6 @@ def changed_settings(overrides: Overrides, taken: Sequence[str], before: str) ->
 
 
 def check_settings(settings: Settings, values: Mapping[str, str]) -> Settings:
-    """The settings as they will be; ProblemsError or SettingsError if a value is wrong."""
     after = load_settings(settings.directory, flags=dict(values))
     problem = track_problem(after.race) if WORLD in values else None
     if problem is not None:
@@ -99,9 +84,7 @@ def check_settings(settings: Settings, values: Mapping[str, str]) -> Settings:
 def changed_files(
     settings: Settings, overrides: Overrides, bucket: Bucket, checkpoint: str
 ) -> dict[str, bytes]:
-    """New contents of files in `custom_files/`, by name; everything in them is checked.
-
-    The weights are those of a checkpoint, by its name.
+    """New contents of files in `custom_files/`, checked.
 
     Raises:
         ProblemsError: A file or a value is wrong, or the weights do not fit the new values.
@@ -126,11 +109,7 @@ def changed_files(
 
 
 def write_files(settings: Settings, changed: Mapping[str, bytes]) -> list[str]:
-    """Write files into `custom_files/`; each old one is kept as `NAME.bak`.
-
-    Returns:
-        The paths of those that have changed.
-    """
+    """Old files stay as `NAME.bak`; returns paths that have changed."""
     folder = settings.custom_files_dir
     return [str(folder / name) for name, data in changed.items() if write_file(folder / name, data)]
 
@@ -148,7 +127,6 @@ def _reward(path: Path, directory: Path) -> bytes:
 
 
 def _defines_reward(data: bytes) -> bool:
-    """Whether a name `reward_function` comes into being anywhere in the file."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(data)):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
@@ -187,7 +165,6 @@ def _refuse_other_shape(
     parameters: bytes,
     found: Mapping[str, InputFile],
 ) -> None:
-    """Refuse values for which the weights of a checkpoint do not fit."""
     metadata = found.get(keys.MODEL_METADATA_FILE)
     try:
         trained = Design.of_checkpoint(bucket, settings.model_prefix, checkpoint)
@@ -220,7 +197,6 @@ def _pairs(texts: Sequence[str], option: str, example: str) -> Iterator[tuple[st
 
 
 def _value(text: str) -> Any:
-    """A number, true, false, null or a text, as JSON has them."""
     if text in ("True", "False"):
         return text == "True"
     try:

@@ -18,25 +18,17 @@ from drcli.spot.notice_watch import Announced, NoticeWatch, command_words, soone
 _logger = get_logger(__name__)
 
 ACT_S = 120.0
-"""A training ends when its machine has less time left than this, the notice of EC2."""
+"""The notice of EC2."""
 
 SAVE_S = 55.0
-"""How long saving may take: clouds may be a minute early."""
+"""Clouds may be a minute early."""
 
 SHORTEST_S = 8.0
-"""The least time for saving, whatever a notice says: what takes longer is cut off by the cloud."""
-
 MARGIN_S = 5.0
-"""Time that is left to the machine itself, which has to stop its services."""
+"""The machine has to stop its services."""
 
 
 class InterruptionWatch(Duty):
-    """Watches for the notice, and ends the run when it comes.
-
-    Args:
-        dmi: Folder with the texts of the mainboard, for tests.
-    """
-
     name = "interruption watch"
 
     def __init__(self, dmi: Path = DMI_FOLDER) -> None:
@@ -48,7 +40,6 @@ class InterruptionWatch(Duty):
         self._noted: set[tuple[str, str, str]] = set()
 
     def start(self, run: RunningTraining) -> None:
-        """Begin, if this machine belongs to a cloud or the racer has a program for it."""
         settings = run.job.config.unattended
         self._stops_on_rebalance = settings.on_rebalance == "stop"
         self._continues = settings.continue_on_spot_interruption
@@ -65,7 +56,6 @@ class InterruptionWatch(Duty):
         self._watch.start()
 
     def check(self) -> Outcome | None:
-        """End the run when its machine goes away soon."""
         if self._watch is None:
             return None
         now_s = time.monotonic()
@@ -107,7 +97,7 @@ class InterruptionWatch(Duty):
 
 
 def due(announced: Sequence[Announced], now_s: float, *, on_rebalance: bool) -> Announced | None:
-    """The notice to act on now; None if there is none, or still time.
+    """The notice to act on now.
 
     A recommendation to move counts only `on_rebalance`, and without an interruption.
     """
@@ -120,10 +110,7 @@ def due(announced: Sequence[Announced], now_s: float, *, on_rebalance: bool) -> 
 def chosen_source(
     settings: UnattendedConfig, environment: Mapping[str, str], dmi: Path = DMI_FOLDER
 ) -> NoticeSource | None:
-    """The notices that the settings ask for; None if this machine belongs to no cloud.
-
-    A wrong address is logged: it is no reason not to train.
-    """
+    """None outside clouds; a wrong address is only logged."""
     wanted = settings.interruption_watch
     if wanted == "off":
         return None

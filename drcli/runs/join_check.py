@@ -1,7 +1,6 @@
-"""Whether a simulation worker on another machine would drive exactly as one of the training's own.
+"""Whether a worker on another machine would drive exactly as the training's own.
 
-Two machines drive alike if they have the same program, the same libraries of physics and policies,
-and the same track. Everything else that a worker uses comes from the bucket.
+It needs the same program, libraries and track. All else comes from the bucket.
 """
 
 import hashlib
@@ -25,10 +24,7 @@ _SUFFIXES = (".py", ".json", ".xml", ".npy")
 
 
 def versions() -> dict[str, str]:
-    """Versions of drcli and the libraries that decide what a car does, and a hash of the source.
-
-    The part of torch's version that names the kind of its build (`+cpu`) is left out.
-    """
+    """Of all that decides what a car does; without torch's build kind (`+cpu`)."""
     found = {"drcli": __version__, SOURCE: _source_hash()}
     for name, version in installed_versions(LIBRARIES).items():
         found[name] = (version or "missing").partition("+")[0]
@@ -36,7 +32,6 @@ def versions() -> dict[str, str]:
 
 
 def _source_hash() -> str:
-    """A hash of all modules and data files of drcli and its simulation, by their names."""
     total = hashlib.sha256()
     for package in ("drcli", "drsim"):
         spec = find_spec(package)
@@ -50,7 +45,7 @@ def _source_hash() -> str:
 
 
 def routes(job: Job) -> dict[str, str]:
-    """SHA-256 of the racer's own route files that the simulation workers use, by DR_WORLD_NAME."""
+    """SHA-256 of the racer's own route files, by DR_WORLD_NAME."""
     found = {}
     for race in races_of(job):
         path = own_route_file(race)
@@ -60,22 +55,13 @@ def routes(job: Job) -> dict[str, str]:
 
 
 def races_of(job: Job) -> list[RaceConfig]:
-    """Everything that the simulation workers of a training may drive."""
     races = [*job.config.races, *(race for stage in job.stages for race in stage.races)]
     seconds = [job.config.second_race(race) for race in races]
     return races + [race for race in seconds if race is not None]
 
 
 def refuse_other_machine(record: JoinRecord, job: Job) -> None:
-    """Return if this machine would drive as the machine of the training does.
-
-    Args:
-        record: What the training has published.
-        job: Of a worker on this machine.
-
-    Raises:
-        SettingsError: Versions or tracks differ.
-    """
+    """SettingsError if versions or tracks differ from the training's."""
     refuse_other_versions(record.versions)
     here = routes(job)
     for race in races_of(job):
@@ -98,11 +84,6 @@ def refuse_other_machine(record: JoinRecord, job: Job) -> None:
 
 
 def refuse_other_versions(wanted: Mapping[str, str]) -> None:
-    """Return if this machine has the versions that a training uses.
-
-    Raises:
-        SettingsError: One differs.
-    """
     here = versions()
     for name in sorted(wanted.keys() & here.keys(), key=lambda each: each == SOURCE):
         if wanted[name] == here[name]:

@@ -1,4 +1,4 @@
-"""Publishes in the bucket what simulation workers elsewhere need to join the training."""
+"""Publishes what simulation workers elsewhere need to join; without secrets."""
 
 import json
 import time
@@ -20,13 +20,10 @@ _logger = get_logger(__name__)
 
 
 LATER_S = 3.0
-"""When the record is written, where the training has workers of its own: they start meanwhile, and
-need the processor."""
+"""The training's own workers start meanwhile."""
 
 
 class JoinOffer(Duty):
-    """Writes the record once, in a thread: nobody waits for it."""
-
     name = "join offer"
 
     def start(self, run: RunningTraining) -> None:
@@ -43,7 +40,6 @@ class JoinOffer(Duty):
 
 
 def offer(job: Job) -> JoinRecord:
-    """What others need to join; without secrets, and without what only its machine may do."""
     public = job.without_addresses()
     figures = FigureConfig(**{each.field: each.default for each in FigureConfig.declared.values()})
     train = with_known_overlap(job.config.train)

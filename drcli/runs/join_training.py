@@ -1,8 +1,4 @@
-"""Lets this machine drive for a training that runs elsewhere, until that training ends.
-
-A simulation worker of this machine joins it through the bucket. If the machine of the training is
-gone, this one goes on with it: trainer and worker then run here.
-"""
+"""Drives for a training on another machine; if that is gone, trains here."""
 
 import os
 import re
@@ -45,19 +41,10 @@ from drcli.store.lease import STALE_S, ModelInUse, read_lease
 from drcli.store.remedies import remedy_of
 
 POLL_S = 0.2
-"""How often this process looks at its worker."""
-
 LOOK_S = 2.0
-"""How often it looks for a training, while there is none."""
-
 EXIT_S = 15.0
-"""How long the worker may take to end."""
-
 LOGS_S = 10.0
-"""How long the last upload of its log may take."""
-
 OUTAGE_S = 900.0
-"""How long a bucket may be silent that is not on this machine."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +66,6 @@ class JoinReport:
 
 @dataclass(frozen=True)
 class _Ended:
-    """The training has ended, and why."""
-
     message: str
     code: int = 0
 
@@ -94,10 +79,6 @@ def join_training(
     say: Callable[[str], object],
     ends_with: int | None = None,
 ) -> JoinReport:
-    """Drive for the training of a model until it ends or somebody wants this machine to stop.
-
-    Arguments and errors are those of `JoinedMachine` and its `run`.
-    """
     machine = JoinedMachine(
         settings, prefix, waits=waits, takes_over=takes_over, say=say, ends_with=ends_with
     )
@@ -108,12 +89,12 @@ class JoinedMachine:
     """This machine, for one training.
 
     Args:
-        settings: Of this machine: its bucket, and what limits its processor.
+        settings: Of this machine.
         prefix: Of the model.
-        waits: Whether to wait for a training that has not started yet.
-        takes_over: Whether to go on with the training if its machine is gone.
-        say: Shows the user a sentence.
-        ends_with: Number of the process whose end ends this one; None for none.
+        waits: Wait for a training that has not started yet.
+        takes_over: Go on with the training if its machine is gone.
+        say: Shows a sentence.
+        ends_with: Process whose end ends this one.
     """
 
     def __init__(
@@ -144,11 +125,10 @@ class JoinedMachine:
         self._model = f"s3://{self._bucket.name}/{prefix}"
 
     def run(self) -> JoinReport:
-        """Drive until the training ends or somebody wants this machine to stop.
+        """Drive until the training ends or somebody stops this machine.
 
         Raises:
             SettingsError: There is no such training, or this machine may not join it.
-            StorageError: The bucket does not answer.
             WorkerDied: The worker dies again and again.
         """
         with self._noting_signals():
@@ -194,12 +174,7 @@ class JoinedMachine:
             restore(before)
 
     def _find(self) -> tuple[JoinRecord, bool] | _Ended | None:
-        """The training, and whether its machine is gone; its end; None to stop.
-
-        Raises:
-            SettingsError: There is no training, and nobody wants to wait for one. A training whose
-            machine is gone is one that this machine may go on with if it has joined or waits.
-        """
+        """Without its machine, a training counts only if this one has joined or waits."""
         said = ""
         while not self._is_stopped():
             lease, record = read_lease(self._bucket, self._prefix), self._join_record()
@@ -240,7 +215,6 @@ class JoinedMachine:
         return None
 
     def _is_complete(self, session: str) -> bool:
-        """Whether the trainer of this start has ended, so that there is nothing left to drive."""
         try:
             end = TrainingEnd.decode(self._bucket.get(keys.finished(self._prefix)))
         except (ObjectMissing, RecordError):
@@ -255,11 +229,6 @@ class JoinedMachine:
             return None
 
     def _own_job(self, record: JoinRecord) -> Job:
-        """The job of the training as a process of this machine works on it.
-
-        Raises:
-            SettingsError: Another version of drcli has written it.
-        """
         try:
             job = from_json(Job, dict(record.job))
         except RecordError as error:
@@ -294,11 +263,6 @@ class JoinedMachine:
         )
 
     def _drive(self, job: Job) -> _Ended | None:
-        """Run the worker until it ends; None if the training may go on in another start.
-
-        Raises:
-            WorkerDied: It dies again and again.
-        """
         job.folder.mkdir(parents=True, exist_ok=True)
         logs = LogUpload(
             lambda: open_bucket(job.config.storage, patience_s=LOGS_S),
@@ -354,7 +318,6 @@ class JoinedMachine:
             self._say(f"The worker ended with code {code} and is started again.")
 
     def _show_activity(self, job: Job, name: str, said: str) -> str:
-        """Show what the worker does if that is news: not each iteration."""
         pulse = PulseRecord.read(job.folder, name)
         if pulse is None:
             return said
@@ -365,7 +328,7 @@ class JoinedMachine:
         return f"{said}|{kind}"
 
     def _go_on_with(self, job: Job) -> _Ended | None:
-        """Train here, because the machine of the training is gone; None if another was faster."""
+        """None if another machine was faster."""
         self._say(
             f"The machine of the training of {self._model} is gone; this machine goes on with it."
         )
@@ -411,5 +374,4 @@ class JoinedMachine:
 
 
 def _is_over(outcome: RunOutcome) -> bool:
-    """Whether nobody should go on with the training: it is complete, stopped, or has failed."""
     return outcome.ended and (outcome.stays_ended or outcome.code != INTERRUPTED)

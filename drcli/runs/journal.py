@@ -1,4 +1,4 @@
-"""The journal of a run: what happened to it, on which machine, in the bucket for everybody."""
+"""The journal of a run: what happened to it, on which machine, in the bucket."""
 
 import re
 import threading
@@ -17,26 +17,19 @@ from drcli.store.bucket import Bucket
 _logger = get_logger(__name__)
 
 WRITE_S = 60.0
-"""How often new events are written at most, unless they are urgent."""
-
 URGENT: tuple[Kind, ...] = ("start", "notice", "stage", "end")
-"""Events that are written at once: the machine may be gone soon, or there is one of them only."""
+"""Written at once: the machine may be gone soon."""
 
 FIRST_KEPT, MOST_KEPT = 100, 2000
-"""How many of the first events stay, and of all: each write sends them all. A year of uploads every
-hour would be 9,000."""
+"""Each write sends all: uploads every hour for a year would be 9,000."""
 
 _ADDRESS = re.compile(r"\b[a-zA-Z][a-zA-Z0-9+.-]*://[^\s'\"<>]+")
 
 
 class Journal:
-    """The events of one start. Any thread may add some; the owner of the run writes them.
+    """The events of one start, from any thread; the owner of the run writes them.
 
-    Args:
-        prefix: The model.
-        term: Of the start's lease: starts are ordered by it.
-        session: Of the start.
-        noted: The first events.
+    The lease's `term` orders starts.
     """
 
     def __init__(
@@ -52,10 +45,7 @@ class Journal:
         self._thread: Periodic | None = None
 
     def note(self, kind: Kind, text: str, **facts: object) -> None:
-        """Add an event: one sentence, and facts that programs can read.
-
-        Facts are what JSON knows. Passwords in addresses are hidden.
-        """
+        """`facts` must be JSON. Passwords in addresses are hidden."""
         entry = JournalEntry(time.time(), kind, _without_secrets(text), facts)
         with self._lock:
             self._entries.append(entry)
@@ -69,24 +59,21 @@ class Journal:
             listener(entry)
 
     def listen(self, listener: Callable[[JournalEntry], None]) -> None:
-        """Call a function with each event from now on, in the thread that adds it."""
+        """Call a function with each event, in the thread that adds it."""
         self._listeners.append(listener)
 
     def start(self, open_bucket: Callable[[], Bucket]) -> None:
-        """Write the events from now on, in a thread that nothing waits for."""
         self._open_bucket = open_bucket
         self._thread = Periodic("journal", self._write, WRITE_S)
         self._thread.start()
 
     def finish(self, patience_s: float, give_up: Callable[[], bool] = lambda: False) -> None:
-        """Write the last events and stop, within this time."""
         thread, self._thread = self._thread, None
         if thread is not None:
             within(patience_s, lambda: thread.ask(self._write).wait(patience_s), give_up)
             thread.stop()
 
     def write(self, bucket: Bucket) -> None:
-        """Write the events to a bucket if there are new ones; failures are logged."""
         try:
             self._put(bucket)
         except DrError as error:
@@ -115,7 +102,6 @@ class Journal:
 
 
 def _line(entry: JournalEntry) -> bytes:
-    """The event as a line; facts that JSON does not know are left out."""
     try:
         return entry.encode_line()
     except (TypeError, ValueError):

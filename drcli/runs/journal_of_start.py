@@ -1,4 +1,4 @@
-"""What a start of a training notes in the journal: its machine, versions, and what has changed."""
+"""What a start of a training notes: its machine, versions, and what has changed."""
 
 import socket
 import time
@@ -13,14 +13,6 @@ from drcli.exchange.training_start import TrainingStart
 def start_entries(
     start: TrainingStart, resumes: str | None, previous: RunOutcome | None, repairs: Sequence[str]
 ) -> tuple[JournalEntry, ...]:
-    """The first events of a start.
-
-    Args:
-        start: With the earlier starts that it resumes.
-        resumes: The checkpoint that it continues from, None for a new model.
-        previous: What the start before came to.
-        repairs: Sentences about damaged objects that were put right.
-    """
     now = time.time()
     host = socket.gethostname()
     begins = f"resumes from {resumes}" if resumes else "begins a new model"
@@ -47,7 +39,7 @@ def start_entries(
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Values that differ, as [before, now]; None stands for a value that was not there."""
+    """As [before, now]."""
     names = sorted({*before, *now})
     return {
         name: [before.get(name), now.get(name)]

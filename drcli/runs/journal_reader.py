@@ -50,7 +50,7 @@ class JournalReport:
 
 
 def journal_of(settings: Settings, prefix: str | None) -> JournalReport:
-    """The journal of a model in the racer's bucket; `prefix` None for that of the settings.
+    """`prefix` None: that of the settings.
 
     Raises:
         SettingsError: The prefix cannot be that of a model.
@@ -75,7 +75,6 @@ def journal_of(settings: Settings, prefix: str | None) -> JournalReport:
 
 
 def _with_notes(events: list[JournalEvent], notes: list[StoredNote]) -> list[JournalEvent]:
-    """The events with each note before the first one that is later."""
     found = list(events)
     for note in sorted(
         (note.record for note in notes if note.record is not None), key=lambda record: record.at
@@ -87,10 +86,7 @@ def _with_notes(events: list[JournalEvent], notes: list[StoredNote]) -> list[Jou
 
 
 def read_journal(bucket: Bucket, prefix: str) -> JournalReport:
-    """The journal of a model; empty if nobody wrote one.
-
-    Lines that cannot be read are counted and left out.
-    """
+    """Lines that cannot be read are counted."""
     report = JournalReport(f"s3://{bucket.name}/{prefix}")
     for info in bucket.list(keys.journal_folder(prefix)):
         session = keys.journal_session(prefix, info.key)

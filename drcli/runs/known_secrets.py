@@ -1,4 +1,4 @@
-"""Collects the secrets that this user's files and environment hold, to find them elsewhere."""
+"""Collects the secrets that this user's files and environment hold."""
 
 import configparser
 import getpass
@@ -39,8 +39,6 @@ _HARMLESS = frozenset(
         "parameter_validation",
     ]
 )
-"""Keys of the AWS files whose values are no secrets."""
-
 _SECRET_KEY = re.compile(
     r"secret|token|password|access_?key|cookie|credential|csrf|external_id|mfa_serial",
     re.IGNORECASE,
@@ -49,8 +47,6 @@ _WEBHOOK = re.compile(r"WEBHOOK", re.IGNORECASE)
 _WORDS = frozenset(
     ["true", "false", "none", "null", "yes", "no", "default", "auto", "json", "text", "table"]
 )
-"""Values that are words of every log."""
-
 _COMMON_USERS = frozenset(
     [
         "root",
@@ -76,22 +72,13 @@ _COMMON_USERS = frozenset(
         "worker",
     ]
 )
-"""Names that say nothing about a person."""
-
 _LARGEST_FILE = 1 << 20
 
 
 def known_secrets(
     directory: Path, data_dir: Path, environ: Mapping[str, str], home: Path
 ) -> dict[str, str]:
-    """Secret values, and what each one is.
-
-    Args:
-        directory: Working folder: its settings files may hold secrets of other programs.
-        data_dir: Folder of the embedded server, whose keys are random.
-        environ: Process environment.
-        home: Of the user.
-    """
+    """Secret values, and what each one is, also of other programs."""
     found: dict[str, str] = {}
     for value, kind in _everywhere(directory, data_dir, environ, home):
         plain = value.strip()
@@ -148,7 +135,6 @@ def _of_variables(values: Mapping[str, str], where: str) -> Iterator[tuple[str, 
 
 
 def _of_address(value: str) -> Iterator[str]:
-    """The password in an address, as it is written and as it is meant."""
     if "://" not in value:
         return
     with suppress(ValueError):
@@ -182,7 +168,6 @@ def _of_aws_files(environ: Mapping[str, str], home: Path) -> Iterator[tuple[str,
 
 
 def _of_lines(text: str, name: str) -> Iterator[tuple[str, str]]:
-    """The values of a damaged file in the form of AWS."""
     for line in text.splitlines():
         key, equals, value = line.partition("=")
         if equals and key.strip() not in _HARMLESS:
@@ -202,7 +187,6 @@ def _of_json(path: Path, kind: str) -> Iterator[tuple[str, str]]:
 
 
 def _secrets_in(value: Any, *, secret: bool = False) -> Iterator[str]:
-    """Texts below keys that sound secret."""
     if isinstance(value, dict):
         for name, inner in value.items():
             yield from _secrets_in(inner, secret=secret or bool(_SECRET_KEY.search(str(name))))
@@ -214,7 +198,6 @@ def _secrets_in(value: Any, *, secret: bool = False) -> Iterator[str]:
 
 
 def _of_words(path: Path) -> Iterator[tuple[str, str]]:
-    """Passwords of other programs: the word after `password`, or the password of an address."""
     if not _is_small(path):
         return
     text = path.read_text("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""What `dr-evaluate --laps` reports: a sample of laps, and whether two samples differ."""
+"""What `dr-evaluate --laps` reports, and whether two samples differ."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,13 +11,9 @@ from drcli.runs.evaluation_report import TrialReport, laps_of
 from drcli.tracks.limit_store import StoredLimit
 
 SIGNIFICANT = 0.05
-"""A difference with a smaller p-value is called more than chance."""
-
 FEWEST_PAIRS = 6
-"""With fewer pairs of lap times, no difference can be more than chance."""
-
 APART_PERCENT = 4.0
-"""Ends of laps that are further apart, in percent of the lap, are different places."""
+"""Of the lap, between different places."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +129,6 @@ def laps_report(
     file: str | None,
     line: StoredLimit | None = None,
 ) -> LapsReport:
-    """The report of at least one lap; `line` is the limit, the others are its attributes."""
     sample = laps_of(laps)
     return LapsReport(
         prefix=prefix,
@@ -159,10 +154,7 @@ def laps_report(
 
 
 def end_places(laps: Sequence[TrialReport]) -> list[EndPlace]:
-    """Where laps ended that were not completed, the most frequent place first.
-
-    A lap belongs to the place of the one before if it ended at most `APART_PERCENT` further on.
-    """
+    """The most frequent place first."""
     ended = sorted(
         ((100.0 * lap.start_position + lap.progress) % 100.0, lap.end_waypoint, lap.status)
         for lap in laps
@@ -191,7 +183,7 @@ def end_places(laps: Sequence[TrialReport]) -> list[EndPlace]:
 
 
 def compare(first: LapsReport, second: LapsReport) -> Comparison:
-    """Compare what two checkpoints drove from the same starts, in the same order."""
+    """Of the same starts, in the same order."""
     pairs = list(zip(first.laps, second.laps, strict=True))
     both = [(one.lap_s, other.lap_s) for one, other in pairs if one.clean and other.clean]
     # Lap times are whole steps of the simulation.

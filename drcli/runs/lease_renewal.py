@@ -1,4 +1,4 @@
-"""Renews the lease of a running training, and notices when another one has taken it."""
+"""Renews the lease of a training, and notices when another one has taken it."""
 
 import math
 import time
@@ -12,24 +12,16 @@ from drcli.store.bucket import Bucket
 from drcli.store.lease import STALE_S, lost_to, read_lease, write_lease
 
 LOOK_S = 4.0
-"""How often the owner checks the lease. A training that loses it must end within 15 seconds, some
-of which its workers need."""
+"""Who loses a lease must end within 15 seconds, which its workers need."""
 
 RENEW_S = 10.0
-"""How often the owner writes it again."""
-
 _HELD_UP_S = 5.0
-"""Longest time between reading the lease and writing it."""
 
 
 class Renewal:
-    """Renews a lease, one step at a time, until it is lost.
+    """Renews a lease step by step until it is lost.
 
-    Args:
-        bucket: Holds the lease. It should give up soon: the next step tries again.
-        prefix: The model.
-        lease: As it was taken.
-        clock: Seconds, which must also count while this process is stopped; for tests.
+    The clock must also count while this process is stopped.
     """
 
     def __init__(
@@ -44,20 +36,20 @@ class Renewal:
         """Why the training must end; None while it holds the lease."""
 
     def begin_trainer(self, number: int) -> None:
-        """Let no trainer process with a lower number write any more.
+        """Let no trainer with a lower number write any more.
 
         Raises:
-            StorageError: The bucket does not answer; the next step tries again.
+            StorageError: The next step tries again.
         """
         self._lease = replace(self._lease, trainer=number)
         self._written_s = -math.inf
         self.step()
 
     def step(self) -> None:
-        """Check who holds the lease, and write it again if it is ours and due.
+        """Check who holds the lease, and write it if due.
 
         Raises:
-            StorageError: The bucket does not answer; the next step tries again.
+            StorageError: The next step tries again.
         """
         now_s = self._clock()
         found = read_lease(self._bucket, self._prefix)

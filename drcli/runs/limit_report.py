@@ -1,4 +1,4 @@
-"""How far the best lap of an evaluation is from the limit of the track, and where it loses time."""
+"""How far an evaluation's best lap is from the track's limit, and where it loses time."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -21,7 +21,6 @@ from drcli.tracks.limit_store import StoredLimit
 
 
 def with_limit(config: RunConfig, report: EvaluationReport) -> EvaluationReport:
-    """The report, with its best clean lap compared to the limit of car and track, if known."""
     reverse = config.evaluation.eval_reverse_direction
     stored = limit_of_race(config.race(), reverse=reverse)
     text = limit_text(report.best_lap_s, stored)
@@ -37,7 +36,7 @@ def with_limit(config: RunConfig, report: EvaluationReport) -> EvaluationReport:
 def places_lost(
     bucket: Bucket, simtrace: str, trials: Sequence[TrialReport], line: StoredLimit
 ) -> list[LostPlace]:
-    """Where the fastest clean lap of a trace loses most time; StorageError if it is not there."""
+    """StorageError without a trace."""
     best = min((trial for trial in trials if trial.clean), key=lambda trial: trial.lap_s)
     # The laps of a continuous race begin where the first one did, which alone has its start.
     starts = (best.start_position, trials[0].start_position)

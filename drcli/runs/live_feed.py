@@ -1,6 +1,6 @@
-"""Watches running workers of this machine: cameras, the view from behind, poses, what they do.
+"""Watches running workers of this machine: cameras, poses.
 
-Nothing is connected and nothing is read from a worker that nobody watches.
+Nothing is read from a worker that nobody watches.
 """
 
 import socket
@@ -23,38 +23,23 @@ from drcli.exchange.live_record import (
 from drcli.exchange.live_wire import HOST, MOST_MESSAGE_BYTES, enter, send
 
 LOOK_S = 1.0
-"""How often the files of running workers are looked at."""
-
 CONNECT_S = 3.0
 
 SILENCE_S = 8.0
-"""A worker sends its state every two seconds. After so long without any, it is given up and looked
-for again."""
+"""A worker sends its state every two seconds."""
 
 REPEAT_S = 3.0
-"""How often the request is repeated, as a sign of life."""
+"""The request is a sign of life."""
 
 BUFFER_BYTES = 1 << 16
-"""Of a connection in the kernel: pictures must not become old there."""
+"""In the kernel: pictures must not become old there."""
 
 WorkerKey = tuple[int, str]
-"""DR_RUN_ID and the name of a worker."""
-
 OnMessage = Callable[[int, str, LiveMessage], None]
 
 
 @dataclass(frozen=True)
 class LiveWorker:
-    """A worker that can be watched.
-
-    Attributes:
-        run_id: DR_RUN_ID.
-        worker: "sim-0", "sim-1", ...; of an evaluation with the digits that name it, such as
-            "evaluation-20260102030405".
-        pid: Its process.
-        watched: Whether it is connected now.
-    """
-
     run_id: int
     worker: str
     pid: int
@@ -62,11 +47,10 @@ class LiveWorker:
 
 
 class LiveFeed:
-    """The newest messages of the workers of a working folder that somebody wants to watch.
+    """The newest messages of the workers of a folder that somebody watches.
 
-    The callbacks are called from threads of this object, one for each worker; they should return
-    soon, because what a worker shows meanwhile is dropped. They may call the methods here, but for
-    `close`.
+    One thread for each worker calls the callbacks, and drops messages meanwhile. They may call
+    all methods but `close`.
     """
 
     def __init__(
@@ -79,12 +63,7 @@ class LiveFeed:
     ) -> None:
         """Begin to look for workers.
 
-        Args:
-            directory: The working folder.
-            on_message: Gets DR_RUN_ID, the name of the worker and what it shows.
-            on_gone: Called when the connection to a worker has ended. It is made again as soon as
-                the worker, or a new one of its name, runs.
-            look_s: Time between two looks for workers.
+        `on_gone` is called when a connection has ended; it is made again.
         """
         self._runs = directory / "data" / "runs"
         self._on_message = on_message
@@ -99,7 +78,6 @@ class LiveFeed:
         self._thread.start()
 
     def __enter__(self) -> "LiveFeed":
-        """Let a `with` block close it."""
         return self
 
     def __exit__(
@@ -113,13 +91,9 @@ class LiveFeed:
     def watch(
         self, run_id: int, worker: str, views: Iterable[LiveView], car: int | None = None
     ) -> None:
-        """Say what to watch of a worker from now on, also of one that does not run yet.
+        """Say what to watch, also of a worker that does not run yet.
 
-        Args:
-            run_id: DR_RUN_ID.
-            worker: Its name, as in `workers`.
-            views: What to show; the state always comes with it. Nothing ends the connection.
-            car: The car to look at; None for the one that has come furthest.
+        Without `car`, it is the one that has come furthest.
         """
         request = LiveRequest(tuple(sorted(set(views))), car)
         key = run_id, worker
@@ -134,7 +108,6 @@ class LiveFeed:
         self._wake.set()
 
     def workers(self) -> list[LiveWorker]:
-        """The workers that can be watched now, by run and name."""
         with self._lock:
             watched = {key for key, link in self._links.items() if link.is_open}
         return [
@@ -143,7 +116,7 @@ class LiveFeed:
         ]
 
     def close(self) -> None:
-        """End all connections; no callback is called after it."""
+        """No callback is called after it."""
         with self._lock:
             self._closed = True
             links = list(self._links.values())
@@ -155,7 +128,6 @@ class LiveFeed:
                 thread.join(CONNECT_S)
 
     def _found(self) -> dict[WorkerKey, LiveAddress]:
-        """Where the running workers listen."""
         found = {}
         for path in [
             *self._runs.glob(f"*/{LIVE_FILES}"),
@@ -196,7 +168,6 @@ class LiveFeed:
         link.thread.start()
 
     def _follow(self, key: WorkerKey, link: "_Link") -> None:
-        """Pass on what a worker shows until its connection ends."""
         was_open = False
         try:
             link.open()
@@ -215,8 +186,6 @@ class LiveFeed:
 
 
 class _Link:
-    """A connection to one worker."""
-
     def __init__(self, address: LiveAddress, request: LiveRequest) -> None:
         self.thread = threading.current_thread()
         self.is_open = False
@@ -227,7 +196,6 @@ class _Link:
         self._ended = threading.Event()
 
     def open(self) -> None:
-        """Connect, and ask; OSError or WireError if that is not possible."""
         peer = socket.create_connection((HOST, self._address.port), timeout=CONNECT_S)
         with self._lock:
             self._peer = peer
@@ -240,7 +208,6 @@ class _Link:
         threading.Thread(target=self._repeat, name="live-repeat", daemon=True).start()
 
     def ask(self, request: LiveRequest | None) -> None:
-        """Ask for something else; None ends the connection."""
         self._request = request
         if request is None:
             self.end()
@@ -249,7 +216,6 @@ class _Link:
                 self._send()
 
     def next_message(self) -> LiveMessage | None:
-        """The next message; None if the connection was ended here."""
         assert self._peer is not None, "opened before"
         try:
             return LiveMessage.decode(receive(self._peer, MOST_MESSAGE_BYTES))
@@ -282,7 +248,6 @@ class _Link:
 
 
 def _key(path: Path) -> WorkerKey | None:
-    """Run and worker of a file with an address; None where it is not one of ours."""
     name = path.stem.removeprefix("live-")
     folder = path.parent
     if folder.parent.name == "evaluations":

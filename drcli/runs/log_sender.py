@@ -1,7 +1,6 @@
-"""Sends logs to Amazon CloudWatch, beside the files and the bucket.
+"""Sends logs to Amazon CloudWatch, in a thread that nothing waits for.
 
-A thread reads what processes have added to their log files. Nothing waits for it. Group and names
-are those of DeepRacer-for-Cloud.
+Group and names are those of DeepRacer-for-Cloud.
 """
 
 import time
@@ -21,43 +20,31 @@ from drcli.spot.aws_account import Account
 from drcli.store.s3_errors import error_code
 
 SEND_S = 10.0
-"""How often new lines are sent."""
-
 PIECE_BYTES = 4 << 20
-"""How much of a log is read at once."""
-
 MOST_PIECES = 4
-"""Pieces of each log that are sent at a time: then it is the turn of the next log."""
-
 MOST_EVENTS, MOST_BYTES, EVENT_OVERHEAD_BYTES = 10_000, 1_000_000, 26
 MOST_EVENT_BYTES = 250_000
 MOST_SPAN_MS = 23 * 3_600_000
-"""Limits of one request, a little below those of PutLogEvents: 1,048,576 bytes with 26 for each
-event, 256 KB an event, 24 hours from the first event to the last."""
+"""A little below the limits of PutLogEvents: 1,048,576 bytes with 26 for each event, 256 KB an
+event, 24 hours.
+"""
 
 
 class LogService(Protocol):
-    """The requests to CloudWatch; the client of boto3 has them."""
-
     def put_log_events(self, **request: Any) -> Any:
-        """Add events to a stream."""
+        """Add events."""
 
     def create_log_group(self, **request: Any) -> Any:
-        """Make a group of streams."""
+        """Group of streams."""
 
     def create_log_stream(self, **request: Any) -> Any:
-        """Make a stream."""
+        """A stream."""
 
 
 class LogSender:
-    """Sends the logs of some processes of a run, one stream each.
+    """Sends the logs `names` of a run, one stream each.
 
-    Args:
-        job: The training or the evaluation.
-        names: Of the logs, such as "supervisor" and "sim-0".
-        connect: Makes the client, instead of one for Amazon.
-        clock: Unix seconds.
-        on_failure: Called with a failure and its remedy, once until the next success.
+    `on_failure` is called once until the next success.
     """
 
     def __init__(
@@ -83,29 +70,24 @@ class LogSender:
 
     @property
     def first_stream(self) -> str:
-        """Name of the first stream."""
         return self._streams[0].name
 
     @property
     def left_bytes(self) -> int:
-        """Size of what was not sent yet."""
         return sum(stream.left_bytes for stream in self._streams)
 
     def start(self) -> None:
-        """Send new lines from now on."""
         self._thread.start()
 
     def finish(self, patience_s: float, give_up: Callable[[], bool] = lambda: False) -> None:
-        """Send the last lines, until `patience_s` is over or `give_up()`, and end the thread."""
         within(patience_s, lambda: self._thread.ask(self.send_all).wait(patience_s), give_up)
         self._thread.stop()
 
     def send(self) -> None:
-        """Send what is new; a failure is reported once, and what was not sent is tried again."""
+        """A failure is reported once, and its lines are tried again."""
         self._send(unfinished=False)
 
     def send_all(self) -> None:
-        """The same with a last line that has no end."""
         self._send(unfinished=True)
 
     def _send(self, *, unfinished: bool) -> None:
@@ -123,8 +105,6 @@ class LogSender:
 
 
 class _Stream:
-    """One log and its stream."""
-
     def __init__(
         self, path: Path, name: str, settings: LogConfig, clock: Callable[[], float]
     ) -> None:
@@ -139,11 +119,9 @@ class _Stream:
 
     @property
     def left_bytes(self) -> int:
-        """Size of what was not sent yet."""
         return self._unread.left_bytes()
 
     def send(self, client: LogService, *, unfinished: bool) -> None:
-        """Send the new lines, at most some pieces; with `unfinished`, a last line without end."""
         for _ in range(MOST_PIECES):
             looked_ms = int(self._now() * 1000)
             if not self._unread.log.exists():
@@ -185,7 +163,6 @@ class _Stream:
             client.put_log_events(**request)
 
     def _create(self, client: LogService) -> None:
-        """Make the stream, and its group if that does not exist."""
         try:
             self._create_stream(client)
         except Exception as error:
@@ -201,7 +178,6 @@ class _Stream:
 
 
 def batches(events: Iterable[LogEvent]) -> Iterator[list[LogEvent]]:
-    """Events as requests that CloudWatch accepts; what is too long for one is cut off."""
     batch: list[LogEvent] = []
     size = 0
     for event in events:
@@ -230,7 +206,7 @@ def _unless_it_exists(create: Callable[[], object]) -> None:
 
 
 def _logs(job: Job, names: Iterable[str]) -> Iterator[tuple[str, Path]]:
-    """Name and file of each stream: JSON lines if there are any, unless they lack something."""
+    """JSON lines if there are any, unless they lack something."""
     settings, prefix = job.config.logs, job.config.model.prefix
     for name in names:
         path = log_file(job.directory, prefix, name)

@@ -1,4 +1,4 @@
-"""Runs many evaluations on all cores: worker processes, the table of results, and the best."""
+"""Runs many evaluations on all cores, and makes their table."""
 
 import json
 import os
@@ -33,8 +33,6 @@ from drcli.store.connect import open_bucket
 from drcli.workers.cores import usable_cores
 
 LOOK_S = 0.2
-"""Pause between two looks at the worker processes."""
-
 _installation_error = cache(installation_error)  # many evaluations may fail for the same reason
 
 
@@ -122,8 +120,7 @@ def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: N
     """Drive all evaluations of a plan, and put the table into the bucket.
 
     Raises:
-        Stopped: SIGTERM came.
-        DrError: There is one evaluation or comparison only, and it failed.
+        DrError: There is only one evaluation or comparison, and it failed.
     """
     job = plan.job
     try:
@@ -144,7 +141,6 @@ def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: N
 
 
 def _drive(plan: ManyPlan, on_progress: Callable[[str], None]) -> None:
-    """Run the worker processes until all have ended."""
     job = plan.job
     shares = min(usable_cores(job.config.train), len(job.tasks))
     names = ["evaluation", *(f"evaluation-{share}" for share in range(1, shares))]
@@ -155,7 +151,6 @@ def _drive(plan: ManyPlan, on_progress: Callable[[str], None]) -> None:
 
 
 def _work(plan: ManyPlan, names: Sequence[str], on_progress: Callable[[str], None]) -> None:
-    """Start a process for each of these logs, and wait for their end."""
     job = plan.job
     processes: list[subprocess.Popen[bytes]] = []
     said: set[int] = set()
@@ -181,7 +176,6 @@ def _work(plan: ManyPlan, names: Sequence[str], on_progress: Callable[[str], Non
 
 
 def _write_record(plan: ManyPlan, worker_pid: int) -> None:
-    """Write the record by which other commands find these evaluations."""
     config, (first, *rest) = plan.job.config, plan.job.tasks
     EvaluationRecord(
         run_id=config.run_id,
@@ -199,7 +193,6 @@ def _write_record(plan: ManyPlan, worker_pid: int) -> None:
 
 
 def _outcome(plan: ManyPlan, task: EvaluationTask) -> TaskOutcome:
-    """What came of a task; a reason if its process died before."""
     found = load_record(TaskOutcome, plan.job.folder / task.outcome_file)
     if found is not None:
         return found
@@ -298,7 +291,6 @@ def _row(task: EvaluationTask, outcome: TaskOutcome, laps: int) -> TableRow:
 
 
 def _rank(row: TableRow) -> tuple[float, ...]:
-    """Sorts rows of one track: the best first, those without a result last."""
     many = float("inf")
     times = row.best_average_s or row.median_s, row.best_lap_s, row.best_finished_s
     return (
@@ -322,7 +314,6 @@ def _best(worlds: Sequence[str], rows: Sequence[TableRow]) -> list[BestStart]:
 
 
 def training_command(prefix: str, world: str) -> str:
-    """The command that trains a new model on a track, from the best checkpoint of another one."""
     short = re.sub(r"[^A-Za-z0-9._-]+", "-", world.rpartition("/")[2].removesuffix(".npy"))
     settings = {
         "DR_WORLD_NAME": world,

@@ -1,4 +1,4 @@
-"""Plans evaluations that share worker processes: several models, several tracks, or a grid."""
+"""Plans evaluations that share workers: models, tracks, or a grid."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -29,14 +29,6 @@ from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 
 @dataclass(frozen=True)
 class Refused:
-    """A model that cannot be evaluated on any track.
-
-    Attributes:
-        prefix: Model prefix.
-        reason: Why.
-        remedy: What to do about it.
-    """
-
     prefix: str
     reason: str
     remedy: str
@@ -44,16 +36,6 @@ class Refused:
 
 @dataclass(frozen=True)
 class ManyPlan:
-    """Evaluations that passed all checks.
-
-    Attributes:
-        job: For their processes, with a folder for this command only.
-        stamp: The name of all of them together, the time as fourteen digits.
-        worlds: The tracks, in the order of the command.
-        refused: Models that cannot be evaluated.
-        compares: Whether there are two tasks, whose laps are to be compared.
-    """
-
     job: Job
     stamp: str
     worlds: list[str]
@@ -63,23 +45,12 @@ class ManyPlan:
 
 @dataclass(frozen=True)
 class Rival:
-    """The other checkpoint of a comparison.
-
-    Attributes:
-        prefix: Its model; None for the same one.
-        choice: A number or word, as in DR_EVAL_CHECKPOINT.
-    """
-
     prefix: str | None
     choice: CheckpointChoice = "best"
 
     @staticmethod
     def parse(text: str) -> "Rival":
-        """Read CHECKPOINT, PREFIX or PREFIX:CHECKPOINT.
-
-        Raises:
-            BadValue: It is none of these.
-        """
+        """Read CHECKPOINT, PREFIX or PREFIX:CHECKPOINT; BadValue if it is none."""
         with suppress(BadValue):
             return Rival(None, parse_checkpoint(text))
         prefix, colon, choice = text.strip().partition(":")
@@ -108,17 +79,17 @@ def prepare_many(
 
     Args:
         settings: Describe the race in DR_EVAL_*.
-        models: Prefixes, which may contain `*` and `?`; none for the model of the settings.
+        models: Prefixes, perhaps with `*` and `?`.
         worlds: Tracks; none for that of the settings.
-        robust: Whether to drive the grid of disturbances.
-        fresh_laps: How many laps from fresh starts to drive instead of the trials; 0 for none.
+        robust: Drive the grid of disturbances.
+        fresh_laps: Laps from fresh starts instead of the trials.
         rival: Drives from the same starts; only without `models` and `worlds`.
         seed: Of all random numbers.
-        own: What drives instead of a checkpoint; only without `models`.
-        on_progress: Shows a short sentence on each step.
+        own: What drives; only without `models`.
+        on_progress: Shows sentences.
 
     Raises:
-        SettingsError: A track does not exist, no model fits, or the only one cannot be evaluated.
+        SettingsError: A track does not exist, no model fits, or the only one cannot drive.
     """
     if settings.race_type == "HEAD_TO_MODEL":
         raise SettingsError(
@@ -182,11 +153,6 @@ def prepare_many(
 def _rival(
     settings: Settings, bucket: Bucket, rival: Rival, own: tuple[str, str, str, int, PolicySource]
 ) -> tuple[str, str]:
-    """Model and checkpoint of the other side of a comparison.
-
-    Raises:
-        SettingsError: It does not exist, or drives anyway.
-    """
     prefix = rival.prefix or settings.model_prefix
     check_model(bucket, prefix, "--against")
     asked = settings.replaced(eval_checkpoint=str(rival.choice))
@@ -201,7 +167,6 @@ def _rival(
 
 
 def on_world(settings: Settings, world: str) -> Settings:
-    """The settings with another track, which the command names."""
     if world == settings.world_name:
         return settings
     sources = {**settings.sources, "DR_WORLD_NAME": Place("flag")}
@@ -209,11 +174,7 @@ def on_world(settings: Settings, world: str) -> Settings:
 
 
 def matching_models(bucket: Bucket, patterns: Sequence[str]) -> list[str]:
-    """The models that fit one of the patterns, sorted.
-
-    Raises:
-        SettingsError: A pattern fits none.
-    """
+    """Sorted; SettingsError if a pattern fits none."""
     known = model_prefixes(bucket)
     found: set[str] = set()
     for pattern in patterns:
@@ -247,7 +208,6 @@ def _announced(tasks: Sequence[EvaluationTask], worlds: Sequence[str]) -> str:
 
 
 def _claimed(settings: Settings) -> tuple[str, Path]:
-    """A name for these evaluations on this machine, and a folder."""
     at = time.time()
     while True:
         stamp = time.strftime("%Y%m%d%H%M%S", time.localtime(at))
@@ -258,7 +218,6 @@ def _claimed(settings: Settings) -> tuple[str, Path]:
 
 
 def _free_stamp(bucket: Bucket, prefix: str, stamp: str, index: int) -> str:
-    """A name that no evaluation of this model has: on each track a second later."""
     at = time.mktime(time.strptime(stamp, "%Y%m%d%H%M%S")) + index
     while True:
         found = time.strftime("%Y%m%d%H%M%S", time.localtime(at))

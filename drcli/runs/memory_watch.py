@@ -1,4 +1,4 @@
-"""Watches the memory of the workers: names one that grows, and reacts when memory runs out."""
+"""Names a worker whose memory grows, and reacts when memory runs out."""
 
 import signal
 from collections.abc import Callable
@@ -19,40 +19,35 @@ from drcli.runs.worker_processes import TRAINER, Child
 from drcli.workers.memory_shortage import REMEDY
 
 LOOK_S = 3.0
-"""Time between two looks at the memory of the workers."""
-
 LEAST_S = 60.0
-"""Shortest time over which growth is looked at; a fast leak fills a small container in minutes."""
+"""A fast leak fills a small container in minutes."""
 
 GREW_BYTES, GREW_SHARE = 64e6, 0.1
-"""Growth is named if it is more than this, and more than this share of what the worker had."""
+"""Smaller growth, also as a share of what the worker had, is not named."""
 
 WARN_S = 24 * 3600.0
-"""A worker that grows is named if it would fill the memory within this time."""
+"""Until growth fills the memory."""
 
 FORESIGHT = 30.0
-"""How many times as far as it was seen growth is thought to go on. Episodes that become longer, and
-the first viewers of the live page, also make a worker grow, by 100 MB within a quarter of an hour.
+"""Growth is thought to go on for so many times its length. Longer episodes and viewers of the live
+page also add 100 MB within a quarter of an hour.
 """
 
 YOUNG_S = 600.0
-"""In its first minutes a worker always grows; then it is named only if memory would be full within
-as much time."""
+"""In its first minutes a worker always grows."""
 
 TIGHT_SHARE, TIGHT_BYTES = 0.03, 150e6
-"""Memory is nearly full if less than this share, or less than this, is left."""
+"""Memory is nearly full if less is left."""
 
 TIGHT_S = 30.0
-"""A worker that is killed so long after memory was nearly full was killed for that."""
+"""So long after memory was nearly full, a kill was for that."""
 
 LEAK_GROWTH = 1.5
-"""A worker that has grown by this factor is restarted when memory is nearly full."""
+"""Growth by this factor gets a worker restarted when memory is nearly full."""
 
 
 @dataclass
 class Watched:
-    """The memory of one worker process."""
-
     pid: int
     since_s: float
     trend: Trend = field(default_factory=lambda: Trend(LEAST_S))
@@ -61,7 +56,7 @@ class Watched:
 
 
 class MemoryWatch(Duty):
-    """Warns of workers that grow, and makes the run smaller when one was killed for memory."""
+    """Warns of growing workers, and makes the run smaller after a kill for memory."""
 
     name = "memory watch"
 
@@ -72,14 +67,6 @@ class MemoryWatch(Duty):
         read: Callable[[], MemoryState] = read_memory,
         size_of: Callable[[int], int | None] | None = None,
     ) -> None:
-        """Prepare.
-
-        Args:
-            board: For warnings.
-            clock: Seconds, those of `AwakeClock`.
-            read: Reads the memory of the machine; for tests.
-            size_of: Measures the memory of a process in bytes; for tests.
-        """
         self._board = board
         self._clock = clock
         self._read = read
@@ -96,7 +83,6 @@ class MemoryWatch(Duty):
         self._board.begin(run.journal)
 
     def check(self) -> Outcome | None:
-        """Measure all workers every few seconds."""
         now_s = self._clock()
         if now_s - self._looked_s < LOOK_S:
             return None
@@ -109,7 +95,6 @@ class MemoryWatch(Duty):
         return None
 
     def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
-        """Find out whether memory was the reason, and make the run smaller if it was."""
         watched = self._workers.pop(child.name, None)
         self._board.clear(f"memory of {child.name}")
         if self._smaller.note_left_out(child):
@@ -195,7 +180,7 @@ class MemoryWatch(Duty):
         )
 
     def _restart_leak(self, now_s: float) -> bool:
-        """Restart a simulation worker that has grown much, before the kernel chooses a victim."""
+        """Before the kernel chooses a victim."""
         for child in self._run.children:
             watched = self._workers.get(child.name)
             if watched is None or child.name == TRAINER or not child.running:
@@ -216,7 +201,6 @@ class MemoryWatch(Duty):
         return False
 
     def _ran_out(self) -> bool:
-        """Whether the kernel has just killed a process because memory ran out."""
         now_s = self._clock()
         self._note_state(now_s)
         # The kernel counts the kill before it has removed the process.
@@ -230,7 +214,6 @@ class MemoryWatch(Duty):
             self._kill_s = now_s
 
     def _others(self, without: Child | None = None) -> str:
-        """What the workers have, in words."""
         sizes = [
             f"{name} has {megabytes(watched.bytes)}"
             for name, watched in self._workers.items()
@@ -240,7 +223,6 @@ class MemoryWatch(Duty):
 
 
 def resident_bytes(pid: int) -> int | None:
-    """Memory of a process (resident set); None if it has ended."""
     try:
         return int(psutil.Process(pid).memory_info().rss)
     except psutil.Error:
@@ -248,7 +230,6 @@ def resident_bytes(pid: int) -> int | None:
 
 
 def is_tight(state: MemoryState) -> bool:
-    """Whether memory is nearly full."""
     return state.available_bytes < max(TIGHT_SHARE * state.total_bytes, TIGHT_BYTES)
 
 

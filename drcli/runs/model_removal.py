@@ -1,4 +1,4 @@
-"""Deletes models and all their traces: in the bucket, and logs, records and reports here."""
+"""Deletes models with all their objects, logs, records and reports."""
 
 import secrets
 from collections.abc import Sequence
@@ -24,12 +24,11 @@ from drcli.store.training_records import forget_training, trainings_of
 from drcli.tracking.open_sinks import event_folder, tensorboard_folder
 
 BATCH = 500
-"""Objects in a request; between two of them, the lock of the model is renewed."""
+"""Between two requests, the lock of the model is renewed."""
 
 _METRICS = "DR_LOCAL_S3_METRICS_PREFIX"
 
 _LOGGED = ("sim-0", "trainer", "reward-0")
-"""A worker for each folder of logs."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +79,6 @@ class RemovalReport:
 
 @dataclass(frozen=True)
 class PlannedRemoval:
-    """Models that can be deleted: nobody trains or evaluates them."""
-
     report: RemovalReport
     traces: tuple[ModelTraces, ...]
 
@@ -94,14 +91,7 @@ def plan_removal(
     dry_run: bool = False,
     forget: bool = False,
 ) -> PlannedRemoval:
-    """Find what would go; nothing is deleted yet.
-
-    Args:
-        settings: Name the bucket.
-        names: Prefixes, or patterns with `*` and `?`.
-        keep: The same, for what stays although `names` match it.
-        dry_run: Whether the report is all that is wanted.
-        forget: Whether the records of their trainings go, too.
+    """Find what would go; `names` and `keep` may have `*` and `?`.
 
     Raises:
         SettingsError: A name fits no model, or a model is being trained or evaluated.
@@ -134,8 +124,8 @@ def remove_models(planned: PlannedRemoval, settings: Settings) -> RemovalReport:
     """Delete the models, each with a lock that keeps a training from starting on it.
 
     Raises:
-        SettingsError: Somebody has begun to train one of them; that one stays as it is.
-        StorageError: The bucket does not answer; what is left looks like no model.
+        SettingsError: Somebody has begun to train one; that one stays as it is.
+        StorageError: The bucket does not answer; what is left does not look like a model.
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     for traces in planned.traces:
@@ -152,7 +142,6 @@ def remove_models(planned: PlannedRemoval, settings: Settings) -> RemovalReport:
 
 
 def _complete_record(settings: Settings, bucket: Bucket, prefix: str) -> None:
-    """Complete the record of the model's training, which stays."""
     refuse_busy(settings, bucket, prefix)
     try:
         settle(Model.of(settings.model, bucket, prefix), gone=True)
@@ -161,11 +150,7 @@ def _complete_record(settings: Settings, bucket: Bucket, prefix: str) -> None:
 
 
 def remove_traces(settings: Settings, bucket: Bucket, traces: ModelTraces) -> None:
-    """Delete the objects of a model; what was written since they were listed goes too.
-
-    Raises:
-        SettingsError: Somebody trains the model.
-    """
+    """SettingsError if somebody trains."""
     session, prefix = secrets.token_hex(6), traces.prefix
     refuse_busy(settings, bucket, prefix)
     lease.take(bucket, prefix, session)
@@ -183,11 +168,7 @@ def remove_traces(settings: Settings, bucket: Bucket, traces: ModelTraces) -> No
 
 
 def refuse_busy(settings: Settings, bucket: Bucket, prefix: str) -> None:
-    """Return if nobody trains a model, anywhere, and nobody evaluates it on this machine.
-
-    Raises:
-        SettingsError: Somebody does.
-    """
+    """Raise SettingsError if a model is trained anywhere, or evaluated here."""
     lease.refuse_other_owner(bucket, prefix)
     for record in running_evaluations(settings.directory):
         if record.bucket == bucket.name and prefix in (record.prefix, *record.others):
@@ -198,14 +179,12 @@ def refuse_busy(settings: Settings, bucket: Bucket, prefix: str) -> None:
 
 
 def all_traces(settings: Settings, bucket: Bucket, prefix: str) -> ModelTraces:
-    """Everything that a model has in the bucket, metrics in another folder included."""
     spared = [settings.custom_files_prefix]
     metrics = _metrics_prefix(settings, bucket, prefix)
     return traces_of(bucket, prefix, metrics_prefix=metrics, spared=spared)
 
 
 def described(settings: Settings, bucket: str, traces: ModelTraces) -> RemovedModel:
-    """What a model has, for people."""
     files = local_files(settings, bucket, traces.prefix)
     newest = max((info.modified for info in traces.objects), default=None)
     warnings = []
@@ -226,10 +205,9 @@ def described(settings: Settings, bucket: str, traces: ModelTraces) -> RemovedMo
 
 
 def local_files(settings: Settings, bucket: str, prefix: str) -> list[str]:
-    """Logs, event files, records and report of a model on this machine; not of models inside it.
+    """Not of models inside it.
 
-    Only the records say from which bucket a model is: where a run of the same name in another
-    bucket is on record, the other files stay.
+    Only records name the bucket: if a same-named run elsewhere has one, other files stay.
     """
     if not keys.is_valid_prefix(prefix):  # of another program; its `..` would lead out of data/logs
         return []
@@ -252,7 +230,6 @@ def local_files(settings: Settings, bucket: str, prefix: str) -> list[str]:
 
 
 def logged_models(settings: Settings) -> set[str]:
-    """Prefixes of all models that have logs on this machine."""
     found = set()
     for worker in _LOGGED:
         top = log_file(settings.directory, "", worker).parent
@@ -261,7 +238,6 @@ def logged_models(settings: Settings) -> set[str]:
 
 
 def _local_folders(settings: Settings, prefix: str) -> list[Path]:
-    """Where logs and event files of a model are on this machine."""
     logs = [log_file(settings.directory, prefix, worker).parent for worker in _LOGGED]
     return [*logs, tensorboard_folder(settings.directory, prefix)]
 
@@ -290,7 +266,7 @@ def _entries(folder: Path) -> list[Path]:
 
 
 def _metrics_prefix(settings: Settings, bucket: Bucket, prefix: str) -> str | None:
-    """The folder of a model's metrics; None if that is below the model, or also another's."""
+    """None if below the model, or also another's."""
     named = _own_metrics(settings, bucket, prefix)
     if named is None or keys.folder(named).startswith(keys.folder(prefix)):
         return None
@@ -306,7 +282,6 @@ def _metrics_prefix(settings: Settings, bucket: Bucket, prefix: str) -> str | No
 
 
 def _own_metrics(settings: Settings, bucket: Bucket, prefix: str) -> str | None:
-    """The folder that a model's last training has written metrics to; None if it is not known."""
     if prefix == settings.model_prefix:
         return settings.metrics_prefix
     try:
@@ -318,7 +293,6 @@ def _own_metrics(settings: Settings, bucket: Bucket, prefix: str) -> str | None:
 
 
 def _has_remains(settings: Settings, bucket: Bucket, prefix: str) -> bool:
-    """Whether there is something of a model that is no whole one any more."""
     if local_files(settings, bucket.name, prefix):
         return True
     objects = all_traces(settings, bucket, prefix).objects

@@ -1,4 +1,4 @@
-"""Names a worker that opens more and more files, before it may open no more."""
+"""Names a worker that opens more and more files."""
 
 from collections.abc import Callable
 
@@ -9,17 +9,14 @@ from drcli.runs.seen_pulses import SeenPulses
 from drcli.runs.warnings_board import WarningsBoard
 
 MOST_OPEN = 0.7
-"""Share of the files that a process may have open, from which on a worker is named."""
 
 
 def open_files_limit() -> int:
-    """How many files a process of this run may have open; 0 for any number."""
+    """0 for any number."""
     return soft_limit("open_files") or 0
 
 
 class OpenFilesWatch(Duty):
-    """Looks at the number of open files in the pulses."""
-
     name = "open files watch"
 
     def __init__(
@@ -28,7 +25,6 @@ class OpenFilesWatch(Duty):
         board: WarningsBoard,
         limit: Callable[[], int] = open_files_limit,
     ) -> None:
-        """Prepare; somebody else looks at the pulses."""
         self._pulses = pulses
         self._board = board
         self._limit = limit()

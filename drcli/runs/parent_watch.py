@@ -1,4 +1,4 @@
-"""Interrupts a training when the process that started it has ended, if its job asks for that."""
+"""Interrupts a training when the process that started it has ended."""
 
 import os
 
@@ -6,15 +6,10 @@ from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Outcome, interrupted
 
 SAVE_S = 55.0
-"""How long saving may take: nobody waits for it."""
 
 
 class ParentWatch(Duty):
-    """Watches the parent process of the supervisor.
-
-    A training that Ray has placed on a node must not go on there when Ray has ended its actor:
-    Ray places it again, perhaps elsewhere.
-    """
+    """Ray places a training again when its actor has ended, perhaps elsewhere."""
 
     name = "parent watch"
 
@@ -22,11 +17,9 @@ class ParentWatch(Duty):
         self._ends_with = 0
 
     def start(self, run: RunningTraining) -> None:
-        """Begin, if the job names a process."""
         self._ends_with = run.job.ends_with
 
     def check(self) -> Outcome | None:
-        """Interrupt the training once its parent has ended."""
         if self._ends_with in (0, os.getppid()):
             return None
         self._ends_with = 0

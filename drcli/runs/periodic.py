@@ -12,10 +12,7 @@ _logger = get_logger(__name__)
 
 
 class Periodic:
-    """Calls a function every few seconds, in a thread that ends with the process.
-
-    A failure of the function is logged once and does not end the calls.
-    """
+    """Calls a function again and again; a failure is logged once."""
 
     def __init__(self, name: str, what: Callable[[], object], every_s: float) -> None:
         self._what = what
@@ -26,18 +23,15 @@ class Periodic:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> None:
-        """Begin with the first call."""
         self._thread.start()
 
     def stop(self, *, wait_s: float = 0.0) -> None:
-        """End the calls, and wait up to `wait_s` for a call that is running."""
         self._ended = True
         self._errands.put(lambda: None)
         if self._thread.is_alive():
             self._thread.join(wait_s)
 
     def ask(self, errand: Callable[[], object]) -> threading.Event:
-        """Call another function soon; the event is set once it has returned or failed."""
         done = threading.Event()
 
         def do() -> None:
@@ -73,13 +67,7 @@ class Periodic:
 def within(
     seconds: float, call: Callable[[], object], give_up: Callable[[], bool] = lambda: False
 ) -> bool:
-    """Call a function and wait for its end, up to some seconds or until `give_up()`.
-
-    The function must report its failures itself.
-
-    Returns:
-        Whether it ended in time; otherwise it goes on in its thread.
-    """
+    """Whether a function, which reports its failures itself, ends in time."""
     thread = threading.Thread(target=call, daemon=True)
     thread.start()
     deadline = time.monotonic() + seconds

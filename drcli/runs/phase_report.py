@@ -1,4 +1,4 @@
-"""The phase of a training with a teacher, and how driving goes in it, for `dr-status`."""
+"""The phase of a training with a teacher."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -55,7 +55,6 @@ class PhaseReport:
 
 
 def _driven(newest: IterationRecord | None) -> str:
-    """How the training episodes of an iteration went; none before the first one of the phase."""
     if newest is None:
         return "begins"
     words = f"{newest.full_laps} of {newest.episodes} laps"

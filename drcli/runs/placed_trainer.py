@@ -1,9 +1,7 @@
-"""The trainer of a training whose workers Ray places: `python -m drcli.runs.placed_trainer`.
+"""The trainer of a training whose workers Ray places, here or on a node (DR_RAY_TRAINER).
 
-By DR_RAY_TRAINER, the trainer runs in this process or on a node of the cluster. In the second case
-this process stands for it on the machine of the training: it takes log, pulse and signals from one
-side to the other, and ends as the trainer does. The supervisor then starts another one, which Ray
-places on a node that is left.
+For a node, this process takes log, pulse and signals from one side to the other, and ends as
+the trainer does.
 """
 
 import json
@@ -38,14 +36,11 @@ from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 _logger = get_logger(__name__)
 
 LOOK_S = 0.25
-"""How often the trainer is looked at."""
-
 OWN_CORES_S = 10.0
-"""How long the trainer waits for free cores. Then it shares those of a worker: workers, which are
-many, could have all cores for good."""
+"""Then it shares a worker's, or would perhaps never start."""
 
 SILENT_S = 120.0
-"""A trainer without a new pulse for so long is started again; its node still answers."""
+"""Without a new pulse, though its node answers."""
 
 FIGURE_KEYS = (
     "MLFLOW_TRACKING_TOKEN",
@@ -53,23 +48,12 @@ FIGURE_KEYS = (
     "MLFLOW_TRACKING_PASSWORD",
     "TRACKIO_WRITE_TOKEN",
 )
-"""Secrets of the servers that the trainer sends figures to."""
 
 
 def gpus_to_ask(
     wanted: str, learners: int, of_nodes: Sequence[float], here: Callable[[], int]
 ) -> int | None:
-    """How many GPUs the trainer needs in the cluster; None if it runs on this machine.
-
-    Args:
-        wanted: DR_RAY_TRAINER: auto, cluster or gpu.
-        learners: DR_TRAIN_LEARNERS.
-        of_nodes: GPUs of each node.
-        here: Counts the GPUs of this machine.
-
-    Raises:
-        SettingsError: The nodes have GPUs, but none has one for each learner process.
-    """
+    """None if it runs here; SettingsError if no node has a GPU per learner."""
     if wanted == "gpu":
         return learners
     most = int(max(of_nodes, default=0))
@@ -87,12 +71,6 @@ def gpus_to_ask(
 
 
 class Copies:
-    """Files on this machine with what the trainer writes on its node.
-
-    Args:
-        job: Of this machine.
-    """
-
     def __init__(self, job: Job) -> None:
         prefix = job.config.model.prefix
         self._folder = job.folder
@@ -103,7 +81,7 @@ class Copies:
         self._rest = b""
 
     def take(self, report: HostReport) -> None:
-        """Write what is new; on a full disk it is lost here, and nothing fails."""
+        """On a full disk, nothing fails."""
         *lines, self._rest = (self._rest + report.log).split(b"\n")
         if report.code is not None and self._rest:
             lines, self._rest = [*lines, self._rest], b""
@@ -119,7 +97,7 @@ class Copies:
                 self._write(self._folder / self._own_name(Path(name).name), data)
 
     def _own_name(self, name: str) -> str:
-        """Each process of a trainer counts its requests from zero, and all counts are added."""
+        """Each process counts its requests from zero, and all counts are added."""
         counts = ".requests.json"
         return f"{TRAINER}-{self._number}{counts}" if name.endswith(counts) else name
 
@@ -130,15 +108,6 @@ class Copies:
 
 
 class PlacedTrainer:
-    """The trainer on a node, as this machine sees it.
-
-    Args:
-        host: Where it runs, or will run.
-        job: Of this machine.
-        lifeline: Of this process.
-        clock: Seconds, for tests.
-    """
-
     def __init__(
         self,
         host: PlacedActor[HostReport],
@@ -158,19 +127,16 @@ class PlacedTrainer:
         self.node = ""
 
     def move(self, host: PlacedActor[HostReport]) -> None:
-        """Wait for this place, instead of one that has not come."""
         self._host.give_back()
         self._host = host
 
     def give_back(self) -> None:
-        """Give the place on the node back."""
         self._host.give_back()
 
     def look(self) -> int | None:
-        """Take over what is new; returns the exit code of the trainer, None while it runs.
+        """Take over what is new; returns the trainer's exit code once it ended.
 
         Raises:
-            StopRequested: This process should end, and the trainer has not begun yet.
             WorkerDied: The node is gone, or the trainer is silent.
             SettingsError: The node cannot train.
         """
@@ -204,7 +170,6 @@ class PlacedTrainer:
         return report.code
 
     def ask_stacks(self, number: int, _frame: FrameType | None) -> None:
-        """Let the trainer write the stacks of its threads into its log; a handler of signals."""
         self._asked_for_stacks = number
 
     def _where(self) -> str:
@@ -218,7 +183,6 @@ class PlacedTrainer:
 
 
 def main(job: Job, lifeline: Lifeline) -> None:
-    """Train here or on a node until the training ends."""
     train = job.config.train
     code: int | None = None
     with connected(job) as ray:
@@ -236,7 +200,6 @@ def main(job: Job, lifeline: Lifeline) -> None:
 
 
 def train_elsewhere(ray: Any, job: Job, lifeline: Lifeline, gpus: int) -> int:
-    """Let the trainer run on a node with so many GPUs; returns its exit code."""
     cores = job.config.train.threads or job.config.train.train_learners
 
     def asked(cores: int) -> PlacedActor[HostReport]:
@@ -268,10 +231,7 @@ def wait_for_node(
     gpus: int,
     without_cores: Callable[[], PlacedActor[HostReport]],
 ) -> int | None:
-    """Say in the bucket that the trainer waits for a node; its exit code if it ends there at once.
-
-    Without free cores for some time, it gets a place `without_cores` of its own.
-    """
+    """Without free cores for some time, it gets a place `without_cores` of its own."""
     bucket = worker_process.open_own_bucket(job, lifeline)
     activity = Activity(bucket, job.config.model.prefix, TRAINER, lifeline.pulse)
     what = f"{gpus} free GPU{'s' * (gpus != 1)}" if gpus else "free cores"
@@ -290,14 +250,7 @@ def wait_for_node(
 
 
 def place(ray: Any, job: Job, gpus: int, cores: int) -> Any:
-    """Ask Ray for an actor with the trainer.
-
-    Args:
-        ray: The module.
-        job: The training.
-        gpus: For the trainer alone.
-        cores: The same. With a GPU it asks for none, or workers could keep it from there for good.
-    """
+    """With a GPU it asks for no cores: workers could keep it from there for good."""
     train = with_known_overlap(job.config.train)
     if not gpus:
         train = train.replaced(threads=train.threads or train.train_learners)
@@ -309,7 +262,6 @@ def place(ray: Any, job: Job, gpus: int, cores: int) -> Any:
 
 
 def end_as(code: int) -> None:
-    """End this process as the trainer has ended; return if it has ended well."""
     if code < 0:
         with suppress(OSError):  # SIGKILL has no handler
             signal.signal(-code, signal.SIG_DFL)

@@ -1,4 +1,4 @@
-"""Plans a training: checks everything, then copies what it starts from into the bucket."""
+"""Plans a training: checks everything, then copies its inputs into the bucket."""
 
 import secrets
 import time
@@ -54,12 +54,11 @@ class StartOptions:
     """What is asked of a start.
 
     Attributes:
-        until_laps: The least number of laps that must be completed.
-        until_lap_time_s: How long each of them may take, simulated seconds.
-        whole_run: Whether any machine may continue the run with the same command: see `Job`.
-        over_aborted: Whether the model's prefix may hold what a start wrote that ended before its
-            first checkpoint.
-        method: Replaces training_method of hyperparameters.json; None to leave it as it is.
+        until_laps: The least number of laps.
+        until_lap_time_s: For each of them, simulated seconds.
+        whole_run: Any machine may continue with the same command.
+        over_aborted: The prefix may hold a start without a checkpoint.
+        method: Replaces that of hyperparameters.json.
     """
 
     wipe: bool = False
@@ -75,13 +74,9 @@ class StartOptions:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """A training that can start: every check has passed.
+    """Every check has passed.
 
-    Attributes:
-        warnings: Sentences about allowed settings that may surprise.
-        resumes: The checkpoint to continue from, None for a new model.
-        ends: A sentence that says when the training ends.
-        pretrained: The model whose weights a new model begins with, None for fresh weights.
+    `resumes` is a checkpoint, `pretrained` the model whose weights a new one begins with.
     """
 
     job: Job
@@ -95,12 +90,6 @@ class RunPlan:
 
 @dataclass(frozen=True)
 class EndWorkPlan:
-    """What is left to do at the end of a complete training.
-
-    Attributes:
-        outcome: Of the training.
-    """
-
     job: Job
     outcome: RunOutcome
 
@@ -108,11 +97,11 @@ class EndWorkPlan:
 def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     """Check everything and copy the inputs into the bucket, before a process starts.
 
-    Then the model prefix belongs to the job's session, and a second start changes nothing there.
+    Then the prefix belongs to the job's session; a second start changes nothing there.
 
     Raises:
-        SettingsError: Something is wrong; the message has a line for each problem.
-        CheckpointsLost: The model was trained, but none of its checkpoints can be read.
+        SettingsError: With a line for each problem.
+        CheckpointsLost: None of the model's checkpoints can be read.
     """
     directory, prefix = settings.directory, settings.model_prefix
     if options.wipe and options.resume:
@@ -221,7 +210,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
 
 
 def prepare_end_work(settings: Settings, outcome: RunOutcome) -> EndWorkPlan:
-    """Take the model for the work at the end of a complete training that is still to be done.
+    """Take the model for the work that is left after a complete training.
 
     Raises:
         SettingsError: Another start trains the model.
@@ -238,11 +227,7 @@ def prepare_end_work(settings: Settings, outcome: RunOutcome) -> EndWorkPlan:
 
 
 def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, bucket: Bucket) -> str:
-    """Everything that would end a training that a start continues, as one sentence.
-
-    Raises:
-        SettingsError: hyperparameters.json or the curriculum is wrong.
-    """
+    """Everything that would end a continuing training."""
     places = resumed_files(settings.custom_files, settings.model_prefix)
     files = find(places, bucket)
     file = files.get(keys.HYPERPARAMETERS_FILE)
@@ -260,7 +245,6 @@ def _pretrained_prefix(settings: Settings) -> str | None:
 
 
 def _steps_too_large(bucket: Bucket, before: str, design: Design) -> list[str]:
-    """A sentence if a model that learned from a teacher goes on alone with a high learning rate."""
     lr = design.parameters.lr
     if lr <= FINE_LR or kept_method(bucket, before) is None:
         return []
@@ -291,11 +275,7 @@ def _job(settings: Settings, options: StartOptions, seed: int, began_at: float) 
 
 
 def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
-    """The same places, with the model's own files for those that `custom_files/` does not have.
-
-    So a local file that was changed between stop and resume counts, and a machine without local
-    files continues with those of the first start.
-    """
+    """Files of `custom_files/`, else those of the model."""
     return replace(
         places,
         reward_key=keys.reward_function(prefix),
@@ -305,7 +285,6 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
 
 
 def _replay_lost(bucket: Bucket, prefix: str, newest: CheckpointName | None) -> list[str]:
-    """A sentence if there are no steps left for the replay buffer of a model that has learned."""
     listed = (
         keys.rollout_key(prefix, info.key) for info in bucket.list(keys.rollouts_folder(prefix))
     )
@@ -320,7 +299,7 @@ def _replay_lost(bucket: Bucket, prefix: str, newest: CheckpointName | None) -> 
 
 
 def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
-    """The checkpoint to continue from, and sentences about damaged newer ones.
+    """The checkpoint, and sentences about damaged newer ones.
 
     Raises:
         StorageError: All checkpoints are damaged.
@@ -340,7 +319,7 @@ def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
 
 
 def _refuse_lost(settings: Settings, bucket: Bucket) -> None:
-    """Raise CheckpointsLost instead of beginning at iteration 0 among what is left of a model."""
+    """Rather than iteration 0 among a model's remains."""
     lost = find_lost(bucket, settings.model_prefix)
     if lost is None:
         return
@@ -353,7 +332,7 @@ def _refuse_lost(settings: Settings, bucket: Bucket) -> None:
 
 
 def _seed(settings: Settings, options: StartOptions, before: TrainingStart | None) -> int:
-    """The seed; a resumed training keeps its first one unless the racer gives another."""
+    """A resumed training keeps its first one."""
     if options.seed is not None:
         return options.seed
     if settings.train_seed is not None:
@@ -366,7 +345,6 @@ def _seed(settings: Settings, options: StartOptions, before: TrainingStart | Non
 def _forget_other_scores(
     settings: Settings, bucket: Bucket, before: TrainingStart | None
 ) -> list[str]:
-    """Forget the best score if what decides it has changed; returns a warning then."""
     if before is None or before.settings is None:
         return []
     names = ["DR_TRAIN_BEST_MODEL_METRIC", "DR_TRAIN_BEST_MODEL_WORLD"]

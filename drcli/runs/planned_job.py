@@ -1,4 +1,4 @@
-"""Makes the job of a start, and the record that it has begun."""
+"""Makes the job of a start, and the record of its begin."""
 
 import os
 import secrets
@@ -28,18 +28,7 @@ def planned_job(
     whole_run: bool = False,
     stages: tuple[Stage, ...] = (),
 ) -> Job:
-    """The job of a start.
-
-    Args:
-        settings: Of the racer.
-        seed: Of the run.
-        began_at: Unix seconds of the very first start of the run.
-        until_laps: As for `Job`.
-        until_lap_time_s: As for `Job`.
-        max_minutes: Of the command; the setting counts without it.
-        whole_run: As for `Job`.
-        stages: As for `Job`.
-    """
+    """`began_at`: the very first start; `max_minutes` None: the setting."""
     lives_s = 60.0 * settings.time_to_live_minutes
     config = settings.run
     by_ray = settings.launcher == "ray"
@@ -63,7 +52,6 @@ def planned_job(
 
 
 def first_start(previous: RunOutcome | None, start: TrainingStart | None) -> float:
-    """When a run was started for the very first time, in Unix seconds; now for a new one."""
     if previous is not None:
         return previous.began_at
     if start is not None:
@@ -73,5 +61,4 @@ def first_start(previous: RunOutcome | None, start: TrainingStart | None) -> flo
 
 
 def begun_by(job: Job, began_at: float, goals: str) -> RunOutcome:
-    """The record of a start that begins now."""
     return RunOutcome(job.session, socket.gethostname(), began_at, time.time(), goals=goals)

@@ -1,4 +1,4 @@
-"""Plans the stages of a training: checks each, and finds the one to begin or to go on with."""
+"""Plans the stages of a training, and finds the one to begin with."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,15 +19,6 @@ from drcli.store.checkpoints import CheckpointStore
 
 @dataclass(frozen=True)
 class StagesPlan:
-    """The stages of a start.
-
-    Attributes:
-        settings: Of the stage that trains first; those of the folder without a curriculum.
-        review: Everything that the curriculum says.
-        first: Place of that stage, from 0.
-        warnings: Sentences about what may surprise.
-    """
-
     settings: Settings
     review: StagesReview
     first: int = 0
@@ -35,25 +26,20 @@ class StagesPlan:
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """For the processes of the run; only where nothing is wrong."""
         return tuple(planned.stage for planned in self.review.stages)
 
     @property
     def frozen(self) -> FrozenCurriculum | None:
-        """For the copy below the model prefix; None without a curriculum."""
         return self.review.frozen
 
 
 def plan_stages(
     settings: Settings, files: Mapping[str, InputFile], bucket: Bucket, *, resumes: bool
 ) -> StagesPlan:
-    """Read the curriculum, and find the stage of the newest checkpoint.
-
-    Stages may be wrong: `before_start.examine_stages` finds these problems with all others.
+    """`before_start.examine_stages` finds problems of stages.
 
     Raises:
-        ProblemsError: The curriculum cannot be read, or has no longer the stage that the model is
-            in.
+        ProblemsError: The curriculum cannot be read, or has lost the model's stage.
     """
     review = review_stages(settings, files, bucket, resumes=resumes)
     if not review.stages:
@@ -87,7 +73,6 @@ def _without_curriculum(mark: StageMark | None) -> tuple[str, ...]:
 def _lost_stage(
     settings: Settings, mark: StageMark | None, review: StagesReview
 ) -> tuple[Problem, ...]:
-    """The problem with a curriculum that has no longer the stage that the model is in."""
     name = "" if mark is None else mark.name
     names = ", ".join(stage.name for stage in review.stages)
     what = (
@@ -101,7 +86,6 @@ def _lost_stage(
 def _changed(
     settings: Settings, bucket: Bucket, now: FrozenCurriculum, mark: StageMark | None
 ) -> tuple[str, ...]:
-    """A sentence if the curriculum or one of its files is not that of the start before."""
     place = settings.place(SETTING)
     try:
         before = FrozenCurriculum.decode(bucket.get(keys.curriculum(settings.model_prefix)))

@@ -1,4 +1,4 @@
-"""The worker processes of a run on this machine, and how fast a simulation worker drives."""
+"""The worker processes of a run on this machine, and how fast one drives."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -65,17 +65,14 @@ class SpeedReport:
 
 
 def trainers(directory: Path, run_id: int) -> list[Process]:
-    """The trainer of this DR_RUN_ID; empty if no training runs."""
     return _workers(directory, run_id, TRAINER)
 
 
 def simulations(directory: Path, run_id: int) -> list[Process]:
-    """The simulation workers of this DR_RUN_ID, in order; empty if no training runs."""
     return _workers(directory, run_id, "sim-")
 
 
 def evaluations(directory: Path, run_id: int) -> list[Process]:
-    """The workers of the running evaluations of this DR_RUN_ID, oldest first."""
     return [
         _process(directory, record.prefix, "evaluation", record.worker_pid)
         for record in running_evaluations(directory, run_id)
@@ -83,7 +80,6 @@ def evaluations(directory: Path, run_id: int) -> list[Process]:
 
 
 def speed_of(process: Process, config: RunConfig) -> SpeedReport:
-    """Measure how fast a simulation worker of a training drives."""
     unknown = SpeedReport(process.name, process.pid)
     record = RunRecord.read(run_folder(config.directory, config.run_id))
     if record is None:
@@ -123,5 +119,4 @@ def _workers(directory: Path, run_id: int, kind: str) -> list[Process]:
 
 
 def _process(directory: Path, prefix: str, name: str, pid: int) -> Process:
-    """A worker; its model need not be the one that run.env names now."""
     return Process(name, pid, exists(pid), str(log_file(directory, prefix, name)))

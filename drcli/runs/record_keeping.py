@@ -1,7 +1,4 @@
-"""Keeps the record of a training: written at each start, then every few minutes, and at its end.
-
-Nothing about it ends a training or keeps one from starting.
-"""
+"""Keeps a training's record, and never ends it."""
 
 import secrets
 import socket
@@ -40,36 +37,19 @@ from drcli.store.training_records import read_training, write_training
 _logger = get_logger(__name__)
 
 UPDATE_S = 300.0
-"""How often the results are written: a machine that vanishes loses so much of the record, until the
-next start reads the model again."""
+"""A vanishing machine loses so much."""
 
 END_PATIENCE_S = 4.0
-"""How long the last update may take."""
 
 
 class StartRecorder:
-    """Records a start, while the model is taken and before its workers run.
-
-    Args:
-        model: That will be trained.
-        settings: Of the racer.
-    """
-
     def __init__(self, model: Model, settings: Settings) -> None:
         self._model = model
         self._settings = settings
         self._known: TrainingRecord | None = None
 
     def prepare(self, before: TrainingStart | None, *, resumes: bool) -> str:
-        """Complete the record of the training whose model is deleted or begun anew now.
-
-        Args:
-            before: The start before, as the model knows it.
-            resumes: Whether that training goes on instead.
-
-        Returns:
-            The id of the training.
-        """
+        """Complete the record of a training that is deleted or begun anew."""
         prefix = self._model.prefix
         try:
             if resumes:
@@ -88,18 +68,7 @@ class StartRecorder:
         previous: RunOutcome | None,
         inputs: Mapping[str, str],
     ) -> str:
-        """Write the record of a start, whose files are in place.
-
-        Args:
-            start: As in the model.
-            outcome: As in the bucket: its session, machine and time.
-            resumes: The checkpoint that it continues from, None for a new model.
-            previous: What the start before came to; None if unknown.
-            inputs: `Job.inputs`.
-
-        Returns:
-            The id of the training; empty if nothing could be written.
-        """
+        """The id of the training; empty if nothing could be written."""
         new = NewStart(self._settings, start, outcome, resumes, previous, inputs)
         try:
             return record_start(self._model.bucket, new, self._known).id
@@ -109,13 +78,6 @@ class StartRecorder:
 
 
 class RecordKeeping(Duty):
-    """Writes what the training has come to, and what it has cost.
-
-    Args:
-        job: The training.
-        cost: Counts its hours and its money.
-    """
-
     name = "training record"
 
     def __init__(self, job: Job, cost: Cost) -> None:
@@ -129,13 +91,11 @@ class RecordKeeping(Duty):
         self._thread = Periodic(self.name, self.update, UPDATE_S)
 
     def start(self, run: RunningTraining) -> None:
-        """Begin to write; nothing waits for the bucket."""
         if self._job.training:
             self._run = run
             self._thread.start()
 
     def finish(self, ending: Ending) -> None:
-        """Write how the training ended."""
         if self._run is None:
             return
         outcome = ending.outcome
@@ -158,11 +118,7 @@ class RecordKeeping(Duty):
         self._thread.stop()
 
     def update(self) -> None:
-        """Write the results until now.
-
-        Raises:
-            DrError: The bucket does not answer or refuses it; it is tried again.
-        """
+        """DrError if the bucket refuses."""
         self._write(None)
 
     def _write(self, ended: RunOutcome | None) -> None:

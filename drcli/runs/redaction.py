@@ -1,8 +1,6 @@
-"""Removes secrets from texts that leave this machine, and keeps a list of what was removed.
+"""Removes secrets from texts that leave this machine, rather too much.
 
-Two ways: values that are known to be secret (`known_secrets`), in every form in which a log may
-hold them (`secret_forms`), and patterns of secrets that nobody here knows (`secret_patterns`).
-Rather too much is removed.
+Known values (`known_secrets`) in every form (`secret_forms`), and `secret_patterns`.
 """
 
 import re
@@ -28,7 +26,7 @@ from drcli.runs.secret_patterns import (
 )
 
 _SHORTEST_VALUE = 4
-"""Shorter secrets are removed only where a name before them says what they are."""
+"""Shorter secrets are removed only after a name that says what they are."""
 
 _FOLDED_FROM = 16
 """Longer values are also found where a terminal folded them."""
@@ -38,15 +36,6 @@ _MARK = "(hidden: {})"
 
 @dataclass(frozen=True)
 class Redaction:
-    """Something that was removed.
-
-    Attributes:
-        file: Name in the bundle.
-        line: Counted from 1.
-        kind: What it was, never its value.
-        count: How often in this line.
-    """
-
     file: str
     line: int
     kind: str
@@ -54,13 +43,7 @@ class Redaction:
 
 
 class Redactor:
-    """Removes secrets from texts.
-
-    Args:
-        secrets: What each known secret value is.
-        private: What to write instead of values that are no secrets but say who somebody is, such
-            as the home folder.
-    """
+    """`private` are values that say who somebody is, and replacements."""
 
     def __init__(self, secrets: Mapping[str, str], private: Mapping[str, str]) -> None:
         self._secrets: dict[str, str] = {}
@@ -82,11 +65,9 @@ class Redactor:
 
     @property
     def known(self) -> int:
-        """Number of known secret values."""
         return len(self._secrets)
 
     def clean(self, file: str, text: str) -> str:
-        """The text without secrets; it has as many lines as before."""
         counts: dict[tuple[int, str], int] = {}
         text = printable(text)
         for cut in (KEY_BLOCK, KEY_END):
@@ -108,7 +89,7 @@ class Redactor:
         return text
 
     def leaks(self, text: str) -> list[str]:
-        """What is still in a text of the known secrets, by kind; searched for in another way."""
+        """Kinds of known secrets still in a text; another way of search."""
         joined = _joined(text)
         found = {kind for form, kind in self._forms if contains(text, form)}
         found |= {
@@ -135,7 +116,6 @@ class Redactor:
         return text
 
     def _cut_encoded(self, text: str, counts: dict[tuple[int, str], int]) -> str:
-        """Replace words in base64 that hold a secret, also if it is compressed."""
         for core, kind in self._cores:
             if core in text:
                 around = re.compile(rf"{BASE64}*{re.escape(core)}{BASE64}*={{0,2}}")
@@ -147,8 +127,6 @@ class Redactor:
         return text
 
     def _cut_wrapped(self, text: str, counts: dict[tuple[int, str], int]) -> str:
-        """Replace base64 over several lines that holds a secret."""
-
         def holds(block: str) -> bool:
             joined = _joined(block)
             return any(core in joined for core, _ in self._cores) or bool(self._kinds_in(joined))
@@ -166,8 +144,6 @@ class Redactor:
         counts: dict[tuple[int, str], int],
         only: Callable[[str], bool] = lambda block: True,
     ) -> str:
-        """Replace blocks of lines; each line keeps its place."""
-
         def cut(found: "re.Match[str]") -> str:
             block = found[0]
             if not only(block):
@@ -179,7 +155,6 @@ class Redactor:
         return expression.sub(cut, text)
 
     def _kinds_in(self, encoded: str) -> list[str]:
-        """Kinds of the known secrets in base64, also if the data is compressed."""
         return [
             kind
             for data in decoded(encoded)
@@ -189,12 +164,11 @@ class Redactor:
 
 
 def _joined(text: str) -> str:
-    """The text without spaces and line ends."""
     return "".join(text.split())
 
 
 def printable(text: str) -> str:
-    """A text that any terminal can show: no colours, no control characters, one kind of line end.
+    """No colours and control characters.
 
     This comes first: a secret must not be hidden by what is removed here.
     """
@@ -211,7 +185,6 @@ def _replaced(
     instead: str = "",
     only: Callable[[str], bool] = lambda found: True,
 ) -> str:
-    """Replace what an expression finds, and count it by line and kind."""
     line, seen = 1, 0
 
     def replace(found: "re.Match[str]") -> str:

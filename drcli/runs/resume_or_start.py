@@ -1,8 +1,4 @@
-"""Starts a run, resumes it, or does nothing: whatever its model in the bucket asks for.
-
-The command can be given again and again, on any machine: boot scripts, cron, systemd and schedulers
-need one line.
-"""
+"""Starts or resumes a run, or does nothing: whatever its model asks for."""
 
 from dataclasses import dataclass, replace
 
@@ -32,12 +28,6 @@ from drcli.workers.goals import same_goals
 
 @dataclass(frozen=True)
 class NothingToDo:
-    """The run has ended and stays so.
-
-    Attributes:
-        sentence: Why, and what would continue it.
-    """
-
     sentence: str
 
 
@@ -47,16 +37,13 @@ Next = RunPlan | EndWorkPlan | NothingToDo
 def prepare_next(settings: Settings, options: StartOptions, *, wait: bool) -> Next:
     """Plan what is to be done, once nobody else trains the model.
 
-    Args:
-        settings: Of the racer.
-        options: Of the command; neither to wipe nor to resume.
-        wait: Whether to wait for an owner that lives, and as long as workers do for a server that
-            does not answer, or for access keys: while a machine boots, both may be missing.
+    `wait` for a living owner, and for server and keys that may be missing while a machine
+    boots.
 
     Raises:
-        TrainedElsewhere: The model's owner lives, and nobody wants to wait.
+        TrainedElsewhere: The owner lives, without `wait`.
         SettingsError: Something is wrong.
-        NotYet: The bucket did not answer, or no keys came, for as long as it waited.
+        NotYet: Bucket or keys did not come.
         StorageError: The bucket cannot be used.
     """
     if options.wipe or options.resume:
@@ -86,7 +73,6 @@ def prepare_next(settings: Settings, options: StartOptions, *, wait: bool) -> Ne
 
 
 def was_overtaken(settings: Settings, job: Job) -> bool:
-    """Whether another start took the model between our plan and our supervisor."""
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     held = lease.live_holder(bucket, settings.model_prefix)
     return held is not None and held.session != job.session

@@ -1,8 +1,7 @@
-"""The end of a run: stops its workers, saves what is left, and records how it ended.
+"""The end of a run: stops its workers, saves what is left, and records the outcome.
 
-What a successor needs comes first, because the machine may go away at any moment: how the run
-ended, and its newest checkpoint with the state of the optimizer, which the trainer still uploads.
-The lease is renewed until the end, so that nobody takes the model over meanwhile.
+The machine may vanish at any moment: first comes the outcome, then the newest checkpoint, which
+the trainer still uploads. The lease is renewed until the end.
 """
 
 import logging
@@ -31,38 +30,18 @@ from drcli.store.model_prefix import delete_unlearned, newest_checkpoint
 _logger = get_logger(__name__)
 
 EXIT_S = 10.0
-"""How long the workers may take to exit after SIGTERM before they are killed."""
-
 LOOK_PATIENCE_S, LOGS_PATIENCE_S, RELEASE_PATIENCE_S = 2.0, 9.0, 2.0
-"""How long the bucket may take at the end: to find the newest checkpoint, to upload the last logs,
-and to release the lease. A process that is asked to stop has 30 s."""
+"""A stopped process has 30 s."""
 
 HURRIED_EXIT_S, LAST_LOGS_S = 20.0, 20.0
-"""The same for the workers and the logs when the machine goes away, if there is so much time: with
-5 MB/s, the state of an optimizer takes 9 s, and what is not uploaded then is lost."""
+"""With 5 MB/s, the state of an optimizer takes 9 s."""
 
 RECORD_PATIENCE_S = 2.0
-"""How long it may take to record the outcome, once the workers have exited."""
-
 EXIT_SHARE, LOGS_SHARE = 0.35, 0.3
-"""Largest shares of a limited time for the exit of the workers, and for the logs."""
+"""Of a limited time."""
 
 
 class RunEnding:
-    """Ends a run.
-
-    Args:
-        job: What was trained.
-        bucket: Holds the model; fenced.
-        open_bucket: Opens it for another thread.
-        children: The workers.
-        duties: In the order in which they matter.
-        journal: Of the start.
-        logs: Uploads the logs.
-        lease_thread: Renews the lease.
-        hurried: Whether a second signal came.
-    """
-
     def __init__(
         self,
         job: Job,
@@ -92,7 +71,7 @@ class RunEnding:
         self._writing = threading.Lock()
 
     def end(self, outcome: Outcome) -> tuple[Outcome, Ending]:
-        """Do all of it; returns the outcome with its remedy, and the ending for `Duty.leave`."""
+        """Returns the outcome with its remedy, and the ending for `Duty.leave`."""
         lost = outcome.code == OwnershipLost.code
         deadline_s = None
         if outcome.save_within_s is not None:
@@ -125,7 +104,6 @@ class RunEnding:
         return min(HURRIED_EXIT_S, EXIT_SHARE * outcome.save_within_s)
 
     def _duties_end_s(self, deadline_s: float | None) -> float | None:
-        """When the duties must be over, so that logs and lease get their share."""
         if deadline_s is None:
             return None
         left_s = max(0.0, deadline_s - time.monotonic())
@@ -140,7 +118,6 @@ class RunEnding:
         return min(LAST_LOGS_S, max(1.0, left_s))
 
     def _save(self, outcome: Outcome, ending: Ending) -> None:
-        """Record the outcome, then let the duties do what is left, and record what they did."""
         text = f"{outcome.message} {outcome.remedy}".rstrip()
         facts: dict[str, object] = {}
         for duty in self._duties:
@@ -156,7 +133,7 @@ class RunEnding:
         self._journal.finish(RECORD_PATIENCE_S, self._hurried)
 
     def _with_results(self, outcome: Outcome) -> Outcome:
-        """The outcome for who waits for it: told only now, because some of it may have failed."""
+        """Told only now, because some of it may have failed."""
         for duty in self._duties:
             result = attempt(duty, duty.end_result)
             if result is not None:
@@ -170,14 +147,12 @@ class RunEnding:
         return outcome
 
     def _left(self, ending: Ending) -> tuple[str, ...]:
-        """Work at the end of a complete training that is not done yet."""
         if ending.outcome.state != "finished":
             return ()
         found = (attempt(duty, partial(duty.left, ending)) or () for duty in self._duties)
         return tuple(name for names in found for name in names)
 
     def _record(self, outcome: Outcome, left: tuple[str, ...], wait_s: float) -> None:
-        """Record how the run ended, if that is new, and wait so long for the bucket."""
         record = self._outcome(outcome, left)
         known = self._wanted and replace(self._wanted, ended_at=record.ended_at)
         if record == known:
@@ -216,7 +191,6 @@ class RunEnding:
             lease.release(self._bucket, self._prefix, self._job.session)
 
     def _how_to_continue(self) -> str:
-        """The remedy after a stop, once the workers have saved their work."""
         found: list[bool] = []
 
         def look() -> None:

@@ -1,7 +1,4 @@
-"""Finds the log files of a run, and uploads them to the bucket.
-
-Each process writes its own log. A thread of the supervisor uploads new lines; nothing waits for it.
-"""
+"""Finds the log files of a run, and uploads their new lines in a thread."""
 
 import math
 import os
@@ -26,17 +23,14 @@ _logger = get_logger(__name__)
 INTERVAL_S = 300.0
 
 PART_BYTES = 4 << 20
-"""Size of a part in the bucket. What follows the last part is uploaded again each time."""
+"""What follows the last part is uploaded again each time."""
 
 _CHECK_S = 0.1
-"""Pause between two checks whether the last upload has ended."""
-
 _COMPARED_BYTES = 4 << 10
-"""Two logs that begin with so many equal bytes are the same log: they contain times."""
+"""Equal beginnings mean the same log: they contain times."""
 
 
 def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
-    """Start new logs for a new training, and keep those of the last few trainings."""
     folders = [log_folder(directory, prefix, kind) for kind in KINDS]
     try:
         for folder in folders:
@@ -50,10 +44,7 @@ def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
 
 
 def empty_logs(directory: Path, prefix: str, name: str) -> None:
-    """Start the log of an evaluation worker anew, with its JSON lines and its prints.
-
-    The log itself is emptied, not deleted: a command may be following it.
-    """
+    """Emptied, not deleted: a command may follow it."""
     log = log_file(directory, prefix, name)
     beside = [json_log(log), log_file(directory, prefix, reward_log(name))]
     with suppress(OSError):
@@ -69,15 +60,8 @@ def empty_logs(directory: Path, prefix: str, name: str) -> None:
 class LogCopy:
     """The copy of one log in the bucket.
 
-    S3 cannot append. So the copy consists of parts, `sim-0.log.part-000001` and so on, which are
-    written once, and of `sim-0.log` with the newest lines. Joined in this order they are the log.
-    A later start continues the parts, also on another machine.
-
-    Args:
-        bucket: Where to upload.
-        key: The object with the newest lines.
-        log: The file on this machine.
-        max_bytes: Largest size of all parts together; the oldest are deleted first.
+    S3 cannot append: parts (`sim-0.log.part-000001`, ...) are written once, `sim-0.log` has the
+    newest lines. Any machine continues the parts. Above `max_bytes`, the oldest go.
     """
 
     def __init__(self, bucket: Bucket, key: str, log: Path, max_bytes: int) -> None:
@@ -93,7 +77,7 @@ class LogCopy:
         self._newest = (0, 0, 0)
 
     def update(self, over: Callable[[], bool] = lambda: False, *, hurried: bool = False) -> None:
-        """Upload new lines until `over()`; if `hurried`, upload the end of the log first."""
+        """Until `over()`; if `hurried`, the end of the log first."""
         if not self._log.exists():
             return
         if not self._known:
@@ -120,12 +104,10 @@ class LogCopy:
             self._unread.save()
 
     def left_bytes(self) -> int:
-        """Size of the part of the log that is not uploaded yet."""
         at, left = self._unread.at, self._unread.left_bytes()
         return max(0, left - (self._newest[2] if self._newest[:2] == (at.number, at.offset) else 0))
 
     def _list_parts(self) -> None:
-        """List the parts of an earlier start, and keep the newest lines of another machine."""
         for info in self._bucket.list(self._key.rpartition("/")[0] + "/"):
             number = keys.part_number(self._key, info.key)
             if number is not None:
@@ -138,10 +120,7 @@ class LogCopy:
         self._known = True
 
     def _is_ours(self, data: bytes) -> bool:
-        """Whether the newest lines in the bucket come from this log.
-
-        They follow the uploaded parts, or are the end of the log, uploaded first in a hurry.
-        """
+        """They follow the uploaded parts, or are the end of the log, uploaded in a hurry."""
         at, older = self._unread.at, log_files.older_parts(self._log)
         path = next((part for part in older if log_files.number_of(part) == at.number), self._log)
         own = read_piece(path, at.offset, PART_BYTES)
@@ -151,7 +130,6 @@ class LogCopy:
         return data[-_COMPARED_BYTES:] in ends
 
     def _put_part(self, data: bytes, *, whole: bool = False) -> int:
-        """Upload a part that ends with a whole line; returns its size."""
         end = len(data) if whole or len(data) < PART_BYTES else data.rfind(b"\n") + 1 or len(data)
         key = keys.part(self._key, self._next)
         self._bucket.put(key, data[:end])
@@ -165,10 +143,7 @@ class LogCopy:
 def written_logs(
     directory: Path, prefix: str, settings: LogConfig, names: Sequence[str]
 ) -> list[tuple[str, Path]]:
-    """The logs that these workers write on this machine, by name, the most important first.
-
-    What the racer's code prints and JSON lines come last. Some of the files may never appear.
-    """
+    """The most important first; some may never appear."""
     logs = [(name, log_file(directory, prefix, name)) for name in names]
     prints = [reward_log(name) for name in names if name.startswith("sim")]
     lines = [(name, json_log(path)) for name, path in logs] if settings.log_json else []
@@ -176,17 +151,6 @@ def written_logs(
 
 
 class LogUpload:
-    """Uploads the logs of the named workers in a thread, the most important first.
-
-    Args:
-        open_bucket: Opens the bucket for the thread.
-        directory: The racer's working folder.
-        prefix: The model.
-        settings: Of the logs.
-        names: Of the workers.
-        events: Folder with TensorBoard event files, which come last; None for none.
-    """
-
     def __init__(
         self,
         open_bucket: Callable[[], Bucket],
@@ -209,11 +173,9 @@ class LogUpload:
         self._thread = threading.Thread(target=self._run, name="log upload", daemon=True)
 
     def start(self) -> None:
-        """Start the thread; the first upload comes after `INTERVAL_S`."""
         self._thread.start()
 
     def finish(self, patience_s: float, given_up: Callable[[], bool] = lambda: False) -> None:
-        """Upload new lines for the last time, until `patience_s` is over or `given_up()`."""
         self._deadline_s = time.monotonic() + patience_s
         self._ending.set()
         while self._thread.is_alive() and not self._is_over() and not given_up():
@@ -256,5 +218,4 @@ class LogUpload:
 
 
 def _end_of(path: Path) -> bytes:
-    """The last bytes of a file, at most one part."""
     return read_piece(path, max(0, path.stat().st_size - PART_BYTES), PART_BYTES)

@@ -1,8 +1,4 @@
-"""Tells people what happens to a training: by Amazon SNS, by a webhook, by mail.
-
-Whatever another duty notes in the journal can become a message, so duties need not know of this
-one. Messages are sent by a thread, and what cannot be delivered is logged once.
-"""
+"""Makes messages of journal entries: Amazon SNS, a webhook, mail."""
 
 import queue
 import socket
@@ -23,16 +19,10 @@ from drcli.runs.outcome import Ending, Outcome
 _logger = get_logger(__name__)
 
 LEAVE_S = 25.0
-"""How long the last messages may take; a place that does not answer is given up then."""
-
 RETRY_S = 3.0
-"""Pause before a message is sent for the second and last time."""
-
 BEST_EVERY_S = 600.0
-"""Least time between two messages about a new best checkpoint."""
-
 MOST, PER_S = 20, 600.0
-"""At most so many messages in so many seconds: a fault that comes back floods nobody."""
+"""A fault that comes back floods nobody."""
 
 _LAST = ("end", "failure", "stop", "interruption")
 _OF_STATE = {"finished": "end", "stopped": "stop", "interrupted": "interruption"}
@@ -40,17 +30,6 @@ _STARTED_S = 5.0
 
 
 class Messages(Duty):
-    """Sends the messages that DR_MESSAGE_EVENTS asks for.
-
-    Args:
-        job: The training.
-        watch: Knows its checkpoints.
-        facts: What else is known at the end, such as the cost.
-        channels: Where to; those of the settings if None.
-        clock: Monotonic seconds, for tests.
-        pause: Waits the given seconds, for tests.
-    """
-
     name = "messages"
 
     def __init__(
@@ -81,7 +60,6 @@ class Messages(Duty):
         self._thread = threading.Thread(target=self._send_all, name="messages", daemon=True)
 
     def start(self, run: RunningTraining) -> None:
-        """Tell that the training begins, and begin to listen to the journal."""
         if not self._channels:
             return
         run.journal.listen(self._hear)
@@ -91,7 +69,6 @@ class Messages(Duty):
         threading.Thread(target=self._tell_start, name="first message", daemon=True).start()
 
     def check(self) -> Outcome | None:
-        """Tell about a new best checkpoint."""
         best = self._watch.best
         if not self._channels or best is None or best.name == self._best:
             return None
@@ -105,12 +82,10 @@ class Messages(Duty):
         return None
 
     def finish(self, ending: Ending) -> None:
-        """Look for the last time which checkpoints there are."""
         if self._channels and ending.left_s() > LAST_LOOK_S:
             self._watch.look_last()
 
     def leave(self, ending: Ending) -> None:
-        """Tell how the training ended, and wait a moment for what is not sent yet."""
         if not self._channels:
             return
         outcome = ending.outcome
@@ -129,7 +104,6 @@ class Messages(Duty):
             self._thread.join(min(LEAVE_S, max(1.0, ending.left_s())))
 
     def tell(self, event: str, text: str, **facts: object) -> None:
-        """Send a message soon if it is wanted."""
         if not self._wants(event) or not self._channels:
             return
         now_s = self._clock()
@@ -152,7 +126,6 @@ class Messages(Duty):
         return event in self._events or "all" in self._events
 
     def _tell_start(self) -> None:
-        """Tell what begins, as soon as it is known whether there was a model before."""
         deadline_s = time.monotonic() + _STARTED_S
         while self._watch.last is None and time.monotonic() < deadline_s:
             self._pause(0.2)
@@ -163,7 +136,6 @@ class Messages(Duty):
             self.tell("start", "The training has started.")
 
     def _hear(self, entry: JournalEntry) -> None:
-        """Make a message of an event in the journal."""
         named = entry.facts.get("event")
         facts = {name: value for name, value in entry.facts.items() if name != "event"}
         if isinstance(named, str) and named in ("stall", "failure", "upload", "fault"):

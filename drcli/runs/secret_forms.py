@@ -1,4 +1,4 @@
-"""The forms in which a known secret may stand in a text: escaped, encoded, compressed."""
+"""Forms of a known secret in a text: escaped, encoded, compressed."""
 
 import base64
 import binascii
@@ -14,16 +14,12 @@ from contextlib import suppress
 from urllib.parse import quote, quote_plus
 
 WHOLE_WORD_BELOW = 8
-"""Shorter values may be part of a harmless word."""
-
 BASE64 = r"[A-Za-z0-9+/_-]"
 _LARGEST_UNPACKED = 4 << 20
 
 WRAPPED = re.compile(rf"{BASE64}{{16,}}\n(?:[ \t]*{BASE64}{{16,}}\n)*[ \t]*{BASE64}*={{0,2}}")
-"""Base64 over several lines."""
-
 PACKED = re.compile(rf"(?:H4sI|eJ|eN|eA|eF|QlpoO|/Td6WFo){BASE64}{{12,}}={{0,2}}")
-"""Base64 of compressed data: gzip, zlib, bz2, xz."""
+"""Base64 of gzip, zlib, bz2, xz."""
 
 _UNPACK: Sequence[Callable[[bytes], bytes]] = (
     lambda data: zlib.decompressobj(47).decompress(data, _LARGEST_UNPACKED),  # zlib or gzip
@@ -34,7 +30,7 @@ _BROKEN = (zlib.error, OSError, EOFError, ValueError, lzma.LZMAError, gzip.BadGz
 
 
 def forms_of(value: str) -> set[str]:
-    """A value as programs write it: escaped for addresses, JSON, HTML and Python, and in hex."""
+    """For addresses, JSON, HTML, Python and hex."""
     forms = {value, quote(value, safe=""), quote(value), quote_plus(value)}
     forms |= {quote(form, safe="") for form in list(forms)}
     forms |= {json.dumps(value)[1:-1], json.dumps(value, ensure_ascii=False)[1:-1]}
@@ -46,7 +42,7 @@ def forms_of(value: str) -> set[str]:
 
 
 def base64_cores(value: str) -> set[str]:
-    """What every base64 text has that holds a value, wherever the value begins in it."""
+    """What all base64 texts with this value have."""
     if len(value) < WHOLE_WORD_BELOW:
         return set()
     cores = set()
@@ -61,7 +57,6 @@ def base64_cores(value: str) -> set[str]:
 
 
 def decoded(encoded: str) -> Iterator[bytes]:
-    """The bytes of a text in base64, and what is compressed in them."""
     plain = encoded.replace("-", "+").replace("_", "/").rstrip("=")
     with suppress(binascii.Error, ValueError):
         data = base64.b64decode(plain[: len(plain) // 4 * 4] + _rest(plain))
@@ -72,20 +67,18 @@ def decoded(encoded: str) -> Iterator[bytes]:
 
 
 def bounded(form: str) -> str:
-    """An expression for a form; a short one must be a word of its own."""
+    """A short form must be a word."""
     if len(form) >= WHOLE_WORD_BELOW:
         return re.escape(form)
     return rf"(?<![A-Za-z0-9]){re.escape(form)}(?![A-Za-z0-9])"
 
 
 def contains(text: str, form: str) -> bool:
-    """Whether a form is in a text; a short one as a word of its own."""
     if form.lower() not in text.lower():
         return False
     return re.search(bounded(form), text, re.IGNORECASE) is not None
 
 
 def _rest(plain: str) -> str:
-    """The last letters of a text in base64, with the padding that they need."""
     rest = plain[len(plain) // 4 * 4 :]
     return rest + "=" * (-len(rest) % 4) if len(rest) > 1 else ""

@@ -1,4 +1,4 @@
-"""What secrets look like that nobody here knows: by a name before them, or by their own form."""
+"""Patterns of unknown secrets: by a name before them, or their form."""
 
 import re
 from dataclasses import dataclass
@@ -23,25 +23,19 @@ _SECRET_WORDS = (
     "authorization",
     "webhook",
 )
-"""One of these is in each name that `_SECRET_NAME` matches."""
-
 _VALUE = r"(?!\(hidden)(\"(?:[^\"\\\n]|\\.)+\"|'(?:[^'\\\n]|\\.)+'|[^\s,;&\"'}\])]+)"
 _TAIL = r"[^\s\"'<>\\)]*"
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """A form of secret. What the group `keep` matches stays, the rest is replaced.
-
-    A text without any of `needs` has no such secret; searching for these is much faster.
-    """
+    """The group `keep` stays; without any of `needs` a text cannot match."""
 
     kind: str
     expression: "re.Pattern[str]"
     needs: tuple[str, ...] = ()
 
     def may_be_in(self, low: str) -> bool:
-        """Whether a text in small letters may contain it."""
         return not self.needs or any(word in low for word in self.needs)
 
 
@@ -134,10 +128,8 @@ PATTERNS = (
     ),
     _pattern("e-mail address", r"\b[\w.+-]+@[\w-]+(?:\.[\w-]+)+", ("@",)),
 )
-"""In this order."""
-
 LIKE_A_KEY = re.compile(r"(?<![A-Za-z0-9/+=_-])[A-Za-z0-9/+]{40}(?![A-Za-z0-9/+=_-])")
-"""Secret keys of AWS have no other mark than their length."""
+"""AWS secret keys have no other mark."""
 
 KEY_BLOCK = re.compile(
     r"-----BEGIN [A-Z0-9 ]*PRIVATE KEY( BLOCK)?-----.*?"
@@ -145,11 +137,10 @@ KEY_BLOCK = re.compile(
     re.DOTALL,
 )
 KEY_END = re.compile(r"(?:[A-Za-z0-9+/=]{16,}\s*\n)+[^\n]*-----END [A-Z0-9 ]*PRIVATE KEY[^\n]*")
-"""The end of a block whose beginning is missing."""
 
 
 def is_like_a_key(word: str) -> bool:
-    """Whether a word that `LIKE_A_KEY` finds is as mixed as a random one."""
+    """As mixed as random letters."""
     classes = (str.isupper, str.islower, str.isdigit)
     mixed = all(any(has(letter) for letter in word) for has in classes)
     return mixed and len(set(word)) >= 16

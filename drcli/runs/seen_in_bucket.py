@@ -1,4 +1,4 @@
-"""What the bucket alone tells about a run: for pages of machines on which it does not run."""
+"""What the bucket alone tells about a run elsewhere."""
 
 import math
 from dataclasses import dataclass, field
@@ -17,23 +17,11 @@ from drcli.store.lease import live_holder
 from drcli.store.repair import Model
 
 MOST_LINES = 24
-"""Episodes of an iteration whose line is read."""
-
 MOST_POINTS = 160
-"""Points of a line; of more, some are left out evenly."""
 
 
 @dataclass(frozen=True)
 class SeenRun:
-    """A run and its bucket.
-
-    Attributes:
-        model: Its model; None if the bucket's server does not run.
-        prefix: Of its model.
-        world: DR_WORLD_NAME at its start.
-        alive: Whether it runs on this machine.
-    """
-
     model: Model | None
     prefix: str
     world: str
@@ -41,7 +29,7 @@ class SeenRun:
 
 
 def seen_run(settings: Settings, run_id: int) -> SeenRun:
-    """The run of a DR_RUN_ID that was started here; otherwise the model of the settings.
+    """A run that was started here; otherwise the model of the settings.
 
     Raises:
         StorageError: The bucket cannot be opened.
@@ -58,11 +46,7 @@ def seen_run(settings: Settings, run_id: int) -> SeenRun:
 
 
 def ended_elsewhere(config: RunConfig, bucket: Bucket) -> RunRecord | None:
-    """How the run ended on another machine, as its own record would say; None if it has not.
-
-    Raises:
-        StorageError: The bucket does not answer, or the record of the end is damaged.
-    """
+    """None if it has not; StorageError if the record is damaged."""
     outcome = read_outcome(bucket, config.model.prefix)
     if outcome is None or not outcome.ended:
         return None
@@ -84,11 +68,7 @@ def ended_elsewhere(config: RunConfig, bucket: Bucket) -> RunRecord | None:
 
 
 def trained_by(bucket: Bucket, prefix: str) -> str:
-    """A sentence that says who trains a model now; empty if nobody does.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
+    """A sentence that says who trains a model now; empty if nobody does."""
     held = live_holder(bucket, prefix)
     if held is None:
         return ""
@@ -98,15 +78,6 @@ def trained_by(bucket: Bucket, prefix: str) -> str:
 
 @dataclass(frozen=True)
 class DistantWorker:
-    """A worker on another machine, by what it writes to the bucket.
-
-    Attributes:
-        name: "trainer", "sim-0", ...
-        activity: What it does or waits for.
-        since: Unix seconds, by the clock of its machine.
-        host: Name of its machine.
-    """
-
     name: str
     activity: str
     since: float
@@ -115,16 +86,6 @@ class DistantWorker:
 
 @dataclass(frozen=True)
 class DistantRun:
-    """A training of a model on another machine.
-
-    Attributes:
-        prefix: Its model.
-        world: DR_WORLD_NAME of the settings here.
-        host: Its machine; null if no other machine trains the model.
-        heard_s: How long ago that was last heard from, seconds.
-        workers: The trainer first.
-    """
-
     prefix: str
     world: str
     host: str | None = None
@@ -133,11 +94,6 @@ class DistantRun:
 
 
 def distant_run(run: SeenRun) -> DistantRun:
-    """Look in the bucket who trains the model of a run, if this machine does not.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
     nobody = DistantRun(run.prefix, run.world)
     if run.alive or run.model is None:
         return nobody
@@ -160,7 +116,7 @@ def distant_run(run: SeenRun) -> DistantRun:
 
 @dataclass(frozen=True)
 class LapLine:
-    """Where a car drove in an episode: places in metres, rounded to centimetres."""
+    """Metres, rounded to centimetres."""
 
     x: list[float]
     y: list[float]
@@ -169,11 +125,6 @@ class LapLine:
 
 
 def read_lap_lines(bucket: Bucket, prefix: str, iteration: int, worker: int) -> list[LapLine]:
-    """Lines of the newest episodes of a worker in an iteration; empty if there is no trace.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
     for key in keys.training_traces(prefix, iteration, worker):
         try:
             return lap_lines(bucket.get(key))
@@ -183,7 +134,6 @@ def read_lap_lines(bucket: Bucket, prefix: str, iteration: int, worker: int) -> 
 
 
 def lap_lines(data: bytes) -> list[LapLine]:
-    """Lines of the newest episodes of a simtrace; damaged rows are left out."""
     episodes: dict[int, list[TraceRow]] = {}
     for row in read_rows(data).rows:
         if math.isfinite(row.x + row.y + row.progress):

@@ -1,4 +1,4 @@
-"""What a supervisor sees of its workers: their pulses, on its own clock."""
+"""What a supervisor sees of its workers' pulses, on its own clock."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,25 +11,16 @@ from drcli.exchange.pulse_record import PulseRecord
 from drcli.runs.worker_processes import TRAINER, Child
 
 LOOK_S = 2.0
-"""Time between two looks at the pulses."""
-
 QUIET_S = 10.0
-"""After this time without a pulse, the processor time of the worker is remembered: a frozen worker
-uses none from then on."""
+"""Then a frozen worker uses no processor time."""
 
 
 @dataclass
 class Seen:
-    """A worker process as its supervisor sees it; times are those of `SeenPulses.now_s`.
+    """A worker process; times are those of `SeenPulses.now_s`.
 
-    Attributes:
-        pid: Its process.
-        since_s: When it was first seen.
-        beat_s: When its last new pulse was seen.
-        turn_s: When it was first seen that its main thread came by the last time.
-        work_s: When its last progress was seen; None before the first.
-        quiet_cpu_s: Processor time that it had used `QUIET_S` after its last pulse; None before.
-        record: Its last pulse; None before the first.
+    `turn_s`: when its main thread came by. `quiet_cpu_s`: processor time used `QUIET_S` after
+    its last pulse.
     """
 
     pid: int
@@ -42,10 +33,7 @@ class Seen:
 
 
 class SeenPulses:
-    """Looks at the pulses of all workers of a run."""
-
     def __init__(self, folder: Path, clock: Callable[[], float] | None = None) -> None:
-        """Begin; `folder` is that of the run. Tests replace the clock."""
         self._folder = folder
         self._clock = clock or AwakeClock()
         self._workers: dict[str, Seen] = {}
@@ -54,7 +42,6 @@ class SeenPulses:
         """Seconds in which this supervisor ran, at the last look."""
 
     def look(self, children: Sequence[Child]) -> bool:
-        """Look at all workers if it is time; whether it was."""
         self.now_s = self._clock()
         if self.now_s - self._looked_s < LOOK_S:
             return False
@@ -67,15 +54,12 @@ class SeenPulses:
         return True
 
     def of(self, name: str) -> Seen | None:
-        """What is known about a worker; None if it does not run."""
         return self._workers.get(name)
 
     def silent_s(self, seen: Seen) -> float:
-        """How long there was no new pulse."""
         return self.now_s - seen.beat_s
 
     def describe(self, name: str) -> str:
-        """Whether a worker lives, and when it last made progress, in words."""
         seen = self.of(name)
         if seen is None:
             return "not running"
@@ -104,7 +88,6 @@ class SeenPulses:
 
 
 def cpu_s(pid: int) -> float | None:
-    """Processor time that a process has used; None if it has ended."""
     try:
         times = psutil.Process(pid).cpu_times()
     except psutil.Error:

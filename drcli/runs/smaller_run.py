@@ -1,4 +1,4 @@
-"""Makes a run smaller when memory is short: fewer cars at a time, then fewer workers."""
+"""Makes a run smaller when memory is short: fewer cars, then workers."""
 
 from collections.abc import Sequence
 
@@ -6,24 +6,16 @@ from drcli.runs.duty import RunningTraining
 from drcli.runs.worker_processes import TRAINER, Child
 
 DIVISORS = (2, 4)
-"""Steps to fewer cars at a time: each worker drives the same episodes, but more of them one after
-another."""
 
 
 class SmallerRun:
-    """Takes one step after the other; what is learned stays valid with each of them."""
+    """What is learned stays valid with each step."""
 
     def __init__(self) -> None:
         self._steps = 0
         self._leaving: set[str] = set()
 
     def next_step(self, victim: Child, run: RunningTraining) -> str | None:
-        """Make the run smaller; a sentence about it, or None if it cannot get smaller.
-
-        Args:
-            victim: The worker that ended because memory ran out; it is started next.
-            run: The run with all its workers.
-        """
         simulation = [c for c in run.children if c.name != TRAINER and not c.left_out]
         if self._steps < len(DIVISORS):
             divisor = DIVISORS[self._steps]
@@ -43,7 +35,6 @@ class SmallerRun:
         )
 
     def note_left_out(self, child: Child) -> bool:
-        """Whether a worker that has ended was told to leave; it then is not started again."""
         if child.name not in self._leaving:
             return False
         child.left_out = True

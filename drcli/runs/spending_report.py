@@ -1,4 +1,4 @@
-"""What a training has left of its limits, and its requests per hour, for `dr-status`."""
+"""What a training has left of its limits, and its requests."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,6 @@ from drcli.exchange.spending import Spending
 from drcli.store.request_count import NIGHT_HOURS, RequestCount
 
 LEAST_HOURS = 0.1
-"""A shorter time says nothing about an hour or a night: a start makes many requests."""
 
 
 @dataclass(frozen=True)
@@ -52,14 +51,12 @@ class RequestReport:
 
 
 def time_left_s(spending: Spending | None) -> float | None:
-    """Seconds until the time limit; None without one."""
     if spending is None or spending.max_minutes is None:
         return None
     return max(0.0, 60.0 * spending.max_minutes - 3600.0 * spending.own_hours)
 
 
 def money_left(spending: Spending | None) -> float | None:
-    """USD until DR_MAX_COST; None without that limit."""
     if spending is None or not spending.max_usd or spending.usd is None:
         return None
     return max(0.0, spending.max_usd - spending.usd)
@@ -68,10 +65,6 @@ def money_left(spending: Spending | None) -> float | None:
 def request_report(
     count: RequestCount, hours: float, storage: StorageConfig
 ) -> RequestReport | None:
-    """The requests of the newest start in its hours; None before there are any.
-
-    Only Amazon's prices are known, so a price is told only of a bucket there.
-    """
     if not count.requests or hours <= 0.0:
         return None
     billed = storage.at_amazon and hours >= LEAST_HOURS
@@ -87,5 +80,4 @@ def request_report(
 
 
 def usd_text(amount: float) -> str:
-    """An amount of money as people read it."""
     return f"{amount:.2f} USD" if amount >= 0.1 or amount == 0.0 else f"{amount:.4f} USD"

@@ -1,4 +1,4 @@
-"""Notes in the journal that a training has gone on to its next stage or phase."""
+"""Notes the next stage or phase in the journal."""
 
 from drcli.exchange.job import Job
 from drcli.exchange.stage_note import StageNote
@@ -8,12 +8,6 @@ from drcli.runs.outcome import Ending, Outcome
 
 
 class StageWatch(Duty):
-    """Reads what the trainer leaves in the folder of the run when a stage begins.
-
-    Args:
-        job: The training.
-    """
-
     name = "stages"
 
     def __init__(self, job: Job) -> None:
@@ -22,16 +16,13 @@ class StageWatch(Duty):
         self._seen = ""
 
     def start(self, run: RunningTraining) -> None:
-        """Begin to look; what an earlier process of this start left was noted then."""
         self._journal = run.journal
 
     def check(self) -> Outcome | None:
-        """Note a stage that has begun."""
         self._look()
         return None
 
     def finish(self, ending: Ending) -> None:
-        """Note a stage that began in the last moment."""
         self._look()
 
     def _look(self) -> None:

@@ -1,7 +1,7 @@
-"""Notices that a training makes no progress although its processes live, and what to do then.
+"""Notices that a training makes no progress, and restarts stuck workers.
 
-Progress is a finished step of any worker: cars that moved on, or a step of the learner. So neither
-a huge iteration nor a slow reward function is a stall.
+Progress is a finished step of any worker, so a huge iteration or a slow reward function is not
+a stall.
 """
 
 from collections.abc import Sequence
@@ -16,16 +16,13 @@ from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import STACKS_S, TRAINER, Child
 
 TURN_S = 60.0
-"""A worker whose main thread did not come by for so long is stuck in one call."""
+"""Then its main thread is stuck in one call."""
 
 MOST_STALLS = 3
-"""How many stalls without an update between them end the run: workers that move on for a while
-after each restart, and then get stuck again, will not finish an iteration."""
+"""Without an update between them, no iteration will finish."""
 
 
 class StallWatch(Duty):
-    """Restarts workers that are stuck, and ends the run if that does not help."""
-
     name = "stall watch"
 
     def __init__(
@@ -34,13 +31,6 @@ class StallWatch(Duty):
         pulses: SeenPulses,
         board: WarningsBoard,
     ) -> None:
-        """Prepare.
-
-        Args:
-            minutes: DR_STALL_MINUTES; 0 to watch nothing.
-            pulses: Of the workers; somebody else looks at them.
-            board: For warnings.
-        """
         self._stall_s = 60.0 * minutes
         self._pulses = pulses
         self._board = board
@@ -60,7 +50,6 @@ class StallWatch(Duty):
         self._checked_s = self._since_s = self._update_s = self._pulses.now_s
 
     def check(self) -> Outcome | None:
-        """Look for progress whenever there are new pulses."""
         now_s = self._pulses.now_s
         if self._stall_s == 0.0 or now_s == self._checked_s:
             return None
@@ -92,7 +81,7 @@ class StallWatch(Duty):
         return None
 
     def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
-        """Do not count the time in which the bucket does not answer: no worker is to blame."""
+        """While the bucket does not answer, no worker is to blame."""
         if words is not None and (words.silent or words.code == StorageError.code):
             now_s = self._pulses.now_s
             self._since_s = self._update_s = self._excused_s = now_s
@@ -107,7 +96,6 @@ class StallWatch(Duty):
         return None
 
     def _note_progress(self) -> bool:
-        """Whether any worker made progress within the last minutes, the restart included."""
         works = [seen.work_s for _, seen in self._seen() if seen.work_s is not None]
         newest_s = max(works, default=None)
         if newest_s is not None and newest_s > max(self._since_s, self._worked_s):
@@ -124,7 +112,6 @@ class StallWatch(Duty):
         return self._pulses.now_s - self._since_s < self._stall_s
 
     def _tell_of_missing_update(self) -> None:
-        """Say once, and then after twice the time, that others work and the trainer does not."""
         quiet_s = self._pulses.now_s - self._update_s
         if quiet_s < max(self._stall_s, 2.0 * self._told_s):
             return
@@ -133,7 +120,6 @@ class StallWatch(Duty):
         self._board.warn("update", text, "notice")
 
     def _restart_single(self) -> None:
-        """Restart a worker that should work and has not for the whole time, while others do."""
         now_s = self._pulses.now_s
         for child, seen in self._seen():
             quiet_s = now_s - max(seen.since_s, seen.work_s or 0.0, seen.turn_s, self._excused_s)
@@ -148,7 +134,6 @@ class StallWatch(Duty):
                 self._prepare_to_kill([child])
 
     def _situation(self) -> str:
-        """Who waits for whom, in words."""
         waiting = [c.name for c, seen in self._seen() if seen.record and seen.record.waits]
         others = [c.name for c, _ in self._seen() if c.name not in waiting]
         alive = {c.name: f"{c.name}, {self._pulses.describe(c.name)}" for c, _ in self._seen()}
@@ -166,7 +151,7 @@ class StallWatch(Duty):
         return seen.record.activity if seen is not None and seen.record is not None else "starting"
 
     def _blamed(self) -> list[Child]:
-        """The workers that do not wait for another one, or whose main thread is stuck; or all."""
+        """Those that wait for nobody, or are stuck; or all."""
         now_s = self._pulses.now_s
         stuck = [
             child
@@ -176,7 +161,6 @@ class StallWatch(Duty):
         return stuck or [child for child, _ in self._seen()]
 
     def _prepare_to_kill(self, children: Sequence[Child]) -> None:
-        """Ask the workers for their stacks, and kill them a little later."""
         for child in children:
             seen = self._pulses.of(child.name)
             if seen is not None and seen.record is not None:

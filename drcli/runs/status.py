@@ -1,4 +1,4 @@
-"""Looks up the state of a run: in its record on this machine and in the bucket."""
+"""Looks up the state of a run: in its record here and in the bucket."""
 
 import socket
 import time
@@ -255,7 +255,7 @@ class RunReport:
 
 
 def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport:
-    """Look up everything about a run; a `reader` saves time if this is repeated."""
+    """A `reader` saves time if this is repeated."""
     folder = run_folder(config.directory, config.run_id)
     record = RunRecord.read(folder)
     alive = record is not None and record.alive
@@ -405,7 +405,6 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
 
 
 def _limit(config: RunConfig, world: str, laps: CheckpointLaps | None) -> str:
-    """How far the best lap of a checkpoint is from the limit; empty if either is unknown."""
     if laps is None or laps.fastest_s is None:
         return ""
     race = config.race()
@@ -424,7 +423,6 @@ def _budget(config: RunConfig) -> DayBudget | None:
 
 
 def notes_of_run(config: RunConfig, report: RunReport) -> list[str]:
-    """What the racer wrote about the model of a run, oldest first; empty without an answer."""
     bucket = open_running_bucket(config.storage)
     if bucket is None or bucket.name != report.bucket:
         return []
@@ -436,7 +434,6 @@ def notes_of_run(config: RunConfig, report: RunReport) -> list[str]:
 
 
 def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
-    """The workers of other machines that have joined a start of the training."""
     shares = read_shares_record(bucket, record.prefix)
     if shares is None or shares.session != record.session:
         return []
@@ -462,7 +459,6 @@ def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
 
 
 def _said(bucket: Bucket, prefix: str, name: str) -> ActivityRecord:
-    """What a worker has said about itself."""
     key = keys.status(prefix, name)
     try:
         return read_record(bucket, key, ActivityRecord.decode, remedy_of(key))

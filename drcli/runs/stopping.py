@@ -1,4 +1,4 @@
-"""Stops what was started in a working folder: trainings, evaluations and the local S3 server."""
+"""Stops trainings, evaluations and the server of a working folder."""
 
 import os
 import signal
@@ -19,8 +19,6 @@ from drcli.runs.status import RunReport, inspect
 from drcli.store.server import server
 
 TRAINING_PATIENCE_S = 30.0
-"""For a checkpoint, metrics and logs; after that the workers are killed."""
-
 KILLED_PATIENCE_S = 10.0
 EVALUATION_PATIENCE_S = 15.0
 
@@ -61,14 +59,13 @@ class StopReport:
 
 
 def running_trainings(directory: Path) -> list[RunRecord]:
-    """Running trainings that were started in a working folder, of all DR_RUN_IDs."""
     folders = sorted((directory / "data" / "runs").glob("*/run.json"))
     records = (RunRecord.read(path.parent) for path in folders)
     return [record for record in records if record is not None and record.alive]
 
 
 def stop(config: RunConfig) -> RunReport:
-    """Stop a training and wait for its end; a second call meanwhile kills its workers."""
+    """A second call meanwhile kills its workers."""
     record = _alive(config)
     if record is not None:
         _terminate([record], config.directory)
@@ -77,13 +74,9 @@ def stop(config: RunConfig) -> RunReport:
 
 
 def stop_waiting(directory: Path, run_id: int) -> list[Stopped]:
-    """End the starts of a DR_RUN_ID on this machine that wait until another one has ended.
+    """End waiting starts, and workers of `dr-start-worker`; WorkerDied if one stays.
 
-    The workers that `dr-start-worker` has started here end, too. A sweep interrupts its trainings
-    first, so that it can continue them.
-
-    Raises:
-        WorkerDied: A process did not exit.
+    A sweep interrupts its trainings first, so that it can continue them.
     """
     waiting = WaitingStart.all(run_folder(directory, run_id))
     for one in waiting:
@@ -101,24 +94,20 @@ def stop_waiting(directory: Path, run_id: int) -> list[Stopped]:
 
 
 def is_running(config: RunConfig) -> bool:
-    """Whether a training of this DR_RUN_ID runs on this machine."""
     return _alive(config) is not None
 
 
 def _alive(config: RunConfig) -> RunRecord | None:
-    """The training of this DR_RUN_ID, if it runs on this machine."""
     record = RunRecord.read(run_folder(config.directory, config.run_id))
     return record if record is not None and record.alive else None
 
 
 def stop_the_only_training(directory: Path) -> Stopped | None:
-    """Stop the only training of a working folder; None if none or several run."""
     trainings = running_trainings(directory)
     return _stop(trainings, [], directory)[0] if len(trainings) == 1 else None
 
 
 def stop_runs(directory: Path) -> list[Stopped]:
-    """Stop every training and evaluation that was started in a working folder."""
     waiting = [
         one
         for folder in sorted((directory / "data" / "runs").glob("*"))
@@ -130,23 +119,17 @@ def stop_runs(directory: Path) -> list[Stopped]:
 
 
 def stop_evaluations(directory: Path, run_id: int) -> list[Stopped]:
-    """Stop the evaluations of one DR_RUN_ID, whichever shell started them."""
     return _stop([], running_evaluations(directory, run_id), directory)
 
 
 def stop_evaluations_of(directory: Path, bucket: str, prefix: str) -> list[Stopped]:
-    """Stop the evaluations of one model, of all DR_RUN_IDs."""
     running = running_evaluations(directory)
     own = [each for each in running if (each.bucket, each.prefix) == (bucket, prefix)]
     return _stop([], own, directory)
 
 
 def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
-    """Stop everything that was started in a working folder, and nothing else on the machine.
-
-    Args:
-        directory: The racer's working folder.
-        load: Loads the settings of the bucket.
+    """Nothing else on the machine.
 
     Raises:
         SettingsError: They are wrong, and no server runs in the default folder.
@@ -168,11 +151,6 @@ def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
 def _stop(
     trainings: Sequence[RunRecord], evaluations: Sequence[EvaluationRecord], directory: Path
 ) -> list[Stopped]:
-    """Stop runs.
-
-    Raises:
-        WorkerDied: A process did not exit.
-    """
     # A loop of evaluations has a record of its own besides that of its present round.
     evaluations = [*{record.pid: record for record in evaluations}.values()]
     runs: list[Run] = [*trainings, *evaluations]
@@ -198,7 +176,6 @@ def _refuse_left(runs: Sequence[Run | WaitingStart]) -> None:
 
 
 def kind_of(run: Run) -> Literal["training", "evaluation"]:
-    """Whether this is the record of a training or of an evaluation."""
     return "training" if isinstance(run, RunRecord) else "evaluation"
 
 
@@ -212,7 +189,6 @@ def _terminate(runs: Sequence[Run], directory: Path) -> None:
 
 
 def _wait(runs: Sequence[Run], patience_s: float) -> bool:
-    """Whether all of them ended in time."""
     return wait_until(
         lambda: not any(is_alive(run.pid, run.pid_started) for run in runs),
         patience_s=patience_s,

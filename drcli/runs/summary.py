@@ -1,4 +1,4 @@
-"""A summary of a working folder: settings, bucket, what runs there, and the machine."""
+"""A summary of a working folder and its machine."""
 
 import time
 from contextlib import suppress
@@ -116,7 +116,7 @@ class Summary:
 
 
 def summarize(settings: Settings) -> Summary:
-    """Look at everything, without starting a server; waits two seconds at most for the bucket."""
+    """Starts no server; waits two seconds for the bucket."""
     directory = settings.directory
     versions = {"python": python_version(), **installed_versions(PACKAGES)}
     # Asking torch for the GPUs would take seconds to load it.
@@ -144,7 +144,7 @@ def summarize(settings: Settings) -> Summary:
 
 
 def _bucket_state(settings: Settings) -> BucketState:
-    """Ask the bucket, in a thread: some libraries wait for an answer for too long."""
+    """In a thread: some libraries wait for too long."""
     late = f"no answer within {BUCKET_PATIENCE_S:.0f} s"
     state = BucketState(settings.cloud, settings.bucket, None, "silent", late)
     try:
@@ -195,7 +195,6 @@ def _best(bucket: Bucket, settings: Settings) -> CheckpointEntry | None:
 
 
 def _newest_on_disk(settings: Settings) -> str | None:
-    """Newest checkpoint in the folder of a stopped server; "" for none, None if unknown."""
     [place] = addresses(
         settings.storage, settings.model, settings.custom_files_prefix, ["model"]
     ).places

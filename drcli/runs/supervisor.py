@@ -1,4 +1,4 @@
-"""Keeps a training alive: starts its workers, restarts those that die, ends the run."""
+"""Keeps a training alive: starts and restarts its workers."""
 
 import signal
 import time
@@ -29,20 +29,14 @@ from drcli.tracking.open_sinks import tensorboard_folder
 _logger = get_logger(__name__)
 
 POLL_S = 0.2
-"""How often the supervisor looks at its processes."""
-
 SERVER_CHECK_S = 1.0
 
 FINISHED_S = 10.0
-"""How long the trainer may take to finish after a simulation worker has finished."""
-
 SIGTERM_MARGIN_S = 3.0
-"""How long before the end of DR_SIGTERM_GRACE_SECONDS the run should have ended."""
+"""Before the end of DR_SIGTERM_GRACE_SECONDS."""
 
 
 class Supervisor:
-    """One run on this machine, from the first process to the last."""
-
     def __init__(
         self,
         job: Job,
@@ -55,18 +49,6 @@ class Supervisor:
         restart_server: Callable[[], object],
         duties: Sequence[Duty] = (),
     ) -> None:
-        """Prepare the workers.
-
-        Args:
-            job: What to train.
-            bucket: Holds the model.
-            record: The record of the run on this machine.
-            renewal: Keeps the lease of the model.
-            open_bucket: Opens the bucket for another thread.
-            revive_server: Starts the bucket's server if it does not answer.
-            restart_server: Restarts it in any case, if it is ours.
-            duties: What else is to be done, in the order in which it matters at the end.
-        """
         self._job = job
         self._bucket = bucket
         self._record = record
@@ -99,7 +81,7 @@ class Supervisor:
         self._logs = LogUpload(open_bucket, job.directory, prefix, job.config.logs, names, events)
 
     def run(self) -> int:
-        """Supervise until the training is over; returns the exit code of the command."""
+        """Returns the exit code of the command."""
         handle(self._note_signal)
         outcome = Outcome(1, "The supervisor failed.", "Read its log with `dr-logs supervisor`.")
         try:
@@ -142,14 +124,13 @@ class Supervisor:
         _logger.info("%s started as process %d.", child.name, child.process.pid)
 
     def _forbid_earlier_trainers(self, number: int) -> None:
-        """Let only this trainer write: the one before may live on a machine that is cut off."""
+        """One may live on a machine that is cut off."""
         if number:
             written = self._lease.ask(partial(self._renewal.begin_trainer, number))
             while not written.wait(POLL_S) and self._signal is None:
                 pass
 
     def _watch(self) -> Outcome:
-        """Watch the workers until there is a reason to end the run."""
         while True:
             if self._signal is not None:
                 return self._stopped_by(signal.Signals(self._signal))
@@ -172,7 +153,7 @@ class Supervisor:
             time.sleep(POLL_S)
 
     def _stopped_by(self, number: signal.Signals) -> Outcome:
-        """How a run ends after a signal: a person sent it, or a scheduler takes the machine."""
+        """A person sent the signal, or a scheduler takes the machine."""
         if number == signal.SIGINT:
             return Outcome(CTRL_C, "Stopped by Ctrl-C.", stays_ended=True)
         if StopRequest.is_for(self._job.session, self._job.folder):
@@ -189,7 +170,6 @@ class Supervisor:
         )
 
     def _handle_exit(self, child: Child) -> Outcome | None:
-        """Restart a worker that has exited, or return how the run ends."""
         assert child.process is not None
         code = child.process.returncode
         words = WorkerExit.read(self._job.folder, child.name) or exit_of_stuck(
@@ -239,7 +219,6 @@ class Supervisor:
         self._journal.note("recovery", "The server of the bucket was started again.")
 
     def _end(self, outcome: Outcome) -> Outcome:
-        """End the run, and record its outcome on this machine."""
         self._record = replace(self._record, ending=True)
         self._write_record()
         run_ending = RunEnding(

@@ -1,7 +1,6 @@
-"""Packs what helps others to understand a fault into an archive, without secrets.
+"""Packs what helps to understand a fault into an archive, without secrets.
 
-The archive contains text only. Every text goes through `Redactor`; the finished archive is read
-again and searched for all known secrets before anybody gets its name.
+Every text goes through `Redactor`; the archive is searched again.
 """
 
 import json
@@ -34,10 +33,8 @@ from drcli.store.server.state import own_file
 
 MANIFEST = "manifest.json"
 MOST_BYTES = 12 << 20
-"""Of all texts together, before they are compressed."""
-
 LOG_BYTES = 1 << 20
-"""Of a log: its end. Its beginning has up to a sixteenth of that."""
+"""The end of a log; its beginning has up to a sixteenth of that."""
 
 RECORD_BYTES = 256 << 10
 MOST_CRASHES = 5
@@ -93,13 +90,7 @@ class BundleReport:
 def make_bundle(
     directory: Path, target: Path, *, with_custom_files: bool = True, overwrite: bool = False
 ) -> BundleReport:
-    """Write the archive.
-
-    Args:
-        directory: Working folder; it need not have settings.
-        target: The archive.
-        with_custom_files: Whether to include the reward function and its two companions.
-        overwrite: Whether to replace a file of that name.
+    """`directory` need not have settings.
 
     Raises:
         SettingsError: The archive exists or cannot be written, or a secret was found in it.
@@ -110,8 +101,6 @@ def make_bundle(
 
 
 class _Bundle:
-    """Collects texts until they are written."""
-
     def __init__(self, directory: Path, *, with_custom_files: bool) -> None:
         self._directory = directory
         self._with_custom_files = with_custom_files
@@ -165,7 +154,7 @@ class _Bundle:
         self._texts[name] = text
 
     def _everything(self) -> Iterator[tuple[str, str]]:
-        """Small and telling texts first, then logs, the newest first."""
+        """The most telling texts first."""
         yield "doctor.json", _json(asdict(diagnose(self._directory)))
         yield "packages.txt", _packages()
         if self._settings is not None:
@@ -217,7 +206,6 @@ class _Bundle:
             yield from self._file(path, LOG_BYTES)
 
     def _file(self, path: Path, most_bytes: int) -> Iterator[tuple[str, str]]:
-        """A file of the working folder, if it is an ordinary file that can be read."""
         if not path.is_file() or (path.is_symlink() and "custom_files" not in path.parts):
             return
         with suppress(ValueError):
@@ -272,13 +260,12 @@ def _report(
 
 @lru_cache(maxsize=1)
 def _packages() -> str:
-    """Installed packages; not from where, because an address may hold a password."""
+    """Not from where: an address may hold a password."""
     found = {f"{each.metadata['Name']}=={each.version}" for each in metadata.distributions()}
     return "\n".join(sorted(found, key=str.casefold)) + "\n"
 
 
 def _home() -> Path:
-    """The user's home folder; the root folder for a user who has none, as in some containers."""
     try:
         return Path.home()
     except RuntimeError:

@@ -1,4 +1,4 @@
-"""Takes a model for a start: of several starts at the same time, one trains."""
+"""Takes a model: of several starts at the same time, one trains."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -13,10 +13,7 @@ from drcli.store.bucket import Bucket
 
 @contextmanager
 def taken(job: Job, bucket: Bucket, review: Callable[[], None]) -> Iterator[None]:
-    """Take the lease of the model prefix, and release it if the `with` block fails.
-
-    Another start may have taken it during the checks, which need seconds. The folder is locked only
-    for this step, because other commands need it too.
+    """Take the lease of the model prefix; released if the `with` block fails.
 
     Raises:
         SettingsError: Another start was faster.

@@ -1,4 +1,4 @@
-"""Starts and stops TensorBoard for the event files of a working folder."""
+"""Starts and stops TensorBoard for a working folder."""
 
 import importlib.util
 import os
@@ -28,11 +28,8 @@ from drcli.tracking.open_sinks import event_folder, tensorboard_folder
 from drcli.workers.live_figures import earlier_points
 
 USUAL_PORT = 6006
-"""TensorBoard's own default."""
-
 READY_S = 180.0
-"""How long it may take until it answers: it loads many libraries, and a training may have taken all
-cores."""
+"""A training may have taken all cores."""
 
 STOPPING_S = 10.0
 
@@ -41,8 +38,6 @@ _RECORD = "server.json"
 
 @dataclass(frozen=True)
 class ServerRecord:
-    """A TensorBoard that was started: `began_s` as in `drcli.base.process_identity`."""
-
     pid: int
     began_s: float
     port: int
@@ -85,7 +80,6 @@ class MetricsReport:
 
 
 def tools_of(config: FigureConfig, directory: Path) -> list[Tool]:
-    """All tools, and where the settings send their figures."""
     host, port = config.telegraf_host, config.telegraf_port
     served = f"http://{config.prometheus_host}:{config.prometheus_port}/metrics"
     return [
@@ -107,11 +101,7 @@ def tools_of(config: FigureConfig, directory: Path) -> list[Tool]:
 
 
 def check_tensorboard(settings: Settings) -> None:
-    """Check that there is something to show.
-
-    Raises:
-        NotAvailable: TensorBoard is not installed, and no other tool gets figures.
-    """
+    """NotAvailable without TensorBoard and other tools that get figures."""
     tools = tools_of(settings.run.figures, settings.directory)
     others = any(tool.place for tool in tools if tool.name != "TensorBoard")
     if not is_installed() and not others:
@@ -127,10 +117,7 @@ def is_installed() -> bool:
 
 
 def fetch_events(settings: Settings, bucket: Bucket, prefixes: Sequence[str]) -> list[str]:
-    """Bring the event files of models that were trained elsewhere.
-
-    Returns:
-        The models of which the bucket had something new.
+    """The models with event files that were not here.
 
     Raises:
         StorageError: The bucket cannot be read.
@@ -147,10 +134,7 @@ def fetch_events(settings: Settings, bucket: Bucket, prefixes: Sequence[str]) ->
 
 
 def write_histories(settings: Settings, bucket: Bucket, prefixes: Sequence[str]) -> list[str]:
-    """Make the event files of models that were trained without them.
-
-    Returns:
-        The models that had none, and that have a history.
+    """Make event files for trainings without them.
 
     Raises:
         StorageError: The bucket cannot be read.
@@ -166,13 +150,7 @@ def start_tensorboard(
     port: int | None = None,
     fetched: Sequence[str] = (),
 ) -> MetricsReport:
-    """Start TensorBoard unless it runs already, or is not installed.
-
-    Args:
-        settings: Of the working folder.
-        written: Models whose event files were made just now, for the report.
-        port: Where it listens; None for the usual port, or another one if that is taken.
-        fetched: Models whose event files were brought from the bucket, likewise.
+    """Start it unless it runs or is not installed.
 
     Raises:
         SettingsError: It does not start.
@@ -187,11 +165,7 @@ def start_tensorboard(
 
 
 def stop_tensorboard(directory: Path) -> ServerRecord | None:
-    """Stop the TensorBoard of a working folder; None if none runs.
-
-    Raises:
-        SettingsError: It does not end.
-    """
+    """SettingsError if it does not end."""
     record = running_tensorboard(directory)
     path = event_folder(directory) / _RECORD
     if record is None:
@@ -210,7 +184,6 @@ def stop_tensorboard(directory: Path) -> ServerRecord | None:
 
 
 def running_tensorboard(directory: Path) -> ServerRecord | None:
-    """The TensorBoard that was started in a working folder, if it still runs."""
     record = load_record(ServerRecord, event_folder(directory) / _RECORD)
     if record is None or not is_alive(record.pid, record.began_s):
         return None
@@ -218,7 +191,6 @@ def running_tensorboard(directory: Path) -> ServerRecord | None:
 
 
 def _write_history(settings: Settings, bucket: Bucket, prefix: str) -> bool:
-    """Make the event files of a model that was trained without them; whether there were none."""
     folder = tensorboard_folder(settings.directory, prefix)
     if any(folder.glob(PATTERN)):
         return False
@@ -274,11 +246,6 @@ def _start(directory: Path, folder: Path, port: int | None) -> ServerRecord:
 
 
 def _choose_port(port: int | None) -> int:
-    """The port that was asked for; else the usual one, or any free one.
-
-    Raises:
-        SettingsError: The one that was asked for is taken.
-    """
     if port is None:
         return USUAL_PORT if is_free(USUAL_PORT) else free_port()
     if not is_free(port):

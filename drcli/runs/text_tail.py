@@ -1,19 +1,12 @@
-"""Reads the end of a file as text: whole lines only, and the first ones if it is long."""
+"""Reads the end of a file as text."""
 
 from pathlib import Path
 
 _HEAD_SHARE = 16
-"""The beginning gets one part in so many: it says how a process started."""
 
 
 def text_tail(path: Path, most_bytes: int) -> str:
-    """The file, or its beginning and end if it is longer than `most_bytes`.
-
-    Never a part of a line, which could be a part of a secret; what is no UTF-8 is replaced.
-
-    Raises:
-        OSError: It cannot be read.
-    """
+    """Never a part of a line, which could be a part of a secret."""
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(0)

@@ -1,4 +1,4 @@
-"""Finds what is left over in the bucket and on this machine, and deletes what was chosen."""
+"""Deletes what is left over in the bucket and here."""
 
 import json
 import re
@@ -31,15 +31,13 @@ from drcli.store.model_traces import models_in
 from drcli.store.repair import Model
 
 TidyKind = Literal["remains", "damaged", "rollouts", "traces", "checkpoints", "logs"]
-"""What can be left over; see `docs/checkpoints.md`."""
-
 KINDS_OF_TIDY: tuple[TidyKind, ...] = get_args(TidyKind)
 
 USUAL: tuple[TidyKind, ...] = ("remains", "damaged", "rollouts")
-"""What nobody misses. The others go only if they are named."""
+"""What nobody misses."""
 
 RECENT_S = 3600.0
-"""Remains that were written within this time may belong to a copy that is still going on."""
+"""They may belong to a copy that is going on."""
 
 _TRACE = re.compile(r"(?:\d+/)?training-simtrace/\d+-iteration\.csv")
 
@@ -86,16 +84,7 @@ class TidyReport:
 
 @dataclass(frozen=True)
 class TidyOptions:
-    """Options of the command.
-
-    Attributes:
-        models: Names or patterns of models; empty for all.
-        keep: The same, for what is left alone.
-        kinds: What goes.
-        checkpoints: Which checkpoints stay, such as `last-2,best,first-lap`; empty for all.
-        older_than_s: Only what was last written longer ago than this, seconds.
-        dry_run: Whether the report is all that is wanted.
-    """
+    """`checkpoints`: rules for what stays, such as `last-2,best,first-lap`."""
 
     models: Sequence[str] = ()
     keep: Sequence[str] = ()
@@ -106,11 +95,6 @@ class TidyOptions:
 
 
 def read_kinds(text: str | None, checkpoints: str) -> tuple[TidyKind, ...]:
-    """The kinds that an option names, separated by commas; `checkpoints` adds that kind.
-
-    Raises:
-        SettingsError: One is none.
-    """
     found = list(USUAL) if text is None and not checkpoints else []
     for word in filter(None, re.split(r"[,\s]+", text or "")):
         kind = next((each for each in KINDS_OF_TIDY if each == word.casefold()), None)
@@ -131,11 +115,6 @@ def read_kinds(text: str | None, checkpoints: str) -> tuple[TidyKind, ...]:
 
 
 def checked_rules(text: str) -> tuple[str, ...]:
-    """Rules for checkpoints, separated by commas.
-
-    Raises:
-        SettingsError: One is none.
-    """
     rules = tuple(word.casefold() for word in re.split(r"[,\s]+", text) if word)
     for rule in rules:
         if not _RULE.fullmatch(rule):
@@ -148,11 +127,7 @@ def checked_rules(text: str) -> tuple[str, ...]:
 
 
 def find_surplus(settings: Settings, options: TidyOptions) -> TidyReport:
-    """Find what would go; nothing is deleted.
-
-    Raises:
-        SettingsError: A rule is none.
-    """
+    """SettingsError for a wrong rule."""
     rules = checked_rules(options.checkpoints)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     everything = bucket.list("")
@@ -181,7 +156,7 @@ def find_surplus(settings: Settings, options: TidyOptions) -> TidyReport:
 
 
 def tidy(report: TidyReport, settings: Settings) -> TidyReport:
-    """Delete what was found; a model that somebody has begun to train meanwhile is left alone."""
+    """Leaves alone what is being trained."""
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     done, busy = [], list(report.busy)
     for prefix, of_model in groupby(report.items, key=lambda item: item.model):
@@ -202,7 +177,6 @@ def tidy(report: TidyReport, settings: Settings) -> TidyReport:
 
 
 _Found = tuple[str, int, float]
-"""Key or path, size in bytes, when it was written in Unix seconds."""
 
 
 def _of_kind(
@@ -239,10 +213,7 @@ def _of_kind(
 
 
 def _is_of_another_system(prefix: str, listed: Sequence[str]) -> bool:
-    """Whether the objects without a pointer may be all that there is of somebody's model.
-
-    These are TensorFlow checkpoints, and everything that no start of drcli has written.
-    """
+    """Objects without a pointer may be all there is of a TensorFlow model."""
     folder = keys.folder(prefix)
     kind = kind_of([key.removeprefix(folder) for key in listed if key.startswith(folder)])
     ours = (keys.run_folder(prefix), keys.rollouts_folder(prefix), keys.training_start(prefix))
@@ -255,7 +226,7 @@ def _found(info: ObjectInfo) -> _Found:
 
 
 def _rollouts(bucket: Bucket, prefix: str) -> Iterator[_Found]:
-    """Recorded episodes of a training that does not run; SAC still needs its own to go on."""
+    """SAC still needs its own to go on."""
     try:
         metadata = json.loads(bucket.get(keys.model_metadata(prefix)))
     except (ObjectMissing, ValueError):
@@ -270,7 +241,7 @@ def _rollouts(bucket: Bucket, prefix: str) -> Iterator[_Found]:
 def _checkpoints(
     settings: Settings, bucket: Bucket, prefix: str, rules: tuple[str, ...]
 ) -> list[_Found]:
-    """All objects of checkpoints that no rule keeps; what the pointers name always stays."""
+    """What the pointers name always stays."""
     has = ModelCheckpoints.read(Model.of(settings.model, bucket, prefix))
     if has.scores is None:
         return []
@@ -313,7 +284,6 @@ def _orphaned_logs(settings: Settings, prefix: str) -> list[_Found]:
 
 
 def _run_prefixes(listed: Iterable[ObjectInfo]) -> set[str]:
-    """Prefixes of which there are records of a run, or rollouts."""
     found = set()
     for info in listed:
         run = re.fullmatch(

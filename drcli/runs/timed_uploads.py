@@ -1,7 +1,6 @@
-"""Uploads a model while it trains: by the clock, at each new best checkpoint, and at interruptions.
+"""Uploads a model by the clock, at new best checkpoints, and at interruptions.
 
-Each upload is a command of its own (`drcli.runs.command_process`), so that it can neither hold up
-nor end the training. One runs at a time.
+Each upload is a command of its own, which cannot hold up the training; one runs at a time.
 """
 
 import time
@@ -19,29 +18,17 @@ from drcli.runs.outcome import INTERRUPTED, Ending, Outcome
 _logger = get_logger(__name__)
 
 BEST_EVERY_S = 300.0
-"""Least time between two uploads of best checkpoints: at first, each evaluation is a new best."""
+"""At first, each evaluation is a new best."""
 
 MODELS_SHARE, ARCHIVE_SHARE = 0.6, 0.4
-"""Shares of the time that is left at an interruption: for models, and then for the car archive. The
-rest is for logs and for releasing the lease."""
+"""Of the time left at an interruption; the rest is for logs and lease."""
 
 STOPPED_PATIENCE_S = 5.0
-"""How long an upload that is running may still take when the training is stopped or fails."""
 
 
 @dataclass
 class Upload:
-    """A kind of upload, and when it is due.
-
-    Attributes:
-        name: What it uploads, for the log.
-        command: Its arguments.
-        every_s: Seconds between two of them; None for each new checkpoint, `BEST_EVERY_S` apart.
-        best: Whether it is about the best checkpoint, not the last.
-        due_s: When it is due, on the monotonic clock. The wall clock may jump.
-        done: The checkpoint that was uploaded last.
-        problem: Why the last attempt failed; empty if it did not.
-    """
+    """`every_s` None: for each new checkpoint, `BEST_EVERY_S` apart. `due_s` is monotonic."""
 
     name: str
     command: tuple[str, ...]
@@ -53,7 +40,6 @@ class Upload:
 
 
 def wanted_uploads(job: Job) -> list[Upload]:
-    """The uploads that the settings ask for, the most important first."""
     settings = job.config.unattended
     found = []
     command: tuple[str, ...]
@@ -72,17 +58,6 @@ def wanted_uploads(job: Job) -> list[Upload]:
 
 
 class TimedUploads(Duty):
-    """Uploads at their times, and what is wanted when the machine goes away.
-
-    A failing upload is told once, tried again at its next time, and never ends the training.
-
-    Args:
-        job: The training.
-        watch: Knows its checkpoints.
-        start: Starts a command; tests replace it.
-        clock: Monotonic seconds, for tests.
-    """
-
     name = "uploads"
 
     def __init__(
@@ -102,7 +77,6 @@ class TimedUploads(Duty):
         self._journal: Journal | None = None
 
     def start(self, run: RunningTraining) -> None:
-        """Set the first times: one period from now."""
         self._journal = run.journal
         now_s = self._clock()
         for upload in self._uploads:
@@ -111,7 +85,6 @@ class TimedUploads(Duty):
             self._watch.start(run.open_bucket, run.job.config.model.prefix)
 
     def check(self) -> Outcome | None:
-        """Begin an upload that is due, or note how one has ended."""
         if self._running is not None:
             upload, process = self._running
             end = process.poll()
@@ -127,10 +100,7 @@ class TimedUploads(Duty):
         return None
 
     def finish(self, ending: Ending) -> None:
-        """Upload what is wanted if the machine goes away; else end what runs.
-
-        What is uploaded at the end of a complete training is in `drcli.runs.end_of_training`.
-        """
+        """Complete trainings: `drcli.runs.end_of_training`."""
         self._watch.stop()
         hurried = ending.outcome.code == INTERRUPTED or ending.deadline_s is not None
         complete = ending.outcome.code == 0
@@ -156,14 +126,13 @@ class TimedUploads(Duty):
             self._note(upload, process.wait(within_s, lambda: ending.left_s() <= 0.0), ends=True)
 
     def leave(self, ending: Ending) -> None:
-        """End what still runs: `finish` is not called if the model was lost."""
+        """`finish` is not called if the model was lost."""
         self._watch.stop()
         if self._running is not None:
             self._running[1].kill()
             self._running = None
 
     def _is_new(self, upload: Upload) -> bool:
-        """Whether there is a checkpoint that was not uploaded yet."""
         score = self._watch.best if upload.best else self._watch.last
         return score is not None and score.name != upload.done
 
@@ -173,7 +142,6 @@ class TimedUploads(Duty):
         self._running = upload, self._start(self._job, *upload.command)
 
     def _note(self, upload: Upload, end: CommandEnd, *, ends: bool = False) -> None:
-        """Tell how an upload ended: in the log, and in the journal, which makes the messages."""
         if end.ok:
             upload.done = str(end.report.get("checkpoint", ""))
             target = end.report.get("target") or next(iter(end.report.get("files", [])), "")

@@ -1,4 +1,4 @@
-"""Community tracks that a start needs and that are not installed."""
+"""Community tracks that a start needs."""
 
 from typing import TYPE_CHECKING
 
@@ -9,12 +9,10 @@ if TYPE_CHECKING:
 
 
 def missing_tracks(settings: Settings) -> list[str]:
-    """Their names, unless DR_TRACKS_FETCH is never."""
     return [] if settings.tracks_fetch == "never" else tracks_to_fetch(settings)
 
 
 def tracks_to_fetch(settings: Settings) -> list[str]:
-    """Their names, for every race of a training: of its stages, and on its second track."""
     from drcli.checks.stage_rules import review_stages
     from drcli.config.track_names import to_fetch
 
@@ -26,9 +24,7 @@ def tracks_to_fetch(settings: Settings) -> list[str]:
 
 
 def fetch_allowed(settings: Settings) -> "list[TrackFacts]":
-    """Download missing tracks without a question if DR_TRACKS_FETCH is always.
-
-    Tracks that stay missing are reported later, with all other problems.
+    """If DR_TRACKS_FETCH is always.
 
     Raises:
         SettingsError: DR_TRACKS_URL is not an address, or the file there is not a track.
@@ -40,7 +36,6 @@ def fetch_allowed(settings: Settings) -> "list[TrackFacts]":
 
 
 def fetch(settings: Settings, name: str) -> "TrackFacts":
-    """Download one track; errors as for `fetch_allowed`."""
     from drcli.tracks.community import fetch_track
 
     return fetch_track(name, settings.tracks_url, settings.tracks_folder)

@@ -1,7 +1,6 @@
-"""What Ray runs on a node for a training's trainer: its process, and what it says and writes.
+"""What Ray runs on a node for a trainer.
 
-The process works in a folder of its own. Everything in there that the machine of the training needs
-goes back to it piece by piece, so nothing is lost with the node.
+Its files go back piece by piece, so nothing is lost with the node.
 """
 
 import os
@@ -27,22 +26,14 @@ from drcli.runs.worker_processes import TRAINER, start_process
 from drcli.tracking.open_sinks import tensorboard_folder
 
 PIECE_BYTES = 1 << 20
-"""Largest piece of a file that is read at once."""
 
 
 @dataclass(frozen=True)
 class HostReport:
     """What is new since the last look.
 
-    Attributes:
-        node: Name of the node.
-        code: Exit code of the trainer; None while it runs.
-        pulse: Its newest pulse; None before the first.
-        log: What its log has more.
-        json_log: The same for its JSON lines.
-        events: What event files of TensorBoard have more, by name.
-        files: Whole files of the folder of the run that have changed, by name.
-        refusal: Why this node may not train; None if it may.
+    `files` are whole, `log` and `events` what they have more. `refusal`: why this node may not
+    train.
     """
 
     node: str
@@ -56,14 +47,6 @@ class HostReport:
 
 
 class TrainerHost:
-    """The trainer on a node.
-
-    Args:
-        job: In JSON.
-        versions: What the training uses; this node must have the same.
-        secrets: Keys of the bucket and of servers for figures.
-    """
-
     def __init__(
         self, job: Mapping[str, Any], versions: Mapping[str, str], secrets: Mapping[str, str]
     ) -> None:
@@ -93,7 +76,6 @@ class TrainerHost:
         self._process = start_process(self._job, TRAINER, "drcli.workers.trainer")
 
     def look(self) -> HostReport:
-        """What is new; everything, once the trainer has ended."""
         node = socket.gethostname()
         if self._refusal is not None:
             return HostReport(node, self._refusal.code, refusal=self._refusal)
@@ -115,7 +97,6 @@ class TrainerHost:
         self.signal(signal.SIGTERM)
 
     def signal(self, number: int) -> None:
-        """Send a signal to the trainer."""
         with suppress(ProcessLookupError):
             self._process.send_signal(number)
 
@@ -140,7 +121,6 @@ class TrainerHost:
 
 
 def _unread(log: UnreadLog) -> bytes:
-    """All that was added to a log."""
     found = []
     while log.log.exists():
         path, data = log.next_piece()

@@ -1,4 +1,4 @@
-"""Starts a planned training: launches its supervisor, which runs this module as a process."""
+"""Launches the supervisor of a planned training, which is this module."""
 
 import os
 import time
@@ -45,27 +45,17 @@ from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
 PATIENCE_S = 5.0
-"""How long a supervisor waits for a bucket that does not answer: it restarts the server itself."""
+"""A supervisor restarts the bucket's server itself."""
 
 READ_TIMEOUT_S = 5.0
-"""How long an answer of the bucket may be interrupted."""
-
 LEASE_PATIENCE_S = 1.0
-"""How long the renewal of the lease repeats a request that failed, before the next step does."""
-
 LOG_PATIENCE_S = 5.0
-"""How long the upload of logs waits for a bucket that does not answer; it tries again later."""
-
 EXIT_S = 15.0
-"""How long a supervisor that was not ready in time may take to exit. It may already have workers,
-which get ten seconds."""
+"""A late supervisor may already have workers, which get ten seconds."""
 
 
 def launch(plan: RunPlan | EndWorkPlan) -> int:
-    """Start the supervisor as a process that outlives this one.
-
-    Returns:
-        Its process number.
+    """A supervisor that outlives this process.
 
     Raises:
         SettingsError: Another start was faster.
@@ -89,7 +79,7 @@ def launch(plan: RunPlan | EndWorkPlan) -> int:
 
 
 def supervise_job(job: Job) -> int:
-    """Supervise a training until its end, in the foreground or detached; returns the exit code.
+    """Supervise until the end; returns the exit code.
 
     Raises:
         SettingsError: Another start has just taken the DR_RUN_ID or the model.
@@ -161,7 +151,7 @@ def _supervise(job: Job) -> int:
 
 
 def _duties(job: Job) -> list[Duty]:
-    """What the supervisor does besides its workers, in the order in which it matters at the end."""
+    """In the order in which it matters at the end."""
     watch, cost = CheckpointWatch(), Cost(job)
     board = WarningsBoard(job.folder, job.session)
     return [
@@ -182,7 +172,6 @@ def _duties(job: Job) -> list[Duty]:
 
 
 def _is_ready(job: Job) -> bool:
-    """Whether the supervisor of a job has written its record on this machine."""
     record = RunRecord.read(job.folder)
     return record is not None and record.session == job.session
 

@@ -1,4 +1,4 @@
-"""Reads what was added to a log since an earlier reading, also after rotations and restarts."""
+"""Reads what was added to a log, also after rotations and restarts."""
 
 import math
 from contextlib import suppress
@@ -11,24 +11,11 @@ from drcli.base.atomic_file import load_record, save_record
 
 @dataclass
 class Position:
-    """How far a log was read: all files before `number`, and `offset` bytes of that one.
-
-    The numbers are those of `log_files.current_number`.
-    """
-
     number: int = 1
     offset: int = 0
 
 
 class UnreadLog:
-    """A log and how far it was read.
-
-    Args:
-        log: Its current file.
-        position_file: Keeps the position between two starts.
-        most_bytes: Largest piece to read at once.
-    """
-
     def __init__(self, log: Path, position_file: Path, most_bytes: int) -> None:
         self.log = log
         self._file = position_file
@@ -36,11 +23,7 @@ class UnreadLog:
         self.at = _read_position(position_file, log)
 
     def next_piece(self) -> tuple[Path | None, bytes]:
-        """The next file to read and its new bytes; None if it has just been rotated.
-
-        Raises:
-            OSError: The log cannot be read.
-        """
+        """None if just rotated; OSError if it cannot be read."""
         at = self.at
         for part in log_files.older_parts(self.log):
             number = log_files.number_of(part)
@@ -55,20 +38,16 @@ class UnreadLog:
         return (self.log if current == at.number else None), data
 
     def advance(self, read_bytes: int) -> None:
-        """Note that so many more bytes were read."""
         self.at = Position(self.at.number, self.at.offset + read_bytes)
 
     def next_file(self) -> None:
-        """Note that an older file was read to its end."""
         self.at = Position(self.at.number + 1)
 
     def save(self) -> None:
-        """Keep the position; on a full disk, the next start reads this piece again."""
         with suppress(OSError):
             save_record(self._file, self.at)
 
     def left_bytes(self) -> int:
-        """Size of what was not read yet."""
         left = -self.at.offset
         for path in [*log_files.older_parts(self.log), self.log]:
             with suppress(OSError):
@@ -79,14 +58,12 @@ class UnreadLog:
 
 
 def read_piece(path: Path, offset: int, most_bytes: int) -> bytes:
-    """Bytes of a file from an offset on."""
     with path.open("rb") as file:
         file.seek(offset)
         return file.read(most_bytes)
 
 
 def _read_position(path: Path, log: Path) -> Position:
-    """The position where an earlier start stopped, or the beginning if it fits no file."""
     position = load_record(Position, path)
     if position is None:
         return Position()

@@ -1,4 +1,4 @@
-"""Reads the copy of a log that the machine which writes it has put into the bucket."""
+"""Reads the copy of another machine's log in the bucket."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,18 +9,11 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
 
 _KNOWN_BYTES = 4 << 10
-"""So many bytes are enough to find a place in a log again: its lines have times."""
 
 
 @dataclass(frozen=True)
 class UploadedLog:
-    """The copy of a log, as `run_logs.LogCopy` writes it: parts, and an object with the rest.
-
-    Attributes:
-        bucket: Where it is.
-        key: Of the object with the newest lines.
-        objects: Those that exist, the oldest lines first.
-    """
+    """As `run_logs.LogCopy` writes it."""
 
     bucket: Bucket
     key: str
@@ -28,15 +21,13 @@ class UploadedLog:
 
     @property
     def uploaded(self) -> datetime:
-        """When lines were uploaded for the last time."""
         return max(info.modified for info in self.objects)
 
     def pieces(self, since: datetime | None = None) -> Iterator[bytes]:
-        """The log, object by object; without objects that have only lines from before `since`."""
+        """Without objects that have only lines from before `since`."""
         return self._read([each for each in self.objects if since is None or each.modified > since])
 
     def last_lines(self, count: int) -> bytes:
-        """The last lines, from as few objects as possible."""
         found = b""
         for piece in self._read(self.objects[::-1]):
             found = piece + found
@@ -53,14 +44,6 @@ class UploadedLog:
 
 
 class UploadedTail:
-    """What is added to the copy of a log.
-
-    Args:
-        bucket: Where it is.
-        key: Of the object with the newest lines.
-        shown: The log up to here, or its last lines.
-    """
-
     def __init__(self, bucket: Bucket, key: str, shown: bytes) -> None:
         self._bucket = bucket
         self._key = key
@@ -68,11 +51,7 @@ class UploadedTail:
         self._objects: tuple[ObjectInfo, ...] = ()
 
     def read(self) -> bytes:
-        """New lines; the whole log if it was begun anew.
-
-        Raises:
-            StorageError: The bucket does not answer.
-        """
+        """The whole log if it was begun anew."""
         found = find_objects(self._bucket, self._key)
         if found is None or found.objects == self._objects:
             return b""
@@ -89,22 +68,11 @@ class UploadedTail:
 
 
 def find_uploaded(bucket: Bucket, prefix: str, name: str, file: str) -> UploadedLog | None:
-    """The copy of a log in the bucket; None if there is none.
-
-    Args:
-        bucket: Where to look; one listing.
-        prefix: Of the model.
-        name: Of the log, such as "sim-0" or "reward-0".
-        file: Name of the log file on the machine that wrote it.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
+    """One listing."""
     return find_objects(bucket, keys.log(prefix, log_kind(name), file))
 
 
 def find_objects(bucket: Bucket, key: str) -> UploadedLog | None:
-    """The same by the key of the object with the newest lines."""
     newest, parts = [], []
     for info in bucket.list(key.rpartition("/")[0] + "/"):
         number = keys.part_number(key, info.key)

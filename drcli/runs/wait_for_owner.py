@@ -1,4 +1,4 @@
-"""Waits until nobody trains a model: its owner has ended, or was silent for a minute."""
+"""Waits until a model's owner has ended, or was silent for a minute."""
 
 import os
 import time
@@ -15,24 +15,14 @@ from drcli.store.bucket import Bucket
 from drcli.store.lease import STALE_S, is_owner_alive, live_holder, refuse_other_owner
 
 LOOK_S = 2.0
-"""How often the lease is read while it may be that of a dead machine."""
+"""While the lease may be that of a dead machine."""
 
 LONG_LOOK_S = 10.0
-"""The same while its owner lives: an owner may train for a day."""
+"""A living owner may train for a day."""
 
 
 @dataclass
 class OwnerWait:
-    """Waits for the end of the training on a model.
-
-    Args:
-        bucket: Holds the model.
-        prefix: The model.
-        folder: The run folder on this machine.
-        wait: Whether to wait for an owner that lives, or to raise TrainedElsewhere.
-        pause: Waits that many seconds, for tests.
-    """
-
     bucket: Bucket
     prefix: str
     folder: Path
@@ -44,8 +34,8 @@ class OwnerWait:
 
         Raises:
             TrainedElsewhere: Its owner lives, and nobody wants to wait.
-            SettingsError: Its owner is a newer version of drcli, or this DR_RUN_ID trains another
-                model here.
+            SettingsError: Its owner is a newer drcli, or this DR_RUN_ID trains another model
+                here.
             StorageError: The bucket does not answer at the first look.
         """
         waiting = WaitingStart(
@@ -97,7 +87,7 @@ class OwnerWait:
             self.pause(LONG_LOOK_S if lives else LOOK_S)
 
     def _owner(self) -> Lease | None:
-        """The owner of the model; a training here that has not taken its lease yet counts too."""
+        """A training here that has not taken its lease yet counts too."""
         held = live_holder(self.bucket, self.prefix)
         if held is not None:
             return held

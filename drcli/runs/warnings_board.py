@@ -1,4 +1,4 @@
-"""The present warnings of all watches: in the log, in the journal, and in `dr-status`."""
+"""The present warnings of all watches: log, journal, `dr-status`."""
 
 from pathlib import Path
 
@@ -11,11 +11,7 @@ _logger = get_logger(__name__)
 
 
 class WarningsBoard:
-    """Collects the warnings of the watches of one start. Only the supervisor's loop uses it.
-
-    A warning is replaced or removed by the watch that gave it. `dr-status` shows those that are
-    left.
-    """
+    """Only the supervisor's loop uses it."""
 
     def __init__(self, folder: Path, session: str) -> None:
         self._folder = folder
@@ -24,30 +20,25 @@ class WarningsBoard:
         self._journal: Journal | None = None
 
     def begin(self, journal: Journal) -> None:
-        """Tell the journal of the run, too."""
         if self._journal is None:
             self._journal = journal
             self._write()
 
     def tell(self, kind: Kind, text: str, **facts: object) -> None:
-        """Write a sentence into log and journal."""
         _logger.warning("%s", text)
         if self._journal is not None:
             self._journal.note(kind, text, **facts)
 
     def warn(self, subject: str, text: str, kind: Kind = "notice", **facts: object) -> None:
-        """Show a warning about a subject until `clear`, and tell it."""
         self.tell(kind, text, **facts)
         self.show(subject, text)
 
     def show(self, subject: str, text: str) -> None:
-        """Show a warning about a subject in `dr-status`, without telling it again."""
         if self._warnings.get(subject) != text:
             self._warnings[subject] = text
             self._write()
 
     def clear(self, subject: str) -> None:
-        """Remove the warning about a subject, if there is one."""
         if self._warnings.pop(subject, None) is not None:
             self._write()
 

@@ -1,4 +1,4 @@
-"""The watches of a training: what keeps it alive, or ends it in time."""
+"""What keeps a training alive, or ends it in time."""
 
 from drcli.base.elapsed import AwakeClock
 from drcli.exchange.job import Job
@@ -14,7 +14,7 @@ from drcli.runs.warnings_board import WarningsBoard
 
 
 def watches(job: Job, board: WarningsBoard) -> list[Duty]:
-    """All watches, in their order: the first one looks at the pulses, which the next ones use."""
+    """The first looks at the pulses for the next ones."""
     pulses = SeenPulses(job.folder)
     settings = job.config.unattended
     return [

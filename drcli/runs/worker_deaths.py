@@ -15,26 +15,17 @@ CRASHES: dict[int, str] = {
     signal.SIGFPE: "an arithmetic fault (signal SIGFPE)",
     signal.SIGABRT: "an abort (signal SIGABRT)",
 }
-"""Signals that end a process when its own code fails, such as a reward function."""
-
 CRASH_S = 600.0
-"""A crash within this time after a restart is a quick death: the worker may have to drive for a
-while until it reaches the same place."""
+"""Until it reaches the same place."""
 
 QUICK_DEATH_S = 20.0
-"""Any other death within this time after a restart is a quick death."""
-
 MAX_QUICK_DEATHS = 3
-"""How many quick deaths in a row a worker may have by its own fault."""
-
 MAX_QUICK_KILLS = 25
-"""The same for signals from outside, and for machines that are gone."""
 
 
 def died_too_often(
     child: Child, code: int, lived_s: float, words: WorkerExit | None
 ) -> Outcome | None:
-    """Count a quick death; after too many in a row, return how the run ends."""
     crash = CRASHES.get(-code)
     quick = lived_s < (QUICK_DEATH_S if crash is None else CRASH_S)
     child.quick_deaths = child.quick_deaths + 1 if quick else 0

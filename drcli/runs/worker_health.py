@@ -1,4 +1,4 @@
-"""What the pulse of a worker says to other programs on the same machine."""
+"""What a worker's pulse says to other programs here."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +8,6 @@ from drcli.exchange.pulse_record import PulseRecord
 from drcli.runs.worker_processes import TRAINER
 
 SILENT_S = 10.0
-"""A worker without a new pulse for longer is frozen, or its machine is very busy."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Starts and stops the processes of a run, each apart from the terminal and with its own log."""
+"""Starts and stops the processes of a run."""
 
 import os
 import signal
@@ -17,27 +17,16 @@ from drcli.workers.pulse import STACKS_SIGNAL
 TRAINER = "trainer"
 
 SIMULATION_EXIT_S = 4.0
-"""How long the trainer waits for the exit of simulation workers, to score their evaluations."""
+"""The trainer waits for workers, to score their evaluations."""
 
 STACKS_S = 4.0
-"""How long a worker may take to write its stacks."""
-
 KILLED_S = 5.0
-"""How long the kernel may take to remove a killed process."""
 
 
 def start_process(
     job: Job, name: str, module: str, *arguments: str, gpus: str = ""
 ) -> subprocess.Popen[bytes]:
-    """Start a module as a process that outlives this one, with its own session and log.
-
-    Args:
-        job: What it works on; it gets it through standard input.
-        name: The worker, such as "sim-0"; also the name of its log.
-        module: Such as "drcli.workers.trainer".
-        arguments: Its command line.
-        gpus: Its CUDA_VISIBLE_DEVICES; empty for that of this process.
-    """
+    """It outlives this one, with its own session and log, and reads the job from stdin."""
     chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
     path = log_file(job.directory, job.config.model.prefix, name)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -56,7 +45,7 @@ def start_process(
 
 
 def end_process(process: subprocess.Popen[bytes], patience_s: float) -> bool:
-    """Stop a child process, and kill it after `patience_s`; whether it exited by itself."""
+    """Whether it exited by itself."""
     process.terminate()
     try:
         process.wait(patience_s)
@@ -69,13 +58,6 @@ def end_process(process: subprocess.Popen[bytes], patience_s: float) -> bool:
 
 @dataclass
 class Child:
-    """A worker process, and how often it was restarted.
-
-    Attributes:
-        ended_by: Why a watch has killed the process; empty if it was somebody else.
-        left_out: Whether the run goes on without this worker.
-    """
-
     name: str
     module: str
     arguments: list[str]
@@ -93,28 +75,24 @@ class Child:
         return self.process is not None and self.process.poll() is None
 
     def ask_stacks(self) -> None:
-        """Let the worker, which has written a pulse, write the stacks of its threads to its log."""
         if self.process is not None and self.running and STACKS_SIGNAL is not None:
             with suppress(ProcessLookupError):
                 os.kill(self.process.pid, STACKS_SIGNAL)
 
     def kill_for(self, reason: str) -> None:
-        """Kill the process, so that the supervisor starts another one; does not wait."""
         if self.process is not None and self.running:
             self.ended_by = reason
             self.process.kill()
 
     def give_up(self) -> None:
-        """Count a killed process as ended even if the kernel has not removed it yet.
+        """Count a killed process as ended even if the kernel has not removed it.
 
-        A process inside an operation of a disk or network drive that never ends stays until that
-        operation ends. It cannot do harm: after SIGKILL, none of its own code runs again.
+        After SIGKILL none of its code runs again.
         """
         if self.process is not None and self.running:
             self.process.returncode = -signal.SIGKILL
 
     def kill(self) -> None:
-        """Kill the process and wait for its end."""
         if self.process is not None and self.running:
             self.process.kill()
             with suppress(subprocess.TimeoutExpired):
@@ -123,11 +101,7 @@ class Child:
 
 
 def stop_workers(children: Sequence[Child], patience_s: float) -> list[Child]:
-    """Stop the workers of a run: the simulation first, then the trainer.
-
-    Returns:
-        Those that had to be killed after `patience_s`; with 0, all are killed at once.
-    """
+    """The simulation first; returns those that had to be killed."""
     began_s = time.monotonic()
     if patience_s > 0.0:
         simulation = [child for child in children if child.name != TRAINER]

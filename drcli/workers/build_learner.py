@@ -33,7 +33,6 @@ def build_learner(
     compute: Compute,
     group: GradientGroup | None = None,
 ) -> Learner:
-    """The algorithm that model_metadata.json asks for, with fresh weights."""
     spec = policy_spec(metadata, parameters)
     if metadata.training_algorithm == "sac":
         agent = SACAgent(spec, parameters.sac_alpha)
@@ -52,10 +51,9 @@ def learner_of_training(
     number_format: str | None,
     group: LearnerGroup | None = None,
 ) -> Learner:
-    """The same for a training, on the processor and with the learning rate that it has now.
+    """`number_format` is that with which the training began.
 
-    A training keeps the number format that it began with; None if it begins. The processes of a
-    `group` build the same learner and share the cores.
+    The processes of a `group` build the same learner and share the cores.
     """
     plain.info("Using the following hyper-parameters")
     plain.info(parameters.canonical_json(metadata.training_algorithm))
@@ -84,6 +82,5 @@ def learner_of_training(
 
 
 def algorithm_config(kind: type[C], parameters: Hyperparameters) -> C:
-    """The hyperparameters of an algorithm; those that are not set keep the algorithm's defaults."""
     values = {field.name: getattr(parameters, field.name, None) for field in fields(kind)}
     return kind(**{name: value for name, value in values.items() if value is not None})

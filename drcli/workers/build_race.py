@@ -1,4 +1,4 @@
-"""Builds the track, race, simulation and reward function of a worker. Needs no torch."""
+"""Builds track, race, simulation and reward function. Needs no torch."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -39,19 +39,14 @@ from drsim.track.worlds import load_track
 _logger = get_logger(__name__)
 
 SLACK = 2.5
-"""How many times the slowest lap's duration an episode may last: cars do not drive straight."""
+"""Times the slowest lap's duration: cars do not drive straight."""
 
 MAX_EPISODE_STEPS = 10_000
-"""Steps of the longest episode. The reference has no limit, but nothing can be learned from a car
-that never completes its lap."""
+"""The reference has no limit, but nothing is learned from a car that never completes its lap."""
 
 
 def load_world(config: RaceConfig) -> Track:
-    """The track that DR_WORLD_NAME names.
-
-    Raises:
-        ProblemsError: It is not installed, or damaged (V-05).
-    """
+    """ProblemsError if the track is not installed, or damaged (V-05)."""
     try:
         return load_track(config.world_name, config.tracks_folder)
     except TrackError as error:
@@ -64,7 +59,6 @@ def load_world(config: RaceConfig) -> Track:
 
 
 def race_of(config: RaceConfig) -> Race:
-    """The obstacles, bots or other racers on the track, by DR_RACE_TYPE."""
     if config.race_type == "OBJECT_AVOIDANCE":
         return Race(
             obstacles=ObstacleRules(
@@ -96,11 +90,7 @@ def race_of(config: RaceConfig) -> Race:
 
 
 def load_race(config: RaceConfig, track: Track) -> Race:
-    """The race of the settings, which fits on the track.
-
-    Raises:
-        ProblemsError: There is no room for that many obstacles or bots (V-07).
-    """
+    """ProblemsError if there is no room for obstacles or bots (V-07)."""
     try:
         race = race_of(config)
         if race != TIME_TRIAL:
@@ -117,11 +107,10 @@ def load_race(config: RaceConfig, track: Track) -> Race:
 
 
 DRAWS = 20
-"""Episodes whose drawn places are looked at before a start."""
 
 
 def race_warnings(config: RaceConfig, track: Track, race: Race) -> list[Problem]:
-    """V-07: obstacles or bots that no car can pass, and obstacles in the same place."""
+    """V-07: what no car can pass, and obstacles in the same place."""
     rules = race.obstacles or race.bots
     if rules is None:
         return []
@@ -157,7 +146,6 @@ def race_warnings(config: RaceConfig, track: Track, race: Race) -> list[Problem]
 
 
 def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Realism:
-    """The sim-to-real extras of this job."""
     if config.sim_extras_in not in ("both", job):
         return Realism()
     return Realism(
@@ -179,7 +167,7 @@ def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Re
 
 
 def car_parameters_of(config: RaceConfig) -> CarParameters:
-    """How the car drives: as DR_SIM_CAR says, with the properties of the racer's own car."""
+    """As DR_SIM_CAR says, with the properties of the racer's own car."""
     return replace(
         car_of(config.sim_car),
         steering_left_deg=config.car_steering_left,
@@ -191,7 +179,6 @@ def car_parameters_of(config: RaceConfig) -> CarParameters:
 
 
 def randomize_of(config: RaceConfig) -> Randomize:
-    """The parts of the scene that DR_ENABLE_DOMAIN_RANDOMIZATION changes."""
     if not config.enable_domain_randomization:
         return "nothing"
     return "textures" if config.randomize_textures else "lights"
@@ -212,14 +199,12 @@ def build_simulation(
     longest_latency_s: float = 0.0,
     gpu: bool = False,
 ) -> Simulation:
-    """The simulation of a worker, whose log says what moves the cars.
+    """The simulation of a worker; with `gpu`, a GPU draws the frames if it can.
 
     `longest_latency_s` is that of conditions given to its `reset`.
 
-    With `gpu`, a GPU draws the frames; if it cannot, the processor does.
-
     Raises:
-        ProblemsError: There is no room for that many obstacles or bots (V-07).
+        ProblemsError: There is no room for obstacles or bots (V-07).
     """
     build = partial(
         Simulation,
@@ -258,10 +243,10 @@ def load_reward(
     stage: Stage | None = None,
     inputs: Mapping[str, str] | None = None,
 ) -> RewardProcess:
-    """A stage's reward function, that of a start (`Job.inputs`), or the model's: one for each car.
+    """The reward function of a stage, of a start (`Job.inputs`), or the model's.
 
-    Reward functions are written for a single car and keep values in globals from step to step, so
-    each car needs its own. The simulation that gets the process closes it.
+    It may keep values in globals, so each car needs its own copy. The simulation closes the
+    process.
     """
     folder.mkdir(parents=True, exist_ok=True)
     if stage is None:
@@ -280,7 +265,6 @@ def load_reward(
 
 
 def actions_of(metadata: ModelMetadata) -> Actions:
-    """The action space of model_metadata.json for the simulation."""
     space = metadata.action_space
     if space.low is None or space.high is None:
         return DiscreteActions(space.values)
@@ -289,7 +273,6 @@ def actions_of(metadata: ModelMetadata) -> Actions:
 
 
 def sensors_of_model(metadata: ModelMetadata) -> Sensors:
-    """The sensors of model_metadata.json for the simulation."""
     return Sensors(
         metadata.sensor,
         num_sectors=metadata.lidar.num_sectors,
@@ -299,7 +282,7 @@ def sensors_of_model(metadata: ModelMetadata) -> Sensors:
 
 
 def longest_episode(track: Track, actions: Actions) -> int:
-    """Steps after which an episode is cut off, far more than the slowest lap takes."""
+    """In steps, far more than the slowest lap takes."""
     if isinstance(actions, ContinuousActions):
         slowest_mps = actions.speed_mps[0]
     else:

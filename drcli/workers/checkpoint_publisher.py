@@ -1,4 +1,4 @@
-"""Publishes the checkpoints of a trainer, and uploads in a thread what nobody waits for."""
+"""Publishes the checkpoints of a trainer, partly in a thread."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -22,16 +22,8 @@ P = ParamSpec("P")
 class CheckpointPublisher:
     """Publishes weights at once, then the graph while workers already drive.
 
-    The optimizer state is published with the weights if the bucket is near, so that a power cut
-    leaves both or neither; otherwise it follows.
-
-    Args:
-        checkpoints: Those of the model.
-        graphs: Writes the graph of each.
-        traces: Is applied after each.
-        is_ending: Whether the process was asked to stop.
-        on_weights: Called as soon as the weights of a checkpoint can be loaded.
-        near: Whether the bucket is on this machine.
+    If the bucket is on this machine (`near`), the optimizer state comes with the weights, so
+    that a power cut leaves both or neither; otherwise it follows.
     """
 
     def __init__(
@@ -54,13 +46,12 @@ class CheckpointPublisher:
         self._uploads: list[Future[object]] = []
 
     def publish(self, name: CheckpointName, learner: Learner, counters: Counters) -> None:
-        """Publish the weights of a learner, once everything of the checkpoint before is uploaded.
+        """Publish weights, once the checkpoint before is uploaded.
 
-        In a process that is ending, nobody waits for the weights, and an optimizer state that
-        follows may come too late: then the checkpoint is published with its state or not at all.
+        A process that is ending publishes them with the optimizer state or not at all.
 
         Raises:
-            StorageError: These weights, or something of the checkpoint before, did not arrive.
+            StorageError: These weights, or the checkpoint before, did not arrive.
         """
         self.join()
         tensors = learner.optimizer.tensors()
@@ -85,16 +76,14 @@ class CheckpointPublisher:
         self.submit(self._thin_traces, name.number)
 
     def submit(self, task: Callable[P, object], *arguments: P.args, **named: P.kwargs) -> None:
-        """Do something in the thread of uploads."""
         self._uploads.append(self._uploader.submit(task, *arguments, **named))
 
     def join(self) -> None:
-        """Wait for all uploads so far, and raise their error."""
+        """Raises the error of an upload."""
         while self._uploads:
             self._uploads.pop(0).result()
 
     def close(self) -> None:
-        """Wait for the uploads, whatever becomes of them; nothing may be submitted afterwards."""
         self._uploader.shutdown()
 
     def _thin_traces(self, newest: int) -> None:

@@ -20,37 +20,28 @@ from drcli.store.rollout_reader import RolloutReader
 _logger = get_logger(__name__)
 
 LEAST_PATIENCE_S = 20.0
-"""Least time to wait for the other workers once the first has delivered: a worker that died needs
-it to start again."""
+"""After the first worker has delivered: one that died must start again."""
 
 STARTING_PATIENCE_S = 120.0
-"""The same in the first iteration after a start. On a busy machine one worker may be ready long
-before another, and analysis tools need the first trace of every worker."""
+"""In the first iteration: analysis tools need the first trace of every worker."""
 
 JOINED_PATIENCE_S = 5.0
-"""The same for workers that have joined: if one of them dies, the others drive its share. Over a
-link of 100 ms, a checkpoint and the rollouts are 1.8 s on their way."""
+"""Others drive the share of one that dies. With a latency of 100 ms, checkpoint and rollouts take
+1.8 s.
+"""
 
 Hopeless = Callable[[WorkerShare, int, float, float], bool]
-"""Whether not to wait for a share of an iteration, by the steps that it should have and the seconds
-from the beginning of its drive within which it is waited for."""
+"""Whether not to wait for a share of an iteration, by its steps and the seconds left from the
+beginning of its drive.
+"""
 
 
 @dataclass(frozen=True)
 class _Patience:
-    """How long to wait for the missing workers of an iteration after the first has delivered.
+    """How long to wait for the missing workers after the first has delivered.
 
-    Those with the largest share get as long again as the first one took, or would have taken for
-    that share; a joined worker with a part of it gets that part.
-
-    Attributes:
-        iteration: That is waited for.
-        shares: Who drives it, by number.
-        expected: Numbers of the workers that are waited for.
-        first_s: How long the first one drove.
-        least_s: Least patience.
-        repeats: How many times as long; some of it may have been over when the wait began.
-        is_hopeless: As for `Collector.collect`.
+    Those with the largest share get as long again as the first one would have taken for it; a
+    joined worker with a part of it gets that part.
     """
 
     iteration: int
@@ -62,7 +53,6 @@ class _Patience:
     is_hopeless: Hopeless
 
     def is_over(self, arrived: Mapping[int, Manifest], waited_s: float) -> bool:
-        """Whether to go on with what has arrived, after waiting so long for the rest."""
         missing = self.expected - arrived.keys()
         return all(self._is_given_up(self.shares[each], arrived, waited_s) for each in missing)
 
@@ -85,18 +75,13 @@ class Collected:
     """One iteration's rollouts and what the workers report about them.
 
     Attributes:
-        rollout: The episodes.
         progress: Percent of the lap of each episode.
-        rewards: Sum of rewards of each episode.
         lap_s: Simulated durations of the completed laps.
-        simulated_s: Simulated duration of all episodes.
         drive_s: Wall time of the slowest worker.
-        checkpoint: Name of the checkpoint that drove, the older one if there were two.
-        evaluates: Number of the checkpoint that a worker evaluates now, or None.
-        reward_errors: Calls of the reward function that failed and were counted, of all workers.
-        discarded: Episodes that the reward function declared broken, of all workers.
-        speeds: Steps per second of each worker, by its number.
-        late: Numbers of the workers that were waited for in vain.
+        checkpoint: What drove, the older one if there were two.
+        evaluates: The checkpoint that a worker evaluates now.
+        discarded: Episodes that the reward function declared broken.
+        speeds: Steps per second by worker.
     """
 
     rollout: Rollout
@@ -115,15 +100,6 @@ class Collected:
     def record(
         self, newest: CheckpointName, *, elapsed_s: float, stage: str, world: str, phase: str
     ) -> IterationRecord:
-        """What is known about the iteration before anything is learned from it.
-
-        Args:
-            newest: The newest checkpoint.
-            elapsed_s: Wall time of training so far.
-            stage: Stage of the training; empty without a curriculum.
-            world: Track of the first worker.
-            phase: Phase of a training with a teacher; else empty.
-        """
         steps = self.rollout.steps
         return IterationRecord(
             iteration=newest.number,
@@ -146,10 +122,9 @@ class Collected:
 
 
 class Collector:
-    """Waits for all simulation workers of a run, but not too long for any of them.
+    """Waits for all simulation workers, but not too long for any of them.
 
-    An iteration has at most `max_steps`; further episodes are left out. With `ahead`, workers drive
-    an iteration before the trainer waits for it.
+    With `ahead`, workers drive an iteration before the trainer waits for it.
     """
 
     def __init__(self, reader: RolloutReader, max_steps: int, *, ahead: bool = False) -> None:
@@ -169,19 +144,11 @@ class Collector:
     ) -> Collected | None:
         """Wait for an iteration's rollouts and read them.
 
-        Once the first worker has delivered, the others get the same time again (`_Patience`). A
-        worker that missed the iteration before is not waited for.
-
-        Args:
-            iteration: Number of the iteration.
-            checkpoints: Checkpoints that may have driven it, the newest last.
-            workers: Who drives it.
-            should_stop: Called at every look; ends the wait.
-            is_hopeless: Whether a worker that has joined will not deliver in time.
+        A worker that missed the iteration before is not waited for.
 
         Returns:
-            None if `should_stop` ended the wait, or if a part is missing or damaged: the workers
-            then drive the iteration again.
+            None if `should_stop`, or if a part is missing or damaged: workers then drive it
+                again.
         """
         everybody = {share.worker for share in workers}
         joined = {share.worker for share in workers if share.member}
@@ -229,7 +196,7 @@ class Collector:
         return replace(collected, late=tuple(sorted(expected - manifests.keys())))
 
     def recall(self, iteration: int) -> Rollout | None:
-        """The rollouts of an older iteration; None if they are missing or damaged."""
+        """None if they are missing or damaged."""
         try:
             manifests = self._reader.find_manifests(iteration)
             return self._read(manifests).rollout if manifests else None
@@ -256,10 +223,7 @@ class Collector:
         )
 
     def _within_cap(self, driven: Episodes) -> Episodes:
-        """Leave out the last episodes if there are more than `max_steps`.
-
-        The limit is for frames: those of a teacher have none, and take little memory and time.
-        """
+        """The limit is for frames: episodes of a teacher have none."""
         if not driven.rollout.frames.size:
             return driven
         order = np.argsort(driven.numbers, kind="stable")

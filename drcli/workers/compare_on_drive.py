@@ -1,4 +1,4 @@
-"""Compares an exported graph with its network on what the car sees while the network drives."""
+"""Compares an exported graph with its network while it drives."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -23,24 +23,13 @@ from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
 
 _CARS = 4
-"""Cars at a time, each from another start."""
-
 _EPISODES = 10_000
-"""More than are ever driven: the drive ends after enough frames."""
 
 
 def compare_on_drive(
     race: RaceConfig, design: Design, weights: bytes, name: str, graph: bytes, *, frames: int
 ) -> GraphComparison:
-    """Drive on the track of a race with a model, and compare its graph with its weights.
-
-    Args:
-        race: Names the track.
-        design: Parameter files of the model.
-        weights: A safetensors file.
-        name: Of the checkpoint, for messages.
-        graph: A frozen graph.
-        frames: How many observations to compare.
+    """Compare what graph and weights do on the track of a race.
 
     Raises:
         DrError: The track is not installed, the weights do not fit, or the graph cannot be run.
@@ -54,7 +43,6 @@ def compare_on_drive(
 def record_drive(
     race: RaceConfig, metadata: ModelMetadata, model: ActorCritic | SACAgent, frames: int
 ) -> Observation:
-    """What some cars see while they drive on an empty track, with drawn actions."""
     track = load_world(race)
     simulation = build_simulation(
         race.replaced(race_type="TIME_TRIAL"),
@@ -81,8 +69,6 @@ def record_drive(
 
 
 class _Recorder:
-    """A policy that keeps what it sees."""
-
     def __init__(self, model: ActorCritic | SACAgent) -> None:
         self._model = model
         self._seen: list[Observation] = []

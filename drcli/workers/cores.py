@@ -9,20 +9,16 @@ from drcli.base.system_calls import cores_of_process
 from drcli.config.run_config import TrainConfig
 
 OVERLAP_CORES = 4
-"""With this many cores or more, driving and learning run at the same time."""
+"""From here on, driving and learning run at the same time."""
 
 
 def cores(root: Path = ROOT) -> int:
-    """Processor cores that this process may use.
-
-    These are the cores that it may run on (`taskset`), or fewer if a container or service limits
-    them (`docker run --cpus`). Such a limit is rounded up.
-    """
+    """By `taskset`, or the limit of a container, rounded up."""
     return max(1, min([cores_of_process(), *(math.ceil(limit) for limit in _limits(root))]))
 
 
 def usable_cores(train: TrainConfig) -> int:
-    """Processor cores that a run may use: those of this process, at most DR_THREADS."""
+    """At most DR_THREADS."""
     found = cores()
     return min(found, train.threads or found)
 
@@ -35,19 +31,19 @@ def overlaps(train: TrainConfig) -> bool:
 
 
 def max_lag(train: TrainConfig) -> int:
-    """By how many iterations driving may be ahead of learning; 0 if the two take turns."""
+    """How many iterations driving may be ahead; 0 to take turns."""
     return train.train_max_lag if overlaps(train) else 0
 
 
 def with_known_overlap(train: TrainConfig) -> TrainConfig:
-    """The same for processes on other machines, whose cores do not decide whether work overlaps."""
+    """For machines whose cores do not decide whether work overlaps."""
     return train.replaced(train_overlap="on" if overlaps(train) else "off")
 
 
 def driving_threads(train: TrainConfig) -> int:
-    """Threads of one simulation worker; the workers share the cores that the trainer leaves.
+    """Of one worker; workers share the cores that the trainer leaves.
 
-    One that joins a training from another machine uses all cores of its own: `usable_cores`.
+    One that joins from another machine uses all of its own: `usable_cores`.
     """
     mine = usable_cores(train)
     if overlaps(train):
@@ -56,17 +52,13 @@ def driving_threads(train: TrainConfig) -> int:
 
 
 def learning_threads(train: TrainConfig) -> int:
-    """Threads of the trainer: half of the cores if driving and learning overlap, else all.
-
-    Without workers on its machine, it has all cores.
-    """
+    """Half of the cores if driving and learning overlap, else all."""
     if train.workers == 0:
         return usable_cores(train)
     return max(1, usable_cores(train) // 2) if overlaps(train) else usable_cores(train)
 
 
 def _limits(root: Path) -> Iterator[float]:
-    """The limits of this process's control groups, in cores."""
     for folder, unified in group_folders("cpu", root):
         names = ("cpu.max",) if unified else ("cpu.cfs_quota_us", "cpu.cfs_period_us")
         limit = _limit(*(folder / name for name in names))
@@ -75,10 +67,7 @@ def _limits(root: Path) -> Iterator[float]:
 
 
 def _limit(*files: Path) -> float | None:
-    """Quota divided by period, from the files that have them; None without a limit.
-
-    Without a limit, the quota is "max", or -1 in the first version of control groups.
-    """
+    """Quota divided by period. No limit is "max", or -1 in version 1."""
     try:
         words = " ".join(file.read_text("ascii", "replace") for file in files).split()
         quota_us, period_us = (int(word) for word in words)

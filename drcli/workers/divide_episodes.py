@@ -1,25 +1,19 @@
-"""Divides the episodes of an iteration between workers that are not equally fast."""
+"""Divides the episodes of an iteration by the speeds of workers."""
 
 from collections.abc import Sequence
 from statistics import median
 
 EQUAL_WITHIN = 1.5
-"""Workers whose speeds differ by less than this factor get equal shares: how long episodes last
-differs from worker to worker too, and equal shares let a training be repeated exactly."""
+"""Within this factor shares are equal: how long episodes last differs too, and equal shares let a
+training be repeated exactly.
+"""
 
 
 def divide(episodes: int, speeds: Sequence[float | None], most: int) -> list[int]:
-    """How many episodes each worker drives.
+    """Counts with the sum `episodes`; 0 for less than half an episode.
 
-    Args:
-        episodes: Of the iteration.
-        speeds: Steps per second of each worker; None for one that has not driven yet, which is
-            taken to be as fast as the one in the middle.
-        most: Episodes that one worker may drive. It is raised where that would be too few.
-
-    Returns:
-        As many counts as speeds, with the sum `episodes`. A worker that is too slow for half an
-        episode gets none.
+    `speeds`: None for a worker that has not driven yet, which counts as the median. `most` is
+    raised where it is too few.
     """
     if not speeds:
         return []

@@ -1,4 +1,4 @@
-"""Publishes what people and tools read of the episodes of one worker: metrics, traces, figures."""
+"""Publishes metrics, traces and figures of one worker's episodes."""
 
 import time
 from collections.abc import Sequence
@@ -25,19 +25,13 @@ from drcli.workers.training_simulation import TrainingSimulation
 _logger = get_logger(__name__)
 
 _MOVED_AT_ONCE = 50
-"""Traces that are moved after an iteration, while the trainer learns. A move is three requests."""
+"""While the trainer learns; a move is three requests."""
 
 
 class DriveResults:
-    """The results of a worker's drives, in the order of its simulated clock.
+    """Results in the order of the simulated clock.
 
-    Log-guru stops at an episode that it has seen before, so the log gets each one once, even if a
-    restart or a rollback drives it again.
-
-    Args:
-        job: The training.
-        bucket: Where the model is.
-        simulation: What the worker drives first.
+    Log-guru stops at an episode that it has seen, so the log gets each one once.
 
     Raises:
         ObjectDamaged: The metrics in the bucket are damaged.
@@ -62,7 +56,6 @@ class DriveResults:
         self._evaluated_before = False
 
     def enter(self, simulation: TrainingSimulation) -> None:
-        """Go on with the simulation of another stage."""
         self._simulation = simulation
         self._metrics.finish()
         self._metrics = self._open_metrics()
@@ -78,10 +71,7 @@ class DriveResults:
         )
 
     def forget_given_up(self, newest: CheckpointName | None = None) -> None:
-        """Note which iterations the log has already, and delete traces of iterations given up.
-
-        The training goes on from checkpoint `newest`; None if that is not known yet.
-        """
+        """Note what the log has, and delete traces of iterations given up."""
         try:
             rollbacks = read_rollbacks(self._bucket, self._prefix)
         except ObjectDamaged:
@@ -92,7 +82,7 @@ class DriveResults:
             self._traces.delete_after(newest.number + self._lag)
 
     def keep_before(self, iteration: int) -> None:
-        """Take this iteration and later ones, which are driven again, out of the metrics."""
+        """This iteration and later ones are driven again."""
         self._metrics.keep_before(iteration)
 
     def publish_training(
@@ -129,9 +119,9 @@ class DriveResults:
         self._bucket.put(key, csv_text(episodes, length_m, wall_clock).encode())
 
     def gather(self) -> None:
-        """Move some traces of a time when this worker was alone to the folder that it has now.
+        """Move some traces to the folder for the present number of workers.
 
-        Tools of others read the traces of one worker or those of several, but not both.
+        Tools of others read the traces of one worker or of several, but not both.
         """
         moved, self._behind = self._behind[:_MOVED_AT_ONCE], self._behind[_MOVED_AT_ONCE:]
         folder = keys.training_traces_folder(self._prefix, 0, 2)
@@ -143,19 +133,13 @@ class DriveResults:
             self._bucket.delete([key])
 
     def _stored(self, workers: int) -> list[str]:
-        """Keys of the traces of this worker in a training of one worker, or of several."""
         folder = keys.training_traces_folder(self._prefix, self._worker, workers)
         return [info.key for info in self._bucket.list(folder)]
 
     def score(
         self, name: CheckpointName, episodes: list[Driven], rollbacks: int
     ) -> EvaluationResult | None:
-        """The results of all trials of a checkpoint, which are sorted.
-
-        Returns:
-            These results, marked with the number of rollbacks so far; None if the reward function
-            declared all trials broken.
-        """
+        """The results of all trials, sorted; None if all were declared broken."""
         episodes.sort(key=lambda episode: episode.number)
         key = keys.evaluation_result(self._prefix, name.number)
         self._evaluated_before = name.number <= self._logged or self._bucket.exists(key)
@@ -183,14 +167,14 @@ class DriveResults:
         last_episode: int,
         begin: float,
     ) -> None:
-        """Publish the evaluation of a checkpoint, after the training episodes of its drive.
+        """After the training episodes of its drive.
 
         Args:
-            iteration: The one that was driven at the same time.
+            iteration: Driven at the same time.
             name: The checkpoint.
-            episodes: All trials, after `score`; they get their times.
+            episodes: All trials, after `score`.
             last_episode: One more than the number of the iteration's last training episode.
-            begin: Unix time at which the drive began, seconds.
+            begin: Of the drive, Unix seconds.
         """
         schedule(episodes, self._metrics.clock_s)
         self._send_figures(self._metrics.add(iteration, [], episodes), (begin, time.time()))
@@ -202,13 +186,11 @@ class DriveResults:
             )
 
     def close(self) -> None:
-        """Write the metrics for the last time, and send the last figures."""
         self._metrics.finish()
         self._figures.close()
 
     def _send_figures(
         self, records: Sequence[EpisodeMetrics], wall_clock: tuple[float, float]
     ) -> None:
-        """Give the tools of others new records of episodes driven between these Unix times."""
         if self._figures.is_active:
             self._figures.send(*episode_points(records, self._worker, wall_clock))

@@ -1,4 +1,4 @@
-"""An episode of a simulation worker: what is planned, and what the learner gets of it."""
+"""An episode of a worker: what is planned, and what the learner gets of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,16 +17,13 @@ class Plan:
     """An episode to drive.
 
     Attributes:
-        number: Number of the `Episode`.
         phase: Training samples from the policy, evaluation takes its most likely action.
-        start_fraction: Where on the lap it starts, 0 to 1.
-        reverse: Whether it drives against the direction of the simulation's track.
-        racer: Index of the racer that drives it.
-        attempt: How often it was driven before, because the reward function declared it broken.
-        offset_m: How far to the left of the centre line it starts.
-        angle_deg: How far the car is turned to the left at its start.
-        conditions: What it is driven under, instead of what the settings draw.
-        world: Episodes with the same number here have the same seed; None for its own number.
+        start_fraction: Of the lap.
+        attempt: How often it was declared broken before.
+        offset_m: To the left of the centre line.
+        angle_deg: To the left.
+        conditions: Instead of what the settings draw.
+        world: Decides the seed; None for its own number.
     """
 
     number: int
@@ -43,8 +40,8 @@ class Plan:
     def seed(self, run: int) -> int:
         """Seed of everything random in the episode's world.
 
-        All racers of a race have the same seed. An evaluation episode has the same seed for every
-        checkpoint, so that checkpoints can be compared.
+        It is the same for all racers of a race, and for each checkpoint of an evaluation, so
+        that these can be compared.
         """
         number = self.number if self.world is None else self.world
         words = [run, number, int(self.phase == "evaluation")]
@@ -58,18 +55,14 @@ class Driven(Episode):
     """An episode with the learner's data of each step except the first.
 
     Attributes:
-        racer: Index of the racer that drove it.
-        frames: What the car saw. Each of shape (eyes, 120, 160).
-        scans: Lidar values. Each of shape (scan_dims,).
+        frames: Each of shape (eyes, 120, 160).
+        scans: Lidar. Each of shape (scan_dims,).
         states: What only the critic sees. Each of shape (state_dims,).
         actions: An index, or unclipped values of shape (dims,).
-        log_probs: Log-probability of each action.
-        values: The critic's estimates.
-        learned: Whether the reward is known, so that the step may be learned from.
-        cut: Whether the step limit ended it.
-        last_value: The critic's estimate of the rest if the step limit ended it, else 0.
-        objects: If the driver keeps them, x, y and yaw of what stood and drove around the car at
-            each row. Each of shape (k, 3).
+        learned: Whether the reward is known.
+        cut: The step limit ended it.
+        last_value: The critic's estimate of the rest then.
+        objects: x, y and yaw of what was around the car at each row. Each of shape (k, 3).
     """
 
     racer: int = 0
@@ -86,7 +79,7 @@ class Driven(Episode):
 
 
 def columns_of(driven: Sequence[Driven]) -> tuple[list[float], list[float], list[float]]:
-    """Progress in percent and reward of evaluation episodes, and lap times of those completed."""
+    """Progress in percent, reward, and times of completed laps."""
     return (
         [float(e.progress) for e in driven],
         [float(e.reward) for e in driven],
@@ -95,10 +88,7 @@ def columns_of(driven: Sequence[Driven]) -> tuple[list[float], list[float], list
 
 
 def rollout_of(driven: Sequence[Driven]) -> Rollout:
-    """Training episodes as the learner takes them.
-
-    None of them may be discarded: nobody may learn from these.
-    """
+    """None of the episodes may be discarded: nobody may learn from these."""
     return Rollout(
         frames=np.stack([frame for e in driven for frame in e.frames]),
         actions=np.array([action for e in driven for action in e.actions]),
@@ -115,7 +105,7 @@ def rollout_of(driven: Sequence[Driven]) -> Rollout:
 
 
 def episodes_of(driven: Sequence[Driven]) -> Episodes:
-    """The same in the form that travels to the learner; the frames of the episodes are freed."""
+    """The frames of the episodes are freed."""
     rollout = rollout_of(driven)
     for episode in driven:
         episode.frames.clear()

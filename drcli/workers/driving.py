@@ -1,4 +1,4 @@
-"""Drives many episodes at a time: a batch of cars, one policy, and whole episodes as the result."""
+"""Drives many episodes at a time: a batch of cars and one policy."""
 
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,23 +26,16 @@ from drsim.race.traffic import Traffic
 _logger = get_logger(__name__)
 
 DRAWS = 256
-"""Random numbers drawn at a time for an episode."""
-
 STATUS_WORDS = [status.label for status in Status]
-"""Words of the trace by the simulation's status numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Racer:
-    """A policy and the meaning of its actions."""
-
     model: Policy
     actions: Actions
 
 
 class _Seat:
-    """A car with a racer and the episode that they drive."""
-
     def __init__(self, car: int, plan: Plan, racer: Racer, seed: int, first: StepResult) -> None:
         spec = racer.model.spec
         self.car = car
@@ -56,12 +49,12 @@ class _Seat:
         self._first = first
 
     def stacked(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The newest frames, oldest first; an episode's first frame stands for those before it."""
+        """Oldest first; the first frame stands for those before it."""
         self._seen.extend([frame] * (1 if self._seen else self._seen.maxlen or 1))
         return np.concatenate(self._seen)
 
     def record(self, result: StepResult, request: Sequence[float], label: str) -> None:
-        """Add a row; the first step of an episode carries the first action that was chosen."""
+        """The first row carries the first action that was chosen."""
         rows = self.episode.rows
         if not rows:
             rows.append(self._row(self._first, request, label))
@@ -91,11 +84,7 @@ class _Seat:
 
 
 def _noise(spec: PolicySpec, seed: int, plan: Plan) -> Iterator[NDArray[np.float32]]:
-    """The random numbers of an episode, for one choice at a time.
-
-    They depend on the seed and on the episode's number and attempt only, so that an iteration that
-    has to be driven again is the same.
-    """
+    """By seed, number and attempt only, so that an iteration driven again is the same."""
     key = np.array([seed, plan.number + (plan.attempt << 48)], np.uint64)
     random = np.random.Generator(np.random.Philox(key=key))
     draw = random.standard_normal if spec.continuous else random.random
@@ -106,9 +95,8 @@ def _noise(spec: PolicySpec, seed: int, plan: Plan) -> Iterator[NDArray[np.float
 class Driver:
     """Drives the cars of a simulation with the policies of one or more racers.
 
-    With several racers, car k belongs to racer k modulo their number and must get that racer's
-    plans. All random numbers come from the seed. It `keeps_objects` for those who want to show
-    what was on the track.
+    Car k belongs to racer k modulo their number and must get its plans. `keeps_objects` is for
+    videos.
     """
 
     def __init__(
@@ -141,13 +129,12 @@ class Driver:
         """Drive all planned episodes, as many at a time as there are cars.
 
         Args:
-            plans: In the order in which cars take them. With several racers, the plans of a race
-                follow each other, and there is a car for every plan.
-            on_episode: Called with each episode when it ends.
+            plans: In this order. With several racers, the plans of a race follow each other,
+                with a car for each.
+            on_episode: Called when an episode ends.
             should_stop: Asked at every step.
-            epsilon: For e-greedy: the share of actions drawn uniformly, by the training steps
-                driven in this call. None to draw from the policy.
-            cars: Which cars drive; None for all.
+            epsilon: For e-greedy: the share of uniform actions, by training steps of this call.
+            cars: Which ones drive.
 
         Raises:
             StopRequested: `should_stop` returned True.
@@ -169,7 +156,6 @@ class Driver:
             trained += sum(seat.plan.phase == "training" for seat in driving)
 
     def _fill(self, seats: dict[int, _Seat], waiting: deque[Plan], cars: range) -> None:
-        """Put waiting episodes into those of these cars that are free."""
         free = [car for car in cars if car not in seats]
         plans = [waiting.popleft() for _ in free[: len(waiting)]]
         if not plans:
@@ -188,7 +174,6 @@ class Driver:
             seats[car] = _Seat(car, plan, self._racers[plan.racer], self._seed, first)
 
     def _step(self, driving: Sequence[_Seat], epsilon: float | None) -> list[_Seat]:
-        """Take one step with all cars that drive, and return those whose episode ended."""
         steering = np.zeros(self._simulation.num_cars)
         speed = np.zeros_like(steering)
         chosen = []
@@ -224,7 +209,6 @@ class Driver:
         requests: tuple[NDArray[np.float64], NDArray[np.float64]],
         result: StepResult,
     ) -> Moment:
-        """The step that was just driven."""
         simulation, traffic = self._simulation, self._simulation.traffic
         objects = np.empty((simulation.num_cars, 0, 3))
         if traffic is not None:
@@ -265,14 +249,13 @@ class Driver:
 
     @staticmethod
     def _keep_objects(group: Sequence[_Seat], traffic: Traffic) -> None:
-        """Note where the objects of cars are, for videos; the first two rows share a place."""
+        """For videos; the first two rows share a place."""
         for seat in group:
             poses = np.column_stack([traffic.xy[seat.car], traffic.yaw_rad[seat.car]])
             missing = len(seat.episode.rows) - len(seat.episode.objects)
             seat.episode.objects.extend([poses] * missing)
 
     def _observe(self, group: Sequence[_Seat]) -> tuple[NDArray[np.uint8], Observation]:
-        """The newest frame of each car of a racer, and everything as the policy takes it."""
         cars = np.array([seat.car for seat in group])
         spec = group[0].racer.model.spec
         drawn = self._simulation.frames
@@ -289,13 +272,13 @@ class Driver:
         return frames, Observation.of_arrays(stacked, self._simulation.scans[cars], states)
 
     def _on_device(self, policy: Policy, cars: list[int], seen: Observation) -> Observation:
-        """The same with frames that are on the GPU already, if the policy chooses there."""
+        """With frames that are on the GPU already, if the policy chooses there."""
         if self._frames is None or policy.spec.stack > 1 or not isinstance(policy, GpuPolicy):
             return seen
         return seen._replace(frames=self._frames[cars])
 
     def _expect(self, cut: Sequence[_Seat]) -> None:
-        """Ask the critic for the value of the rest of episodes that the step limit cut off."""
+        """The critic's value of the rest after the step limit."""
         model = cut[0].racer.model
         noise = np.zeros((len(cut), model.spec.noise_dims), np.float32)
         _, seen = self._observe(cut)
@@ -306,11 +289,7 @@ class Driver:
 
 
 def _conditions(plans: Sequence[Plan]) -> list[Conditions] | None:
-    """The conditions of some episodes; None to draw them from the settings.
-
-    Raises:
-        ValueError: Only some of them have conditions.
-    """
+    """None to draw them; ValueError if only some episodes have any."""
     given = [plan.conditions for plan in plans if plan.conditions is not None]
     if given and len(given) < len(plans):
         raise ValueError("Either all planned episodes have conditions, or none.")
@@ -344,7 +323,6 @@ def _record(
     requests: tuple[NDArray[np.float64], NDArray[np.float64]],
     result: StepResult,
 ) -> None:
-    """Add a step to the episodes of a group."""
     continuous = group[0].racer.model.spec.continuous
     actions = decision.actions if continuous else decision.actions.tolist()
     scans, states = seen.scan.numpy(), seen.state.numpy()

@@ -1,4 +1,4 @@
-"""Writes one line into the log of a worker for each episode that has ended."""
+"""Writes a line into the log of a worker for each episode that has ended."""
 
 from typing import Any
 
@@ -11,7 +11,6 @@ _logger = log.get_logger(__name__)
 
 
 def log_training(episode: Episode, iteration: int, worker: int) -> None:
-    """Log a training episode when it ends."""
     _log(
         "episode",
         f"Episode {episode.number} of iteration {iteration}",
@@ -22,7 +21,6 @@ def log_training(episode: Episode, iteration: int, worker: int) -> None:
 
 
 def log_evaluation(episode: Episode, checkpoint: int, worker: int) -> None:
-    """Log an evaluation episode of a checkpoint during its training when it ends."""
     _log(
         "evaluation",
         f"Evaluation episode {episode.number} of checkpoint {checkpoint}",
@@ -33,7 +31,6 @@ def log_evaluation(episode: Episode, checkpoint: int, worker: int) -> None:
 
 
 def log_trial(episode: Episode, model: str) -> None:
-    """Log a trial of a stand-alone evaluation."""
     record = TrialMetrics.of(episode)
     penalty_s = (record.penalty_in_milliseconds or 0.0) / 1000.0
     _log(
@@ -48,7 +45,6 @@ def log_trial(episode: Episode, model: str) -> None:
 
 
 def _log(kind: str, what: str, episode: Episode, *, time: str = "", **facts: Any) -> None:
-    """Log an episode, which has at least its first row."""
     status = STATUS_LABELS.get(episode.status, episode.status)
     log.event(
         _logger,

@@ -1,4 +1,4 @@
-"""Decides which episodes a simulation worker drives, and how long its evaluations may take."""
+"""Decides which episodes a worker drives, and how long evaluations may take."""
 
 import math
 import time
@@ -10,10 +10,10 @@ from drcli.exchange.joined_worker import Shares, WorkerShare
 
 @dataclass(frozen=True)
 class Share:
-    """The part that one of the `workers` drives of the `episodes` of an iteration.
+    """A worker's part of the `episodes` of an iteration.
 
-    `numbered` is the largest number of episodes of any stage of the training: each iteration gets
-    as many numbers, so that no two episodes have the same one. 0 means `episodes`.
+    `numbered` is the largest number of episodes of any stage: each iteration gets as many
+    numbers, so that they are unique. 0 means `episodes`.
     """
 
     worker: int
@@ -23,33 +23,31 @@ class Share:
 
     @property
     def count(self) -> int:
-        """Episodes of this worker in every iteration."""
         return self.episodes // self.workers + (self.worker < self.episodes % self.workers)
 
     @property
     def most(self) -> int:
-        """Most episodes that a worker drives in an iteration; worker 0 drives that many."""
+        """Of any worker; worker 0 drives that many."""
         return -(-max(self.episodes, self.numbered) // self.workers)
 
     @property
     def _stride(self) -> int:
-        """Numbers from one iteration to the next."""
         return self.most if self.numbered else self.count
 
     def numbers(self, iteration: int) -> range:
-        """Numbers of this worker's episodes in one iteration, counted from the first iteration."""
+        """Counted from the first iteration."""
         first = iteration * self._stride
         return range(first, first + self.count)
 
     def position(self, number: int) -> int:
-        """Place of an episode among those of all workers, which decides where it starts."""
+        """Among the episodes of all workers; decides where it starts."""
         iteration, place = divmod(number, self._stride)
         return (iteration * self.count + place) * self.workers + self.worker
 
 
 @dataclass(frozen=True)
 class AssignedShare:
-    """The part of a worker where the trainer says who drives what: workers come and go.
+    """The part of a worker where the trainer says who drives what.
 
     As long as all have equal parts, these are those of `Share`.
     """
@@ -59,27 +57,18 @@ class AssignedShare:
 
     @property
     def evaluates(self) -> bool:
-        """Whether this worker evaluates the checkpoint, too."""
         return self.shares.workers[0] == self.own
 
     def numbers(self, iteration: int) -> range:
-        """Numbers of this worker's episodes in one iteration, counted from the first iteration."""
         first = self.own.first + (iteration - self.shares.iteration) * self.own.count
         return range(first, first + self.own.count)
 
     def position(self, number: int) -> int:
-        """Place of an episode among those of all workers, which decides where it starts."""
         return number * len(self.shares.workers) + self.shares.workers.index(self.own)
 
 
 class EvaluationBudget:
-    """Keeps evaluations within a share of a training's time.
-
-    Args:
-        share: Of the time.
-        credit_s: Seconds beyond it.
-        clock: Monotonic seconds, for tests.
-    """
+    """Keeps evaluations within a share of the time, and `credit_s` beyond."""
 
     def __init__(
         self,
@@ -93,11 +82,10 @@ class EvaluationBudget:
         self._spent_s = self._last_s = 0.0
 
     def allows_another(self, left_s: float = math.inf, *, promising: bool = True) -> bool:
-        """Whether to evaluate during a drive that begins now; to be asked before each of them.
+        """Whether to evaluate during a drive; to be asked before each.
 
-        The checkpoint has to be promising, and one more evaluation that takes as long as the last
-        one has to stay within the share; or this is the last drive that ends within the time that
-        is left: its checkpoint is what the training has come to.
+        The checkpoint has to be promising, and one more evaluation has to stay within the
+        share; or this is the last drive within the time that is left.
         """
         now_s = self._clock()
         cycle_s, self._asked_s = now_s - self._asked_s, now_s
@@ -111,6 +99,5 @@ class EvaluationBudget:
         return f"{self._spent_s:.1f} s, {100.0 * self._spent_s / passed_s:.1f} % of the time"
 
     def spend(self, seconds: float) -> None:
-        """Count the time of an evaluation."""
         self._spent_s += seconds
         self._last_s = seconds

@@ -1,8 +1,7 @@
-"""An evaluation worker that drives a share of many evaluations, one after another.
+"""A worker that drives a share of many evaluations, one after another.
 
-Run by `dr-evaluate` as `python -m drcli.workers.evaluate_many SHARE SHARES`: this process takes
-each SHARES-th task of the job, beginning with SHARE. What came of each is a file in the folder of
-the job; a model that cannot be evaluated has its reason there, and the others are driven.
+`python -m drcli.workers.evaluate_many SHARE SHARES`: each SHARES-th task from SHARE on. Files
+in the job's folder say what came of them.
 """
 
 import sys
@@ -32,7 +31,6 @@ _logger = get_logger(__name__)
 def drive_share(
     job: Job, lifeline: Lifeline, share: int, shares: int, live: LiveShow | None = None
 ) -> None:
-    """Drive the tasks of this share, each with an outcome."""
     threads = max(1, usable_cores(job.config.train) // shares)
     for task in job.tasks[share::shares]:
         _logger.info("Evaluates %s of %s on %s.", task.checkpoint, task.prefix, task.world)
@@ -46,7 +44,6 @@ def drive_share(
 
 
 def config_of(config: RunConfig, task: EvaluationTask) -> RunConfig:
-    """The settings of the job for one task."""
     race = config.race().replaced(world_name=task.world)
     model = replace(config.model, prefix=task.prefix, metrics_prefix=task.metrics_prefix)
     return replace(config, model=model, races=(race,))
@@ -87,7 +84,6 @@ def _refused(error: DrError) -> TaskOutcome:
 
 
 def main(job: Job, lifeline: Lifeline) -> None:
-    """Drive a share of the tasks in this process."""
     share, shares = map(int, sys.argv[1:])
     facts = facts_of(job.config.race(), [job.config.model.prefix])
     name = f"evaluation-{share}"

@@ -1,7 +1,7 @@
-"""Fresh starts of evaluation laps: spread over the lap, each a little off the ideal start.
+"""Fresh starts of evaluation laps, each a little off the ideal start.
 
-A deterministic policy drives each lap from the same start alike, so only other starts show how
-reliable it is. The spread is that of a car that is set down by hand.
+A deterministic policy drives each lap from the same start alike. The spread is that of a car
+set down by hand.
 """
 
 import numpy as np
@@ -11,25 +11,13 @@ from drsim.episode.start_poses import start_pose
 from drsim.track.track import Track
 
 OFFSET_SHARE = 0.1
-"""Most distance from the centre line, as a share of the track's width there."""
-
 ANGLE_DEG = 3.0
-"""Most angle to the driving direction."""
 
 
 def fresh_starts(track: Track, count: int, seed: int) -> list[Plan]:
-    """Evaluation episodes from starts that are drawn from the seed.
+    """Plans in the order of the lap, drawn from the seed.
 
-    One start lies in each of `count` equal parts of the lap. On an open track all are at its
-    beginning, because a lap is the way to its end.
-
-    Args:
-        track: In the driving direction.
-        count: Number of starts, at least 1.
-        seed: Equal seeds give equal starts; not negative.
-
-    Returns:
-        Plans numbered from 0, in the order of the lap.
+    One start lies in each of `count` equal parts; on an open track all are at its beginning.
     """
     # A name of its own among the random numbers of a seed.
     random = np.random.default_rng([seed, 0x5747])
@@ -48,7 +36,6 @@ def fresh_starts(track: Track, count: int, seed: int) -> list[Plan]:
 
 
 def _width_m(track: Track, fraction: float) -> float:
-    """Width of the road at a fraction of the lap, metres."""
     distance_m = np.array([fraction * track.length_m])
     # The lanes lie midway between the centre line and the borders.
     inner, outer = (track.pose_at(distance_m, lane)[0] for lane in ("inner", "outer"))

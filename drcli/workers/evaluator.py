@@ -1,8 +1,7 @@
-"""The evaluation worker: drives laps with one checkpoint of a finished or running training.
+"""The evaluation worker, which never changes a model.
 
-Run by `dr-evaluate` as `python -m drcli.workers.evaluator STAMP CHECKPOINT [OPPONENT]`, where the
-opponent is the checkpoint of the second model of a HEAD_TO_MODEL race. The job says whether files
-drive instead, and in which engines. It writes traces and metrics and never changes a model.
+`python -m drcli.workers.evaluator STAMP CHECKPOINT [OPPONENT]`. The job says whether files
+drive instead.
 """
 
 import math
@@ -68,24 +67,21 @@ from drsim.track.track import Track
 from drsim.track.worlds import directed
 
 OPPONENT_COLOR = "Orange"
-"""Of the second car in a race between two models. Source: the reference."""
+"""Source: the reference."""
 
 MOST_CARS = 64
-"""Cars that drive at a time: more make a step not faster, and take memory."""
+"""More do not make a step faster."""
 
 FRESH_SEEDS = 1 << 32
-"""Added to the seed of fresh laps: no training chose a checkpoint by laps from these starts."""
+"""No training chose a checkpoint by laps from these starts."""
 
 MOST_ENGINE_THREADS = 2
-"""Of an engine that is not PyTorch: more do not help a few pictures at a time."""
+"""More do not help a few pictures at a time."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A model that drives: its prefix and checkpoint, and the keys of its trace and metrics.
-
-    `source` may name a file that drives instead.
-    """
+    """A model that drives, with keys of its trace and metrics; `source` may be a file."""
 
     prefix: str
     checkpoint: str
@@ -95,7 +91,6 @@ class Entry:
 
     @property
     def recording(self) -> str:
-        """Key of what its trace does not tell."""
         return keys.recording_of(self.trace)
 
     @property
@@ -109,10 +104,6 @@ def entries(
     checkpoints: Sequence[str],
     sources: Sequence[PolicySource] = (),
 ) -> list[Entry]:
-    """The model itself and, if there is a second checkpoint, its opponent.
-
-    `stamp` is the fourteen digits that name the evaluation.
-    """
     sources = sources or [PolicySource()] * len(checkpoints)
     model, s = config.model, config.evaluation
     own = Entry(
@@ -144,19 +135,10 @@ def evaluate(
     live: LiveShow | None = None,
     fresh_laps: int = 0,
 ) -> EvaluationTrials:
-    """Drive the trials of the settings, and put traces and metrics into the bucket.
+    """Drive the trials, and put traces and metrics into the bucket.
 
     There is one episode for each trial and racer; the laps of a continuous race are trials.
-
-    Args:
-        job: Of this process.
-        lifeline: Says when to stop.
-        entered: The model, and its opponent in a race between two.
-        config: What to drive, if it is not that of the job.
-        threads: For physics and camera; as many as there are cores when left out.
-        live: Shows the cars to those who watch.
-        fresh_laps: Drive so many laps from fresh starts instead of the trials of the settings. Each
-            ends at its first violation.
+    `fresh_laps` replace the trials; each ends at its first violation.
 
     Raises:
         SettingsError: A model cannot be used, or the two cannot race each other.
@@ -261,7 +243,6 @@ def evaluate(
 
 
 def _recorded(episode: Episode, plan: Plan | None) -> TrialMetrics:
-    """The record of a trial, and where it began."""
     record = TrialMetrics.of(episode)
     if plan is None:
         return record
@@ -274,10 +255,7 @@ def _recorded(episode: Episode, plan: Plan | None) -> TrialMetrics:
 
 
 def start_of(s: EvaluationConfig, track: Track) -> tuple[Plan, list[str]]:
-    """An episode from the start that the settings ask for, and what is different about it.
-
-    `track` is in the driving direction.
-    """
+    """The start that the settings ask for, and what is different about it."""
     fraction, word = s.eval_start_position, s.eval_start_offset
     by_word = word in START_SIDES
     wanted_m = offset_of(track, fraction, cast(Side, word)) if by_word else float(word)
@@ -293,7 +271,7 @@ def start_of(s: EvaluationConfig, track: Track) -> tuple[Plan, list[str]]:
 
 
 def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, ModelMetadata]:
-    """The policy of an entry in its engine, and what it was trained with.
+    """The policy of an entry in its engine.
 
     Raises:
         SettingsError: It cannot be used, or its file has changed since it was checked.
@@ -336,7 +314,7 @@ def _say_start(config: RunConfig, metadata: ModelMetadata, parameters: Hyperpara
 
 
 def laps_of(race: Episode) -> list[Episode]:
-    """Cut a continuous race into laps, the episodes of its trace, numbered from 0."""
+    """Cut a continuous race into laps, the episodes of its trace."""
     laps = [Episode(0, race.phase, clock_s=race.clock_s)]
     for row in race.rows:
         if laps[-1].rows and laps[-1].rows[-1].progress >= 100.0:
@@ -347,7 +325,6 @@ def laps_of(race: Episode) -> list[Episode]:
 
 
 def main(job: Job, lifeline: Lifeline) -> None:
-    """Run an evaluation in this process."""
     stamp, *checkpoints = sys.argv[1:]
     entered = entries(job.config, stamp, checkpoints, job.sources)
     facts = facts_of(job.config.race(), [entered[0].name])

@@ -14,30 +14,25 @@ from drcli.exchange.stage import Stage
 from drcli.modelfiles.hyperparameters import Hyperparameters
 
 SCORED_EPISODES = 100
-"""Episodes over which the mean reward of a stage is taken, as in the lists of the Gym."""
+"""As in the lists of the Gym."""
 
 CONFIRMED = f", and then {CONFIRMING_CLEAN} of {CONFIRMING_LAPS} laps from other starts are as good"
-"""What follows the words of targets for laps."""
-
 CONFIRMED_PROGRESS = f", and on {CONFIRMING_LAPS} laps from other starts"
-"""What follows the words of targets for the mean progress."""
 
 
 @dataclass(frozen=True)
 class Target:
     """What the evaluations of checkpoints must show to end a training or a stage.
 
-    Checkpoints are evaluated again and again, so one that is not good enough passes by luck some
-    day. Therefore a checkpoint whose evaluation shows it drives again, from starts that it has not
-    driven before, and these laps decide.
+    Of many evaluations, one passes by luck some day. So the checkpoint then drives again from
+    other starts, and these laps decide.
 
     Attributes:
-        name: The setting or option.
-        laps: All laps are clean, so many at least; None if they need not be completed.
-        most_s: Most simulated seconds of each lap.
-        mean_s: Most simulated seconds of a lap on average.
-        progress: Least mean progress, percent.
-        evaluations: How many evaluations in a row must show it.
+        laps: All are clean, so many at least; None if they need not be completed.
+        most_s: Of each lap, simulated seconds.
+        mean_s: The same on average.
+        progress: Least mean, percent.
+        evaluations: How many in a row must show it.
     """
 
     name: str
@@ -49,29 +44,22 @@ class Target:
 
     @property
     def lap_time_s(self) -> float:
-        """The longest that laps may take, each or on average; infinity if there is no limit."""
         return min((s for s in (self.most_s, self.mean_s) if s is not None), default=math.inf)
 
     def shown_by(self, progress: Sequence[float], lap_s: Sequence[float]) -> bool:
-        """Whether an evaluation is good enough, by the progress of all and the times of clean laps.
-
-        The times are simulated seconds, the progress is percent.
-        """
+        """By percent of all, seconds of clean laps."""
         clean = self.laps is None or len(lap_s) >= max(self.laps, len(progress))
         within = self.most_s is None or max(lap_s, default=0.0) <= self.most_s
         return clean and within and self._averages_hold(progress, lap_s)
 
     def confirmed_by(self, progress: Sequence[float], lap_s: Sequence[float]) -> bool:
-        """The same of the `CONFIRMING_LAPS` that it drove again."""
+        """By the `CONFIRMING_LAPS` that it drove again."""
         fast = Laps(len(progress), lap_s).within(self.most_s).clean
         clean = self.laps is None or fast >= CONFIRMING_CLEAN
         return bool(progress) and clean and self._averages_hold(progress, lap_s)
 
     def _reached_by(self, records: Sequence[IterationRecord]) -> IterationRecord | None:
-        """The iteration whose checkpoint has reached it.
-
-        If one evaluation is enough, any will do: a worse one may have arrived after it.
-        """
+        """If one evaluation is enough, any will do: a worse one may have arrived after it."""
         if self.evaluations == 1:
             runs = [[r] for r in reversed(records) if r.confirmation_progress]
         else:
@@ -90,11 +78,7 @@ class Target:
         return self.progress is None or fmean(progress) >= self.progress
 
     def reached(self, records: Sequence[IterationRecord]) -> str | None:
-        """Which checkpoint has reached it with which laps, as a phrase; None if none has.
-
-        Args:
-            records: Iterations, oldest first; older ones may be missing.
-        """
+        """Which checkpoint has reached it, as a phrase."""
         last = self._reached_by(records)
         if last is None:
             return None
@@ -111,7 +95,6 @@ class Target:
 
 
 def target_of(stage: Stage) -> Target:
-    """The target of a stage whose goal evaluations decide."""
     goal = stage.goal
     laps = goal.laps if goal.lap_time is None else goal.laps or 1
     name = f"goal of stage {stage.name}"
@@ -119,10 +102,7 @@ def target_of(stage: Stage) -> Target:
 
 
 def targets_of(job: Job, stage: Stage | None = None) -> list[Target]:
-    """The targets that may end a training, or the stage that is given.
-
-    Those of the whole training count in its last stage only.
-    """
+    """Those of the whole training count in its last stage only."""
     settings, targets = job.config.train, []
     if stage is not None and stage.goal.evaluated:
         targets.append(target_of(stage))
@@ -144,12 +124,7 @@ def targets_of(job: Job, stage: Stage | None = None) -> list[Target]:
 class Goals:
     """Knows when a training is complete.
 
-    Args:
-        job: With the limits of this start, or of the whole run.
-        parameters: Of the model.
-        clock: Monotonic seconds, for tests.
-        before_s: How long earlier starts trained. It counts if the limit is that of the whole run.
-        now: Unix seconds, for tests.
+    `before_s`, the time of earlier starts, counts only for a whole run.
     """
 
     def __init__(
@@ -178,7 +153,7 @@ class Goals:
             self._ends_s.append((clock() + job.ends_at - now(), why))
 
     def late_s(self) -> float:
-        """For how long a time limit has been over; negative before, -inf without one."""
+        """Negative before a time limit, -inf without one."""
         return self._clock() - min((at_s for at_s, _ in self._ends_s), default=float("inf"))
 
     def reached(
@@ -189,14 +164,10 @@ class Goals:
         episodes: int | None = None,
         judged: Sequence[IterationRecord] | None = None,
     ) -> str | None:
-        """Why the training is complete, as one sentence; None if it is not.
+        """Why the training is complete; None if it is not.
 
-        Args:
-            records: The iterations so far, oldest first; older ones may be missing.
-            count: How many iterations there are with the missing ones.
-            episodes: How many training episodes there were with the missing ones.
-            judged: The iterations that show how well the car drives, if not all: in a training
-                with stages, those of the last stage.
+        `count` and `episodes` include records that are missing. `judged` are those of the last
+        stage.
         """
         episodes = sum(r.episodes for r in records) if episodes is None else episodes
         steps = records[-1].total_steps if records else 0
@@ -206,7 +177,7 @@ class Goals:
         )
 
     def _limit(self, count: int, episodes: int, steps: int) -> str | None:
-        """Why the training is complete, however well the car drives."""
+        """However well the car drives."""
         job, settings = self._job, self._job.config.train
         for at_s, why in self._ends_s:
             if self._clock() >= at_s:
@@ -229,7 +200,6 @@ class Goals:
         return None
 
     def _target(self, records: Sequence[IterationRecord]) -> str | None:
-        """Why the training is complete because the car drives well enough."""
         for target in targets_of(self._job):
             phrase = target.reached(records)
             if phrase is not None:
@@ -246,10 +216,7 @@ class Goals:
 
 
 def mean_score(records: Sequence[IterationRecord], scored: int = SCORED_EPISODES) -> float | None:
-    """Mean reward of the last training episodes; None if there are fewer than `scored`.
-
-    Those that a teacher has driven say nothing about the camera policy, and do not count.
-    """
+    """None for fewer than `scored`; episodes of a teacher do not count."""
     episodes, total = 0, 0.0
     for record in reversed([record for record in records if record.is_own_driving]):
         counted = min(record.episodes, scored - episodes)
@@ -261,7 +228,6 @@ def mean_score(records: Sequence[IterationRecord], scored: int = SCORED_EPISODES
 
 
 def ending(job: Job, parameters: Hyperparameters) -> str:
-    """A sentence with everything that ends the training."""
     settings = job.config.train
     ways = []
     judged = " in the last stage" if len(job.stages) > 1 else ""
@@ -315,10 +281,7 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
 
 
 def same_goals(one: str, other: str) -> bool:
-    """Whether two sentences of `ending` have the same goals.
-
-    In version 0.1.0, no target was confirmed. A training that was complete then stays so.
-    """
+    """In version 0.1.0, no target was confirmed; trainings complete then stay so."""
     for words in (CONFIRMED, CONFIRMED_PROGRESS):
         one, other = one.replace(words, ""), other.replace(words, "")
     return one == other
@@ -333,7 +296,6 @@ def _episodes(count: int, kind: str = "") -> str:
 
 
 def _iteration_limit(job: Job, parameters: Hyperparameters) -> tuple[int, str]:
-    """The smaller of the two limits, which counts first, and its name."""
     limits = [(parameters.term_cond_max_episodes, "term_cond_max_episodes")]
     if job.config.train.train_max_iterations > 0:
         limits.append((job.config.train.train_max_iterations, "DR_TRAIN_MAX_ITERATIONS"))

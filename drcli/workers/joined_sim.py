@@ -1,6 +1,6 @@
-"""A simulation worker that joins a training from elsewhere, run by `dr-start-worker`.
+"""A worker that joins a training: `python -m drcli.workers.joined_sim MEMBER`.
 
-`python -m drcli.workers.joined_sim MEMBER`, where MEMBER is its unique name.
+`dr-start-worker` runs it; MEMBER is its unique name.
 """
 
 import sys
@@ -22,7 +22,6 @@ _logger = get_logger(__name__)
 
 
 def main(job: Job, lifeline: Lifeline) -> None:
-    """Drive for the training until it ends."""
     assert isinstance(lifeline, JoinedLifeline)
     flush_denormals()
     member, prefix = sys.argv[1], job.config.model.prefix

@@ -1,7 +1,7 @@
-"""The trainer's side of several learner processes on one machine (DR_TRAIN_LEARNERS).
+"""The trainer's side of several learner processes (DR_TRAIN_LEARNERS).
 
-The trainer alone reads and writes the bucket. The other processes have nothing that is not sent to
-them with each update, so one that is started again has lost nothing.
+Only the trainer uses the bucket. The others get everything with each update, so a new one has
+lost nothing.
 """
 
 import os
@@ -36,24 +36,15 @@ if TYPE_CHECKING:
     from torch.distributed.distributed_c10d import Store
 
 MOST_SILENCE = timedelta(minutes=10)
-"""How long a process waits for another one in the middle of an update. One that has ended is
-noticed at once."""
+"""A process that has ended is noticed at once."""
 
 LOOPBACK = {"linux": "lo", "darwin": "lo0"}
-"""Network interface on which gloo talks: without it, a machine whose own name is unknown to its
-network fails."""
+"""For gloo, which fails on a machine whose own name is unknown to its network."""
 
 
 class LearnerGroup:
-    """The learner processes of this machine: the trainer, and those that it has started.
-
-    Attributes:
-        size: How many.
-        gradients: For the trainer's own learner.
-    """
-
     def __init__(self, size: int) -> None:
-        """Start the others, and wait until they are there.
+        """Start the others, and wait for them.
 
         Raises:
             SettingsError: There are fewer GPUs than processes.
@@ -97,7 +88,6 @@ class LearnerGroup:
             raise learner_died(error) from error
 
     def build(self, build: Build) -> None:
-        """Let the others build the learner that this process builds, too."""
         self._tell(build)
 
     def begin_update(
@@ -107,13 +97,7 @@ class LearnerGroup:
         seed: int,
         steps_before: int,
     ) -> None:
-        """Let the others take part in the update that this process makes next.
-
-        Args:
-            learner: Of this process.
-            rollout: As for the update.
-            seed: As for the update.
-            steps_before: As for the update.
+        """Let the others take part in the next update.
 
         Raises:
             LearnerLostError: A process has ended.
@@ -140,7 +124,6 @@ class LearnerGroup:
         self.gradients.from_trainer(columns.values())
 
     def _new_memory(self, learner: Learner) -> tuple[Path | None, int] | None:
-        """Exchange the gradients of a network of another size through memory, if there is room."""
         count = sum(p.numel() for p in learner.model.parameters() if p.requires_grad)
         if learner.compute.device.type != "cpu" or count == self._parameters:
             return None
@@ -151,13 +134,11 @@ class LearnerGroup:
         return path, count
 
     def remember(self, rollout: Rollout) -> None:
-        """Let the others remember a rollout that this process remembers, too."""
         columns = columns_of(rollout)
         self._tell(Remember(kinds_of(columns)))
         self.gradients.from_trainer(columns.values())
 
     def close(self) -> None:
-        """End the other processes, whatever they do."""
         from torch import distributed
 
         for process in self._processes:
@@ -177,7 +158,7 @@ class LearnerGroup:
 
 
 def join_group(store: "Store", rank: int, size: int) -> None:
-    """Make the process group of this process, with NCCL between GPUs."""
+    """With NCCL between GPUs."""
     from torch import distributed
 
     if sys.platform in LOOPBACK:
@@ -192,7 +173,7 @@ def join_group(store: "Store", rank: int, size: int) -> None:
 
 
 def learner_died(error: Exception) -> WorkerDied:
-    """The failure of a trainer whose other learner process has ended; it starts again."""
+    """The trainer ends, and starts again."""
     return WorkerDied(
         f"A learner process of DR_TRAIN_LEARNERS has ended: {error}.",
         remedy="Read its reason with `dr-logs trainer`; if memory is short, set "
@@ -202,7 +183,7 @@ def learner_died(error: Exception) -> WorkerDied:
 
 @contextmanager
 def learner_group(size: int) -> Iterator[LearnerGroup | None]:
-    """The group of so many processes; None for one, the trainer itself."""
+    """None for one process, the trainer itself."""
     if size == 1:
         yield None
         return

@@ -1,7 +1,6 @@
-"""What the trainer tells the other learner processes of its machine.
+"""What the trainer tells the other learner processes.
 
-A message goes through the standard input of a process; the tensors that belong to it follow in the
-process group.
+Messages go through standard input; their tensors follow in the process group.
 """
 
 from collections.abc import Mapping
@@ -19,19 +18,10 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 Kinds = tuple[tuple[str, tuple[int, ...], torch.dtype], ...]
-"""Name, shape and number format of tensors."""
 
 
 @dataclass(frozen=True)
 class Join:
-    """Join the process group.
-
-    Attributes:
-        rank: Number of the process.
-        size: How many processes there are, with the trainer.
-        port: Where they find each other on this machine.
-    """
-
     rank: int
     size: int
     port: int
@@ -39,8 +29,6 @@ class Join:
 
 @dataclass(frozen=True)
 class Build:
-    """Build the learner of a training or of a stage."""
-
     metadata: ModelMetadata
     parameters: Hyperparameters
     compute: Compute
@@ -48,17 +36,9 @@ class Build:
 
 @dataclass(frozen=True)
 class Update:
-    """Take part in an update. Weights, the optimizer's state and the rollout follow.
+    """Weights, the optimizer's state and the rollout follow.
 
-    Attributes:
-        optimizer: Tensors of the optimizer's state.
-        rollout: Columns of the rollout.
-        seed: As for the update.
-        steps_before: As for the update.
-        lr_factor: Of the learner.
-        critic_warmup: Of the learner.
-        memory: File and number of parameters of new memory for gradients; no file if there is no
-            room for it; None if nothing changes.
+    `memory`: new gradient memory, with a file unless there is no room; None if nothing changes.
     """
 
     optimizer: Kinds
@@ -72,8 +52,6 @@ class Update:
 
 @dataclass(frozen=True)
 class Remember:
-    """Remember a rollout, which follows, without learning from it."""
-
     rollout: Kinds
 
 
@@ -81,7 +59,6 @@ Message = Build | Update | Remember
 
 
 def columns_of(rollout: Rollout) -> dict[str, Tensor]:
-    """The columns of a rollout as tensors, by name."""
     columns = {}
     for field in fields(Rollout):
         column = getattr(rollout, field.name)
@@ -91,18 +68,15 @@ def columns_of(rollout: Rollout) -> dict[str, Tensor]:
 
 
 def rollout_from(columns: Mapping[str, Tensor]) -> Rollout:
-    """The rollout with such columns."""
     arrays = {name: column.numpy() for name, column in columns.items()}
     return Rollout(**(arrays | {each: arrays[each].view(np.bool_) for each in ("cut", "learned")}))
 
 
 def kinds_of(tensors: Mapping[str, Tensor]) -> Kinds:
-    """What another process needs to know to receive tensors."""
     return tuple((name, tuple(each.shape), each.dtype) for name, each in tensors.items())
 
 
 def received(group: GradientGroup, kinds: Kinds, device: torch.device) -> dict[str, Tensor]:
-    """Tensors that the trainer sends now."""
     tensors = {name: torch.empty(shape, dtype=dtype, device=device) for name, shape, dtype in kinds}
     group.from_trainer(tensors.values())
     return tensors

@@ -1,4 +1,4 @@
-"""Writes the learner's numbers of each iteration, by CleanRL's names: a CSV file and a log line."""
+"""Writes the learner's numbers of each iteration, by CleanRL's names: CSV and log."""
 
 import csv
 import io
@@ -25,11 +25,9 @@ NUMBER, STEPS = "iteration", "global_step"
 ITERATIONS_PER_PART = 64
 
 Row = dict[str, float]
-"""Numbers of an iteration by name; unknown ones are left out."""
 
 
 def row_of(record: IterationRecord, stats: "Stats | None" = None) -> Row:
-    """The numbers of an iteration from the history and, if it was learned just now, its update."""
     row: dict[str, float | None] = {
         NUMBER: record.iteration,
         STEPS: record.total_steps,
@@ -51,7 +49,6 @@ def row_of(record: IterationRecord, stats: "Stats | None" = None) -> Row:
 
 
 def with_losses(record: IterationRecord, stats: "Stats | None") -> IterationRecord:
-    """The record of an iteration with the numbers of its update, None if there was none."""
     numbers = {} if stats is None else stats.metrics()
     return replace(
         record,
@@ -67,15 +64,13 @@ def with_losses(record: IterationRecord, stats: "Stats | None") -> IterationReco
 
 
 def line_of(row: Row) -> str:
-    """The log line of an iteration."""
     return "Metrics> " + " ".join(f"{name}={_text(value)}" for name, value in row.items())
 
 
 class LearnerMetrics:
-    """`metrics/learner.csv`: a row for each iteration, for pandas and other programs.
+    """`metrics/learner.csv`: a row for each iteration.
 
-    No training needs this file, so it never stops one: unreadable cells are left out, and the log
-    says when the file cannot be written. After `restore`, only one thread may use it.
+    It never stops a training. After `restore`, only one thread may use it.
     """
 
     def __init__(self, bucket: Bucket, prefix: str) -> None:
@@ -87,11 +82,7 @@ class LearnerMetrics:
         )
 
     def restore(self, history: Iterable[IterationRecord]) -> str | None:
-        """Continue the file with the iterations of the history, which fill its gaps.
-
-        Returns:
-            What is wrong with the file, or None.
-        """
+        """Fills gaps from the history; returns what is wrong with the file."""
         problem, written, parts = None, dict[int, Row](), list[str]()
         try:
             parts = list_parts(self._bucket, self._key)
@@ -108,7 +99,6 @@ class LearnerMetrics:
         return problem
 
     def add(self, row: Row) -> None:
-        """Append an iteration and publish."""
         columns = columns_of([dict.fromkeys(self._columns, 0.0), row])
         new = len(columns) - len(self._columns)
         if new:
@@ -120,12 +110,10 @@ class LearnerMetrics:
             _logger.warning("%s/%s was not written: %s", self._bucket.name, self._key, error)
 
     def finish(self) -> None:
-        """Write the file for the last time."""
         self._file.finish()
 
 
 def columns_of(rows: Iterable[Mapping[str, float]]) -> list[str]:
-    """A column for each name in these rows."""
     return list(dict.fromkeys([NUMBER, STEPS, *(name for row in rows for name in row)]))
 
 
@@ -136,13 +124,12 @@ def _layout(columns: Sequence[str]) -> Layout:
 
 
 def _line(row: Mapping[str, float], columns: Sequence[str]) -> bytes:
-    """A line of the file; unknown numbers are empty cells. A number contains no comma."""
     cells = (_text(row[name]) if name in row else "" for name in columns)
     return f"{','.join(cells)}\n".encode()
 
 
 def _read(data: bytes) -> dict[int, Row]:
-    """The readable rows of a file by iteration.
+    """The readable rows by iteration.
 
     Raises:
         ValueError, csv.Error: It is another kind of file.
@@ -159,7 +146,6 @@ def _read(data: bytes) -> dict[int, Row]:
 
 
 def _number(name: object, text: object) -> float | None:
-    """The number in a cell; None if it has none or the column is not ours."""
     if not isinstance(name, str) or not isinstance(text, str):
         return None  # more or fewer cells than columns
     if name not in (NUMBER, STEPS) and not name.startswith(("charts/", "losses/")):

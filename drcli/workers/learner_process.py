@@ -1,6 +1,6 @@
-"""One of the other learner processes of a training, which does what the trainer tells it.
+"""Another learner process: `python -m drcli.workers.learner_process`.
 
-Run by the trainer as `python -m drcli.workers.learner_process`. It ends with the trainer.
+It ends with the trainer.
 """
 
 import pickle
@@ -24,7 +24,6 @@ CPU = torch.device("cpu")
 
 
 def take_part(messages: BinaryIO, group: GradientGroup) -> None:
-    """Do what the messages say until there are no more."""
     learner: Learner | None = None
     while True:
         try:
@@ -65,7 +64,6 @@ def _update(learner: Learner, group: GradientGroup, message: Update) -> None:
 
 
 def main() -> None:
-    """Join the trainer, and work until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the trainer decides when to end
     flush_denormals()
     messages = sys.stdin.buffer

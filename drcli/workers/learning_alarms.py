@@ -1,4 +1,4 @@
-"""Warns in the log of a trainer when its learning curve shows that something goes wrong."""
+"""Warns when the learning curve shows that something goes wrong."""
 
 from drcli.base.log import get_logger
 from drcli.store.alarms import trends
@@ -9,8 +9,6 @@ _logger = get_logger(__name__)
 
 
 class LearningAlarms:
-    """Warns of each trend once, and of a collapse once until the car drives well again."""
-
     def __init__(self, history: History, checkpoints: CheckpointStore) -> None:
         self._history = history
         self._checkpoints = checkpoints
@@ -18,7 +16,7 @@ class LearningAlarms:
         self._alarmed: set[str] = set()
 
     def check(self) -> str | None:
-        """Warn of what the newest iteration shows; returns a sentence if the model is collapsed."""
+        """Returns a sentence if the model is collapsed."""
         fallen = self._history.collapse(self._checkpoints.best_name())
         for alarm in trends(self._history.records):
             if alarm.subject not in self._alarmed:
@@ -30,5 +28,4 @@ class LearningAlarms:
         return fallen
 
     def begin_stage(self) -> None:
-        """Warn of a collapse again: another stage is learned from now on."""
         self._collapsed = False

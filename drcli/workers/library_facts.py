@@ -1,7 +1,7 @@
-"""Prints what torch and mujoco say about this machine: `python -m ... PRECISION BATCH THREADS`.
+"""Prints what torch and mujoco say here: `python -m ... PRECISION BATCH THREADS`.
 
-`dr doctor` runs it as a process of its own, because loading them takes seconds and may fail in ways
-that no program survives.
+`dr doctor` runs it as a process: loading them takes seconds and may fail in ways that no
+program survives.
 """
 
 import json
@@ -13,7 +13,6 @@ from drcli.base.installation import import_error
 
 
 def library_facts(precision: str, batch_size: int, threads: int) -> dict[str, Any]:
-    """What the trainer would use; arguments as for `choose_compute`."""
     os.environ.setdefault("MUJOCO_GL", "disable")  # otherwise mujoco looks for OpenGL
     import mujoco
     import torch

@@ -1,4 +1,4 @@
-"""Counts rewards of running episodes, and remembers the newest laps, for the live view."""
+"""Rewards of running episodes and the newest laps, for the live view."""
 
 import threading
 from collections import deque
@@ -11,18 +11,13 @@ from drcli.exchange.trace import VIOLATIONS, Episode, Phase, Row
 from drcli.workers.live_moment import Rider
 
 REMEMBERED = 24
-"""Finished episodes that a scene tells."""
-
 COMPLETE = 100.0
 
 Who = tuple[int, Phase, int]
-"""Number and phase of an episode, and the index of its racer."""
 
 
 @dataclass
 class _Open:
-    """An episode that runs, as far as it is counted."""
-
     rows: Sequence[Row]
     counted: int = 0
     total: float = 0.0
@@ -35,14 +30,6 @@ class _Open:
 
 @dataclass(frozen=True)
 class Drive:
-    """With what is driven.
-
-    Attributes:
-        world: The track.
-        iteration: None in an evaluation.
-        checkpoint: Empty if unknown.
-    """
-
     world: str
     iteration: int | None
     checkpoint: str
@@ -50,8 +37,6 @@ class Drive:
 
 @dataclass(frozen=True)
 class _Ended:
-    """An episode that has ended, and is not counted yet."""
-
     episode: Episode
     racer: int
     drive: Drive
@@ -59,9 +44,9 @@ class _Ended:
 
 
 class LiveEpisodes:
-    """The newest finished episodes. Its methods may be called from any thread.
+    """For any thread.
 
-    What has ended is counted when somebody asks: the driving loop would lose 0.2 % of its time.
+    Episodes are counted when somebody asks: the driving loop would lose 0.2 % of its time.
     """
 
     def __init__(self) -> None:
@@ -73,13 +58,12 @@ class LiveEpisodes:
 
     @property
     def finished(self) -> list[FinishedEpisode]:
-        """The newest finished episodes, oldest first."""
         with self._lock:
             self._settle()
             return list(self._finished)
 
     def follow(self, rider: Rider, drive: Drive) -> float:
-        """The reward of an episode so far; laps of it that are complete are remembered."""
+        """Returns the reward so far; complete laps are remembered."""
         rows = rider.rows
         if rows[-1].done:  # `end` counts it, or has done so already
             return sum(row.reward for row in rows[: rider.steps])
@@ -92,7 +76,6 @@ class LiveEpisodes:
             return found.total
 
     def end(self, episode: Episode, racer: int, drive: Drive) -> None:
-        """Remember an episode that has ended."""
         if not episode.rows:
             return
         with self._lock:
@@ -101,7 +84,7 @@ class LiveEpisodes:
                 self._open.pop(id(self._ended.popleft().episode.rows), None)
 
     def forget(self) -> None:
-        """Forget the episodes that run: nobody will end them."""
+        """Nobody will end the running episodes."""
         with self._lock:
             if self._open:
                 self._settle()
@@ -127,7 +110,6 @@ class LiveEpisodes:
                 self._finish(found, who, drive, ended_s)
 
     def _finish(self, found: _Open, who: Who, drive: Drive, ended_s: float) -> None:
-        """Remember the lap that ends at the last counted row."""
         number, phase, racer = who
         row = found.rows[found.counted - 1]
         self._serial += 1

@@ -1,4 +1,4 @@
-"""The figures of a training for the tools of others: what a trainer and a simulation send."""
+"""The figures of a training for the tools of others."""
 
 import math
 import time
@@ -20,13 +20,10 @@ if TYPE_CHECKING:
 
 
 class LiveFigures:
-    """What a trainer sends: each iteration, each scored evaluation, each epoch's entropy.
-
-    Without a tool to send to, it does nothing.
-    """
+    """What a trainer sends: each iteration, each scored evaluation, each epoch's entropy."""
 
     def __init__(self, sender: FigureSender, records: Iterable[IterationRecord] = ()) -> None:
-        """Begin after the iterations of `records`, whose evaluations are sent already."""
+        """The evaluations of `records` are sent already."""
         self._sender = sender
         self._evaluated = {record.iteration for record in records if record.evaluation_progress}
 
@@ -34,7 +31,6 @@ class LiveFigures:
     def of_trainer(
         job: Job, design: Design, records: Sequence[IterationRecord], steps: int
     ) -> "LiveFigures":
-        """For a trainer that continues after the iterations of `records`, at so many steps."""
         config = job.config
         if not is_wanted(job):
             return LiveFigures(FigureSender([]))
@@ -57,20 +53,19 @@ class LiveFigures:
         return LiveFigures(sender, records)
 
     def epoch(self, stats: "Stats") -> None:
-        """Send the entropy of an epoch."""
         entropy = stats.metrics().get("losses/entropy", math.nan)
         if self._sender.is_active and math.isfinite(entropy):
             self._sender.send(EpochPoint(time.time(), entropy))
 
     def learned(self, row: Row, records: Sequence[IterationRecord]) -> None:
-        """Send an iteration, the last of the records, and what was scored since the last one."""
+        """An iteration, the last of the records, and new scores."""
         if self._sender.is_active:
             values = _named(row) | (progress_of(records[-1]) if records else {})
             self._sender.send(Point(int(row[STEPS]), time.time(), values))
             self._send_scores(records)
 
     def end(self, records: Sequence[IterationRecord], *, finished: bool) -> None:
-        """Send the last scores, and wait a little until all is sent."""
+        """Waits a little until all is sent."""
         if self._sender.is_active:
             self._send_scores(records)
             self._sender.send(Ended(time.time(), finished))
@@ -84,17 +79,13 @@ class LiveFigures:
 
 
 def is_wanted(job: Job) -> bool:
-    """Whether the settings name any tool."""
     f = job.config.figures
     servers = f.telegraf_host, f.prometheus_port, f.mlflow_url, f.trackio_url
     return bool(f.tensorboard or f.prometheus_folder or any(servers))
 
 
 def earlier_points(records: Iterable[IterationRecord]) -> list[Point]:
-    """The points of iterations before this start, at the times that the history tells.
-
-    It tells how long the training took, not when it paused: the times are counted back from now.
-    """
+    """The history does not tell pauses: times are counted back from now."""
     known = list(records)
     if not known:
         return []
@@ -110,7 +101,7 @@ def earlier_points(records: Iterable[IterationRecord]) -> list[Point]:
 
 
 def progress_of(record: IterationRecord) -> dict[str, float]:
-    """What CleanRL has no name for: progress and laps of the training episodes."""
+    """What CleanRL has no name for."""
     numbers: dict[str, float | None] = {
         "charts/episodic_progress": record.mean_progress,
         "charts/full_laps": float(record.full_laps),
@@ -120,7 +111,6 @@ def progress_of(record: IterationRecord) -> dict[str, float]:
 
 
 def evaluation_point(record: IterationRecord, time_s: float) -> Point:
-    """The evaluation of the checkpoint that an iteration began with."""
     values = _scores("evaluation", record.evaluation_progress, record.evaluation_lap_s)
     if record.second_world:
         values |= _scores("evaluation_second", record.second_progress, record.second_lap_s)
@@ -129,7 +119,6 @@ def evaluation_point(record: IterationRecord, time_s: float) -> Point:
 
 
 def parameters_of(design: Design, given: Mapping[str, str]) -> dict[str, str]:
-    """Hyperparameters, network and the settings that were given, by name."""
     metadata = design.metadata
     values = design.parameters.model_dump(mode="json", exclude_none=True)
     numbers = {name: str(value) for name, value in values.items() if name != "problems"}
@@ -155,7 +144,6 @@ def _scores(name: str, progress: Sequence[float], lap_s: Sequence[float]) -> dic
 
 
 def _named(row: Row) -> dict[str, float]:
-    """A row without its step, which is the place of its point."""
     iteration = {"charts/iteration": float(row[NUMBER])} if NUMBER in row else {}
     return iteration | {
         name: float(value) for name, value in row.items() if name not in (NUMBER, STEPS)

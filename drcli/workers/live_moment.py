@@ -1,4 +1,4 @@
-"""What the driving loop hands to a live view: one step of all cars, as it is, without work."""
+"""What the driving loop hands to a live view: one step of all cars, without work."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,17 +20,6 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Rider:
-    """A car and the episode that it drives.
-
-    Attributes:
-        car: Number in the simulation.
-        racer: Index of the racer.
-        episode: Number of the episode.
-        reverse: Whether it drives against the direction of the track.
-        rows: Of the episode. The driving loop adds to it later.
-        steps: How many rows there were after the step.
-    """
-
     car: int
     racer: int
     episode: int
@@ -45,12 +34,9 @@ class Look:
     """What some cars of a racer saw, and what their policy made of it.
 
     Attributes:
-        cars: Their numbers. Length k.
+        cars: Length k.
         frames: Shape (k, eyes, 120, 160).
-        seen: The same as the policy takes it, with everything else.
-        decision: What it chose.
-        policy: The racer's, whose weights change between iterations.
-        actions: What they mean.
+        policy: Its weights change between iterations.
     """
 
     cars: list[int]
@@ -67,16 +53,12 @@ class Moment:
 
     Attributes:
         step_s: Unix time of its end.
-        track: In the direction of the simulation.
-        result: The step.
         poses: Origins x, y in metres and yaws in radians. Shape (n, 3).
-        speeds_mps: How fast the cars are. Shape (n,).
+        speeds_mps: Shape (n,).
         steering_deg: What the policies asked for. Shape (n,).
         asked_mps: The same for speeds.
-        riders: The cars that drove, by number.
-        looks: What they saw.
         shapes: Of the k objects of each car.
-        objects: Their x, y and yaw. Shape (n, k, 3).
+        objects: x, y and yaw. Shape (n, k, 3).
         calls: Frames and outputs of the networks, where they are known.
     """
 
@@ -94,7 +76,6 @@ class Moment:
     calls: Sequence[tuple[Tensor, Tensor]] = ()
 
     def look_of(self, car: int) -> tuple[Look, int] | None:
-        """What a car saw and its row there; None if it did not drive."""
         for look in self.looks:
             if car in look.cars:
                 return look, look.cars.index(car)
@@ -104,8 +85,7 @@ class Moment:
 class Onlooker(Protocol):
     """Somebody who may look at the driving.
 
-    Attributes:
-        wanted: Whether the next step is wanted. The driving loop asks after every step.
+    The driving loop asks after every step whether the next one is `wanted`.
     """
 
     wanted: bool
@@ -114,4 +94,4 @@ class Onlooker(Protocol):
         """Take a step; returns at once."""
 
     def ended(self, episode: Episode, racer: int, world: str) -> None:
-        """Note an episode that has ended on that track."""
+        """Note an episode that has ended."""

@@ -1,4 +1,4 @@
-"""Pictures for people who watch a worker: what a car sees, and the view from behind it."""
+"""Pictures of a worker: what a car sees, and the view from behind it."""
 
 import io
 import math
@@ -22,16 +22,12 @@ _logger = get_logger(__name__)
 Rgb = tuple[float, float, float]
 
 CAMERA_SIZE = (160, 120)
-"""Columns and rows of a camera picture."""
+"""Columns and rows."""
 
 NO_CAMERA = "The teacher\nsees the track,\nno camera."
-"""What is shown instead while a teacher drives."""
-
 CHASE_SIZE = (320, 240)
-"""Columns and rows of the view from behind."""
-
 MOST_WORLDS = 2
-"""Painted worlds that are kept, up to 70 MB each: the track, and that of other evaluations."""
+"""Painted, up to 70 MB each: the track, and that of other evaluations."""
 
 _QUALITY = 75
 _WHEELS_RAD = math.radians(30.0)
@@ -39,7 +35,7 @@ _NOWHERE = (0.0, 0.0, 0.0)
 
 
 def missing_library() -> str:
-    """Why there can be no pictures, a sentence; empty if there can."""
+    """Why there can be no pictures; empty if there can."""
     try:
         import PIL.Image  # noqa: F401  whether it is there
     except ImportError as error:
@@ -48,7 +44,7 @@ def missing_library() -> str:
 
 
 def jpeg(picture: NDArray[np.uint8]) -> bytes:
-    """A picture, grey (rows, columns) or RGB (rows, columns, 3), as the content of a JPEG file."""
+    """Grey (rows, columns) or RGB (rows, columns, 3)."""
     from PIL import Image
 
     file = io.BytesIO()
@@ -57,9 +53,9 @@ def jpeg(picture: NDArray[np.uint8]) -> bytes:
 
 
 def camera_picture(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """What a car sees: its eyes, shape (eyes, rows, columns), side by side, the left one first.
+    """A car's eyes, shape (eyes, rows, columns), side by side.
 
-    Frames without pixels are those of a teacher: the picture says so.
+    A teacher has no pixels: the picture says so.
     """
     if not frames.size:
         return _words(NO_CAMERA)
@@ -68,7 +64,6 @@ def camera_picture(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @cache
 def _words(text: str) -> NDArray[np.uint8]:
-    """Words instead of a camera picture, grey, in its size."""
     from PIL import Image, ImageDraw
 
     columns, rows = CAMERA_SIZE
@@ -79,8 +74,6 @@ def _words(text: str) -> NDArray[np.uint8]:
 
 
 class ChaseView:
-    """The view from behind a car, with everything around it."""
-
     def __init__(self) -> None:
         self._worlds: dict[tuple[str, bool], WorldView] = {}
         self._painter: threading.Thread | None = None
@@ -89,12 +82,10 @@ class ChaseView:
 
     @property
     def is_painting(self) -> bool:
-        """Whether a world is being painted."""
         return self._painter is not None and self._painter.is_alive()
 
     @property
     def hint(self) -> str:
-        """Why this view may be missing, a sentence; empty if nothing is wrong."""
         if self.is_painting:
             return "The view from behind the car is being prepared."
         if self._failed:
@@ -102,9 +93,9 @@ class ChaseView:
         return ""
 
     def is_ready(self, track: Track) -> bool:
-        """Whether the world of a track is painted; if not, a thread begins to paint it.
+        """Whether a track's world is painted; if not, a thread begins.
 
-        It takes one to two seconds of processor time, in which other views are shown.
+        That takes one to two seconds of processor time.
         """
         key = (track.name, track.reverse)
         if key in self._worlds:
@@ -132,13 +123,7 @@ class ChaseView:
         self._worlds[key] = world
 
     def picture(self, moment: Moment, rider: Rider, colors: list[Rgb]) -> NDArray[np.uint8]:
-        """The view from behind a car. Its world must be painted.
-
-        Args:
-            moment: The step.
-            rider: The car.
-            colors: Of each racer, 0 to 255.
-        """
+        """Its world must be painted; colors from 0 to 255."""
         track, car = moment.track, rider.car
         key = (track.name, track.reverse)
         world = self._worlds[key]

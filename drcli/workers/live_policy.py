@@ -1,4 +1,4 @@
-"""What the policy of a car made of a step, in numbers of people, for the live view."""
+"""What the policy of a car made of a step, in numbers, for the live view."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -22,15 +22,10 @@ from drsim.car.actions import Actions
 _DIGITS = 4
 
 _CALLS = 8
-"""Newest calls that are kept: one for each part of the cars of each racer, and those for cuts."""
 
 
 class PolicyTap:
-    """Keeps what PPO's networks say while they choose for the cars, so nobody asks them again.
-
-    Attributes:
-        active: Whether to keep it.
-    """
+    """Keeps what PPO's networks say while they choose, so nobody asks them again."""
 
     def __init__(self) -> None:
         self.active = False
@@ -38,7 +33,7 @@ class PolicyTap:
         self._calls: deque[tuple[Tensor, Tensor]] = deque(maxlen=_CALLS)
 
     def follow(self, looks: Sequence[Look]) -> None:
-        """Listen to the networks of these cars from now on; only for the thread that calls them."""
+        """Only for the thread that calls these networks."""
         for look in looks:
             policy = _own(look.policy)
             if isinstance(policy, ActorCritic) and policy not in self._known:
@@ -46,7 +41,6 @@ class PolicyTap:
                 policy.register_forward_hook(self._note)
 
     def take(self) -> list[tuple[Tensor, Tensor]]:
-        """Frames and outputs of the newest calls, oldest first."""
         calls = list(self._calls)
         self._calls.clear()
         return calls
@@ -61,8 +55,8 @@ def with_policy(
 ) -> ShownCar:
     """The car with what its policy made of a row of the look.
 
-    If that is not among the `calls`, the policy is asked once more for that one row, which changes
-    nothing in it. If the next weights are being loaded just then, the answer may be of neither.
+    If that is not among the `calls`, the policy is asked once more, which changes nothing. If
+    weights are being loaded just then, the answer may be of neither.
     """
     continuous = look.policy.spec.continuous
     value = float(look.decision.values[row])
@@ -91,18 +85,17 @@ def with_policy(
 def _output(
     policy: PolicyAndValue, seen: Observation, calls: Sequence[tuple[Tensor, Tensor]]
 ) -> Tensor:
-    """What PPO's network says about one car."""
     said = _said(seen.frames, calls) if isinstance(policy, ActorCritic) else None
     return policy(seen).policy if said is None else said
 
 
 def _own(policy: Policy) -> Policy:
-    """The policy itself in main memory, without what divides the cars among threads."""
+    """In main memory, without what divides the cars among threads."""
     return policy.policy if isinstance(policy, DataParallelPolicy | GpuPolicy) else policy
 
 
 def _said(frames: Tensor, calls: Sequence[tuple[Tensor, Tensor]]) -> Tensor | None:
-    """What a network said about one car's frames: they are a part of those of a call."""
+    """One car's frames are a part of those of a call."""
     for batch, output in reversed(calls):
         step_bytes = batch.stride(0) * batch.element_size()
         row, rest = divmod(frames.data_ptr() - batch.data_ptr(), max(1, step_bytes))
@@ -114,7 +107,6 @@ def _said(frames: Tensor, calls: Sequence[tuple[Tensor, Tensor]]) -> Tensor | No
 def _with_spread(
     shown: ShownCar, actions: Actions, mean: Tensor, std: Tensor, *, squashed: bool = False
 ) -> ShownCar:
-    """The car with mean and spread of continuous actions."""
     found = []
     for offset in (0.0, -1.0, 1.0):
         values = mean + offset * std

@@ -1,4 +1,4 @@
-"""Writes down where all cars of a worker are and how they do, for the live view."""
+"""Where all cars of a worker are and how they do, for the live view."""
 
 import math
 from collections.abc import Sequence
@@ -14,22 +14,12 @@ from drsim.car.actions import DiscreteActions
 from drsim.episode.episode_rules import Status
 
 BLIND = "A teacher drives now: it sees the track, and there are no camera pictures in this phase."
-"""Why there is no camera picture in the first phase of a training with a teacher."""
-
 STATUS_WORDS = [status.label for status in Status]
 
 
 @dataclass(frozen=True)
 class LiveFacts:
-    """What does not change from step to step.
-
-    Attributes:
-        race_type: As DR_RACE_TYPE.
-        racers: Who drives.
-        iteration: None in an evaluation, and before the first.
-        checkpoint: Empty before the first.
-        hint: Why a view is missing, a sentence; empty if none is.
-    """
+    """What does not change from step to step; `iteration` is None in an evaluation."""
 
     race_type: str = "TIME_TRIAL"
     racers: list[LiveRacer] = field(default_factory=list)
@@ -38,35 +28,27 @@ class LiveFacts:
     hint: str = ""
 
     def drive(self, world: str) -> Drive:
-        """With what is driven on a track."""
         return Drive(world, self.iteration, self.checkpoint)
 
     @property
     def colors(self) -> list[tuple[float, float, float]]:
-        """Of the cars, for each racer."""
         return [shell_color(racer.color) for racer in self.racers]
 
 
 def live_racer(model: str, color: str) -> LiveRacer:
-    """A racer whose car has a colour of DR_CAR_COLOR."""
     return LiveRacer(model, color, tuple(round(share) for share in shell_color(color)))
 
 
 def facts_of(race: RaceConfig, models: Sequence[str], opponent_color: str = "") -> LiveFacts:
-    """The facts of a race that these models drive; the first has the colour of the settings."""
     colors = [race.car_color, *([opponent_color] * (len(models) - 1))]
     racers = [live_racer(*each) for each in zip(models, colors, strict=True)]
     return LiveFacts(race.race_type, racers)
 
 
 def chosen_rider(moment: Moment, wanted: int | None, before: Rider | None) -> Rider | None:
-    """The car to look at; None if it does not drive.
+    """`wanted` None: the one that has come furthest.
 
-    Args:
-        moment: The step.
-        wanted: The car that a viewer wants; None for the one that has come furthest.
-        before: The car that was shown before. It stays until its episode is over, because a view
-            that jumps from car to car shows nothing.
+    The car shown `before` stays until its episode is over: a view that jumps shows nothing.
     """
     result = moment.result
     running = [rider for rider in moment.riders if not result.done[rider.car]]
@@ -83,7 +65,6 @@ def chosen_rider(moment: Moment, wanted: int | None, before: Rider | None) -> Ri
 def scene_of(
     moment: Moment, facts: LiveFacts, episodes: LiveEpisodes, rider: Rider | None
 ) -> LiveScene:
-    """All cars after a step, and more about one of them."""
     drive = facts.drive(moment.track.name)
     cars = [_car(moment, each, facts, episodes, drive) for each in moment.riders]
     actions: list[list[float]] = []
@@ -104,7 +85,6 @@ def scene_of(
 
 
 def shown_car(moment: Moment, rider: Rider) -> ShownCar:
-    """What is around a car, and what its policy made of the step."""
     objects = [
         LiveObject(shape.name, _number(x, 3), _number(y, 3), _number(math.degrees(yaw), 1))
         for shape, (x, y, yaw) in zip(
@@ -117,7 +97,7 @@ def shown_car(moment: Moment, rider: Rider) -> ShownCar:
 
 
 def _racer_of(rider: Rider, facts: LiveFacts) -> int:
-    """Index of its racer; a teacher and its student are the same one."""
+    """A teacher and its student are the same one."""
     return min(rider.racer, max(0, len(facts.racers) - 1))
 
 
@@ -150,5 +130,5 @@ def _car(
 
 
 def _number(value: float, digits: int) -> float:
-    """A rounded number; 0 for one that JSON does not know, as of a car whose physics failed."""
+    """0 for what JSON does not know, as of a car whose physics failed."""
     return round(value, digits) if math.isfinite(value) else 0.0

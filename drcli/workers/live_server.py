@@ -1,7 +1,6 @@
-"""Lets viewers on this machine connect to a worker, and sends each of them the newest it wants.
+"""Lets viewers on this machine connect to a worker.
 
-Each viewer has two threads that wait nearly all the time. What is not sent yet is replaced by what
-is newer, so a slow viewer sees less, and nobody waits for it.
+Each viewer has two threads. A slow viewer sees less, and nobody waits for it.
 """
 
 import socket
@@ -16,28 +15,21 @@ from drcli.exchange.live_record import LiveRequest, LiveView
 from drcli.exchange.live_wire import HOST, MOST_REQUEST_BYTES, admit
 
 MOST_VIEWERS = 8
-"""Visitors at a time, those included that have not proved the key yet."""
-
 GREETING_S = 3.0
-"""How long a visitor may take to prove that it knows the key, and to say what it wants."""
+"""To prove the key, and to say what it wants."""
 
 SILENCE_S = 10.0
-"""A viewer that does not read, or says nothing, for so long has gone. Viewers repeat their request
-more often."""
+"""Viewers repeat their request more often."""
 
 SIGN_OF_LIFE_S = 2.0
-"""If a viewer was sent nothing for so long, it gets the state once more."""
+"""Then a viewer gets the state once more."""
 
 REQUEST_PAUSE_S = 0.02
-"""Time between two requests of a viewer."""
-
 BUFFER_BYTES = 1 << 16
-"""Of a connection in the kernel: pictures must not become old there."""
+"""In the kernel: pictures must not become old there."""
 
 
 class Viewer:
-    """A connection to somebody who watches."""
-
     def __init__(self, peer: socket.socket, request: LiveRequest) -> None:
         self.request = request
         self.is_new = True
@@ -54,15 +46,15 @@ class Viewer:
         self._spent_s = self._told_s = 0.0
 
     def cost_s(self) -> float:
-        """Processor time that its own thread has taken since the last call."""
+        """Processor time of its own thread since the last call."""
         before_s, self._told_s = self._told_s, self._spent_s
         return self._told_s - before_s
 
     def offer(self, messages: Mapping[LiveView, bytes]) -> None:
-        """Send messages, now or as soon as the viewer takes them; returns at once.
+        """Returns at once.
 
-        What the connection takes at once is sent by the caller: to wake a thread for each viewer
-        and message costs more than all the rest of a picture.
+        The caller sends what the connection takes: waking a thread costs more than the rest of
+        a picture.
         """
         with self._changed:
             if self._closed:
@@ -75,7 +67,7 @@ class Viewer:
                 self._changed.notify()
 
     def _send_now(self) -> None:
-        """Send what the connection takes without waiting; the lock is held."""
+        """The lock is held."""
         while self._waiting and not self._rest:
             view = next(iter(self._waiting))
             data = framed(self._waiting[view])
@@ -99,7 +91,6 @@ class Viewer:
             self._peer.shutdown(socket.SHUT_RDWR)
 
     def write(self) -> None:
-        """Send what did not fit, and signs of life, until the connection ends."""
         try:
             while not self._closed:
                 data = self._taken()
@@ -111,7 +102,6 @@ class Viewer:
             self.close()
 
     def _taken(self) -> bytes:
-        """What is to be sent next; nothing if there is nothing yet."""
         with self._changed:
             self._writes = False
             if not (self._rest or self._waiting or self._closed):
@@ -127,17 +117,11 @@ class Viewer:
 
 
 class LiveServer:
-    """Listens on this machine for viewers that know the key."""
-
     def __init__(self, key: bytes, on_change: Callable[[], None]) -> None:
-        """Begin to listen.
+        """Begin to listen; OSError if this machine does not allow it.
 
-        Args:
-            key: What viewers must know.
-            on_change: Called from another thread when a viewer came, went or wants something else.
-
-        Raises:
-            OSError: This machine does not let it listen.
+        `on_change` is called from another thread when a viewer came, went or wants something
+        else.
         """
         self._key = key
         self._on_change = on_change
@@ -151,7 +135,6 @@ class LiveServer:
         threading.Thread(target=self._accept, name="live-accept", daemon=True).start()
 
     def close(self) -> None:
-        """Stop listening, and end all connections."""
         self._closed.set()
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
@@ -182,7 +165,6 @@ class LiveServer:
         return True
 
     def _receive(self, peer: socket.socket) -> None:
-        """Let a visitor in, and take its requests until it leaves."""
         viewer = None
         try:
             peer.settimeout(GREETING_S)

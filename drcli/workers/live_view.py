@@ -1,7 +1,7 @@
-"""Shows a worker's cars to viewers on this machine, and costs nothing while nobody watches.
+"""Shows a worker's cars; costs nothing while nobody watches.
 
-The driving loop asks after each step whether it is wanted, and hands it over as it is. A thread
-draws and encodes it: as often as `live_pace` allows, and only what somebody watches.
+The driving loop hands over wanted steps as they are. A thread draws and encodes them, as often
+as `live_pace` allows.
 """
 
 import threading
@@ -29,26 +29,17 @@ from drcli.workers.live_server import LiveServer, Viewer
 _logger = get_logger(__name__)
 
 Activity = Callable[[], tuple[str, bool]]
-"""Tells what a worker does, and whether it waits for another worker."""
+"""What a worker does, and whether it waits for another worker."""
 
 LOOK_S = 0.25
-"""How often the thread looks what the worker does, while somebody watches."""
-
 OLD_S = 1.0
-"""A step that was driven so long ago is not shown any more."""
-
 FAILURE_PAUSE_S = 5.0
 
 _DRIVEN: tuple[LiveView, ...] = ("camera", "scene", "chase")
 
 
 class LiveShow:
-    """What one worker shows. The driving loop calls `see` and `ended`; all else is a thread's.
-
-    Attributes:
-        wanted: Whether the next step is wanted.
-        facts: About the race and the checkpoint; the worker replaces it.
-    """
+    """The driving loop calls `see` and `ended`; all else is a thread's."""
 
     def __init__(
         self,
@@ -59,13 +50,7 @@ class LiveShow:
         *,
         pace: Pace | None = None,
     ) -> None:
-        """Begin to listen for viewers that know the key.
-
-        `pace` says how often to show something; the usual one when left out.
-
-        Raises:
-            OSError: This machine does not let it listen.
-        """
+        """OSError if this machine does not let it listen."""
         self.wanted = False
         self.facts = facts
         self._name = name
@@ -89,18 +74,15 @@ class LiveShow:
         return self._server.port
 
     def see(self, moment: Moment) -> None:
-        """Take a step; the newest one counts."""
         self.wanted = False
         self._moment = replace(moment, calls=self._tap.take())
         self._tap.follow(moment.looks)
         self._wake.set()
 
     def ended(self, episode: Episode, racer: int, world: str) -> None:
-        """Note an episode that has ended."""
         self._episodes.end(episode, racer, self.facts.drive(world))
 
     def about(self, iteration: int | None, checkpoint: str, facts: LiveFacts | None = None) -> None:
-        """Say what is driven from now on; `facts` if the race is another one."""
         self._episodes.forget()
         self.facts = replace(facts or self.facts, iteration=iteration, checkpoint=checkpoint)
 
@@ -124,7 +106,6 @@ class LiveShow:
                 self._wake.wait(FAILURE_PAUSE_S)
 
     def _turn(self) -> None:
-        """Show what is due, or wait a little."""
         viewers = self._server.viewers
         if not viewers:
             self._rest()
@@ -151,14 +132,13 @@ class LiveShow:
         self._wake.clear()
 
     def _due(self, viewers: Sequence[Viewer]) -> tuple[list[LiveView], float]:
-        """The views that may be shown now, and how long to wait for the first if none may."""
         wanted = {view for viewer in viewers for view in viewer.request.views}
         pauses = self._pace.pauses_s([view for view in _DRIVEN if view in wanted])
         due = [view for view, pause_s in pauses.items() if pause_s == 0.0]
         return due, LOOK_S if due else min(pauses.values(), default=LOOK_S)
 
     def _take(self, *, wanted: bool) -> Moment | None:
-        """The newest step if one is wanted and there is one; otherwise the next is asked for."""
+        """None if there is none: the next one is asked for."""
         moment, self._moment = self._moment, None
         if not wanted or (moment is not None and unix_s() - moment.step_s > OLD_S):
             moment = None
@@ -166,7 +146,7 @@ class LiveShow:
         return moment
 
     def _tell(self, viewers: Sequence[Viewer]) -> None:
-        """Send what the worker does, if that has changed; new viewers get it in any case."""
+        """Only changes; new viewers get it in any case."""
         activity, waits = self._activity()
         facts, before = self.facts, self._state
         same = before is not None and (before.activity, before.waits) == (activity, waits)
@@ -191,7 +171,7 @@ class LiveShow:
             viewer.offer({"state": data})
 
     def _show(self, moment: Moment, viewers: Sequence[Viewer], due: Sequence[LiveView]) -> None:
-        """Make what is due, each view once for all viewers of a car, and offer it to them."""
+        """Each view once for all viewers of a car."""
         wanted = {(view, viewer.request.car) for viewer in viewers for view in viewer.request.views}
         riders: dict[int | None, Rider | None] = {}
         for car in {car for _, car in wanted}:
@@ -213,7 +193,6 @@ class LiveShow:
         self._pace.shown(due)
 
     def _message(self, view: LiveView, moment: Moment, rider: Rider | None) -> bytes | None:
-        """A message of a view; None where there is nothing to show."""
         car = None if rider is None else rider.car
         if view == "scene":
             scene = scene_of(moment, self.facts, self._episodes, rider)
@@ -239,14 +218,7 @@ class LiveShow:
 def live_show(
     job: Job, name: str, activity: Activity, facts: LiveFacts
 ) -> Iterator[LiveShow | None]:
-    """Show what this worker does while the `with` block runs; None where that is off or fails.
-
-    Args:
-        job: Of this process; its DR_LIVE_VIEW decides.
-        name: Of the worker.
-        activity: Tells what it does.
-        facts: About the race.
-    """
+    """Show a worker during the block; None where DR_LIVE_VIEW is off or it fails."""
     if not job.config.live_view:
         yield None
         return

@@ -1,7 +1,7 @@
-"""A simulation worker that joins a training from elsewhere, as its trainer and its lease see it.
+"""A simulation worker that joins a training, as its trainer and its lease see it.
 
-The worker announces itself with a record in the bucket, which a thread renews. The trainer gives it
-a number, and says with which checkpoint it drives which episodes. Nobody needs a connection to it.
+A thread renews its record in the bucket. The trainer gives it a number, and says with which
+checkpoint it drives which episodes. Nobody needs a connection to it.
 """
 
 import os
@@ -27,36 +27,26 @@ from drcli.workers.worker_process import Lifeline, StopRequested
 _logger = get_logger(__name__)
 
 ASK_S = 1.0
-"""How often a worker asks for its number, and later, while it has nothing to drive, for a share."""
-
 STUCK_S = 120.0
-"""A worker whose main thread has done nothing for so long no longer renews its record."""
+"""Then a worker with an idle main thread no longer renews its record."""
 
 
 class JoinedLifeline(Lifeline):
-    """Also ends a worker when the training that it has joined has ended.
-
-    Attributes:
-        ended: Why it has; empty as long as it goes on.
-    """
+    """Also ends a worker when its training has; `ended` says why."""
 
     def __init__(self, launcher_pid: int) -> None:
         super().__init__(launcher_pid)
         self.ended = ""
 
     def should_stop(self) -> bool:
-        """Whether to stop at the next good moment."""
         return super().should_stop() or bool(self.ended)
 
     def step_done(self) -> bool:
-        """The same, asked after each step of driving."""
         return super().step_done() or bool(self.ended)
 
 
 @dataclass
 class _Drive:
-    """An iteration that this worker drives: how far it is, and whether others still need it."""
-
     iteration: int
     steps: Callable[[], int]
     steps_before: int
@@ -67,13 +57,7 @@ class _Drive:
 class Membership:
     """Keeps this worker in the training. Close it at the end.
 
-    Args:
-        bucket: Of the model.
-        prefix: Of the model.
-        session: The start of the training to work for.
-        member: Unique name of this worker.
-        lifeline: Of this process; `ended` is set when the training has ended.
-        pause: Waits for so many seconds, for tests.
+    `session` is the start to work for, `member` the worker's unique name.
     """
 
     def __init__(
@@ -116,7 +100,6 @@ class Membership:
             self._pause(ASK_S)
 
     def is_ready(self, checkpoint: int) -> None:
-        """Let the trainer know that this worker has seen a checkpoint, and waits for the next."""
         with self._lock:
             is_first = not self._record.ready
             self._record = replace(self._record, ready=True, checkpoint=checkpoint)
@@ -124,20 +107,14 @@ class Membership:
             self._hurry.set()
 
     def begin_drive(self, iteration: int, steps: Callable[[], int]) -> None:
-        """Let the trainer know how far this worker is with an iteration.
-
-        Args:
-            iteration: That it drives from now on.
-            steps: Counts the steps that it has ever begun; called by a thread.
-        """
+        """Let the trainer know how far it is; a thread calls `steps`."""
         self._drive = _Drive(iteration, steps, steps(), elapsed_s())
 
     def is_drive_over(self) -> bool:
-        """Whether the trainer has gone on without this worker's part of the iteration."""
+        """Whether the trainer has gone on without this worker's part."""
         return self._drive is not None and self._drive.is_over
 
     def end_drive(self) -> None:
-        """Let the trainer know that this worker drives nothing."""
         self._drive = None
 
     def shares_of(self, iteration: int) -> Shares | None:
@@ -150,7 +127,7 @@ class Membership:
         return None if record is None else record.at(iteration)
 
     def is_reassigned(self, name: CheckpointName) -> bool:
-        """Whether this worker, which had nothing to drive, has a share while this is the newest."""
+        """Whether this worker, which had nothing to drive, now has a share."""
         now_s = elapsed_s()
         if now_s - self._asked_s < ASK_S:
             return False
@@ -164,12 +141,7 @@ class Membership:
         return newest.iteration <= name.number and bool(own)
 
     def close(self, failure: str = "") -> None:
-        """Leave the training, so that its trainer does not wait for this worker.
-
-        Args:
-            failure: Why, if this worker has failed: the trainer tells it, because nobody may look
-                at this machine.
-        """
+        """The trainer tells a `failure`: nobody may look at this machine."""
         if self._over:
             return
         self._over = True
@@ -226,14 +198,12 @@ class Membership:
                 _logger.warning("The record of this worker could not be renewed: %s", error)
 
     def _look_at_drive(self) -> None:
-        """Notice that the trainer has learned from an iteration that is still driven here."""
         drive = self._drive
         if drive is not None:
             newest = CheckpointStore(self._bucket, self._prefix).pointed()
             drive.is_over = newest is not None and newest.number > drive.iteration
 
     def _look_at_lease(self) -> None:
-        """Notice that the training has ended, or goes on without its machine."""
         lease = read_lease(self._bucket, self._prefix)
         if lease is None:  # it is just written again
             return

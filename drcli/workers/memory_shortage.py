@@ -1,4 +1,4 @@
-"""Recognises that a worker failed because memory ran out, which is no bug."""
+"""Recognises that a worker failed because memory ran out, which is not a bug."""
 
 import errno
 
@@ -11,24 +11,21 @@ REMEDY = (
     "DR_TRAIN_MAX_STEPS_PER_ITERATION or (with sac) sac_replay_steps; then continue with "
     "`dr-start-training --resume`."
 )
-"""What to do when memory runs out."""
-
 _GPU_REMEDY = (
     "End other programs on the GPU, lower batch_size, or learn on the processor with "
     "DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env; then continue with `dr-start-training --resume`."
 )
 
 _WORDS = ("allocate memory", "bad_alloc")
-"""In the errors of torch and of C++ libraries."""
+"""Of torch and C++ libraries."""
 
 _SHOWN_CHARACTERS = 200
 
 
 def memory_shortage(error: BaseException) -> WorkerExit | None:
-    """The failure of a worker if an exception says that memory ran out; else None.
+    """The failure of a worker if memory ran out; else None.
 
-    The message begins after the name of the worker. That of a GPU counts, too, but not as
-    `memory`: fewer cars and workers would not help.
+    That of a GPU is not `memory`: fewer cars and workers would not help.
     """
     text = f"{type(error).__name__}: {' '.join(str(error).split())[:_SHOWN_CHARACTERS]}"
     causes = (error, error.__cause__)

@@ -1,4 +1,4 @@
-"""Writes TrainingMetrics.json of one simulation worker, and continues the file after a restart."""
+"""Writes TrainingMetrics.json of one worker, and continues it after a restart."""
 
 import contextlib
 from array import array
@@ -24,19 +24,15 @@ from drcli.workers.episode_share import Share
 ITERATIONS_PER_PART = 16
 
 NOTES = 2
-"""Most calls that add episodes of one iteration: training and evaluation."""
 
 
 class TrainingMetrics:
-    """All episodes that a worker has driven, in the order of its simulated clock.
+    """All episodes of a worker, in the order of its simulated clock.
 
-    To find the iteration of an episode, analysis tools divide its number by the most episodes that
-    worker 0 drove in one iteration, in the files of all workers. So a worker that drives 6 episodes
-    while another drives 7 leaves out one number of each iteration. Each record also has its
-    iteration in a key that those tools ignore, so a resume with more episodes can renumber all.
-
-    The file also names the metric of the best model, DR_TRAIN_BEST_MODEL_METRIC. In a training with
-    stages, each record names the `stage`, in another key that those tools ignore.
+    Analysis tools divide an episode's number by the most episodes that worker 0 drove in one
+    iteration, in the files of all workers. So a worker that drives 6 episodes while another
+    drives 7 leaves out a number. Each record also has its iteration and `stage` in keys that
+    those tools ignore, so a resume with more episodes can renumber all.
 
     Raises:
         ObjectDamaged: The file in the bucket is damaged.
@@ -81,11 +77,9 @@ class TrainingMetrics:
 
     @property
     def clock_s(self) -> float:
-        """Simulation clock after the last episode, seconds."""
         return self._clock_ms / 1000.0
 
     def keep_before(self, iteration: int) -> None:
-        """Remove the episodes and evaluations of this iteration and of later ones."""
         if self._newest < iteration:
             return
         self._file.drop_from(iteration)
@@ -99,13 +93,7 @@ class TrainingMetrics:
     def add(
         self, iteration: int, training: Sequence[Episode], evaluation: Sequence[Episode] = ()
     ) -> list[EpisodeMetrics]:
-        """Append one iteration's training and evaluation episodes, in order, and publish them.
-
-        Evaluation episodes get the number of the iteration's last training episode.
-
-        Returns:
-            The new records.
-        """
+        """Evaluation episodes get the number of the last training episode."""
         records = [
             self._record(episode, iteration, trial)
             for trial, episode in enumerate(training, start=1)
@@ -122,7 +110,6 @@ class TrainingMetrics:
         return records
 
     def finish(self) -> None:
-        """Write the file that analysis tools read for the last time."""
         self._file.finish()
 
     def _note(self, iteration: int, records: Sequence[EpisodeMetrics]) -> None:
@@ -142,7 +129,6 @@ class TrainingMetrics:
 
 
 def _joined(entries: Iterable[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-    """The entries with one for each iteration, in order."""
     found: dict[int, bytes] = {}
     for iteration, entry in entries:
         found[iteration] = found[iteration] + SEPARATOR + entry if iteration in found else entry
@@ -150,7 +136,7 @@ def _joined(entries: Iterable[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
 
 
 def _with_iterations(records: Sequence[EpisodeMetrics]) -> list[EpisodeMetrics]:
-    """The records with their iterations, which version 0.1.0 did not write."""
+    """Version 0.1.0 did not write them."""
     found, iteration = [], -1
     for record in records:
         iteration += record.phase == "training" and record.trial == 1

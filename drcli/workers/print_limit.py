@@ -8,20 +8,18 @@ from time import monotonic
 from drcli.base.log import get_logger
 
 BURST_CHARACTERS = 1 << 20
-"""How much a reward function may print at once after it was quiet."""
+"""At once after it was quiet."""
 
 CHARACTERS_S = 64 << 10
-"""How much it may print a second in the long run: 100 and more characters at each step."""
+"""In the long run: 100 and more characters at each step."""
 
 TEXT_CHARACTERS = 16 << 10
-"""Longest text of a reward function that is printed whole."""
-
 reward_logger = get_logger("drcli.reward")
-"""For what people must know about their reward function: it is also in the log of its prints."""
+"""Also in the log of its prints."""
 
 
 class PrintLimit:
-    """Counts what the racer's code prints. Too much is left out, and `warn` says how much."""
+    """Too much is left out, and `warn` says how much."""
 
     def __init__(
         self,
@@ -37,7 +35,6 @@ class PrintLimit:
         self._omitted_characters = 0
 
     def admit(self, text: str) -> str:
-        """The part of a printed text that goes into the log."""
         now = self._clock()
         self._left = min(BURST_CHARACTERS, self._left + CHARACTERS_S * (now - self._filled_s))
         self._filled_s = now
@@ -60,7 +57,6 @@ class PrintLimit:
         return admitted
 
     def report(self) -> None:
-        """Log how much was left out since the last report."""
         if self._silent:
             self._warn(
                 f"{self._omitted_prints:,} prints of the reward function "
@@ -75,13 +71,11 @@ _copies: Sequence[Callable[[str], None]] = ()
 
 
 def install(copies: Sequence[Callable[[str], None]]) -> None:
-    """Let each of the `copies` have what the racer's code prints, as far as the limit admits it."""
     global _copies
     _copies = copies
 
 
 def print_theirs(text: str) -> None:
-    """Print what the racer's code has printed in its own process, as far as the limit admits it."""
     admitted = _limit.admit(text)
     if not admitted:
         return
@@ -93,5 +87,4 @@ def print_theirs(text: str) -> None:
 
 
 def end_limit() -> None:
-    """Log what was left out since the last report."""
     _limit.report()

@@ -1,7 +1,6 @@
-"""Writes the pulse of this worker: its supervisor sees whether it lives and how far it is.
+"""Writes the pulse of this worker, by which its supervisor sees that it lives.
 
-The main thread only sets a few attributes at each step. A thread writes them to a file, also while
-the main thread is inside one long call.
+A thread writes it to a file, also during one long call of the main thread.
 """
 
 import faulthandler
@@ -19,21 +18,19 @@ from drcli.base.system_calls import open_files
 from drcli.exchange.pulse_record import PulseRecord, open_pulse_file, pulse_file, short_activity
 
 BEAT_S = 2.0
-"""Time between two writes."""
-
 STACKS_SIGNAL = getattr(signal, "SIGUSR2", None)
-"""Signal on which a worker writes the stacks of its threads into its log, and goes on."""
+"""A worker writes the stacks of its threads into its log, and goes on."""
 
 _PROC = Path("/proc")
 
 companions: set[int] = set()
-"""Numbers of processes that work for this one alone, such as that of the reward function."""
+"""Processes that work for this one alone."""
 
 _logger = get_logger(__name__)
 
 
 class Pulse:
-    """The pulse of one process. Only the main thread calls `turn`, `step_done` and `say`."""
+    """Only the main thread calls `turn`, `step_done` and `say`."""
 
     def __init__(self) -> None:
         self._activity = "starting"
@@ -46,20 +43,17 @@ class Pulse:
         self._pid = os.getpid()
 
     def turn(self) -> None:
-        """Note that the main thread came by."""
         self._turned_s = elapsed_s()
 
     def step_done(self) -> None:
-        """Note a finished step of driving or learning."""
         self._work += 1
         self._worked_s = self._turned_s = elapsed_s()
 
     def say(self, activity: str, *, waits: bool) -> None:
-        """Note what the worker does, or which other worker it waits for."""
         self._activity, self._waits = activity, waits
 
     def relay(self, record: PulseRecord) -> None:
-        """Note the pulse of a worker on another machine, for which this process stands here.
+        """Note the pulse of a worker on another machine, for which this process stands.
 
         Its times are of the clock there, so only their changes count.
         """
@@ -73,14 +67,10 @@ class Pulse:
 
     @property
     def activity(self) -> tuple[str, bool]:
-        """What the worker does, and whether it waits for another worker."""
         return self._activity, self._waits
 
     def start(self, folder: Path, name: str) -> None:
-        """Begin to write the pulse of the worker of this name.
-
-        Without a file to write to (a full disk), the worker goes on without a pulse.
-        """
+        """On a full disk, the worker goes on without a pulse."""
         if STACKS_SIGNAL is not None:
             faulthandler.register(STACKS_SIGNAL, file=sys.__stderr__ or 2, all_threads=True)
         try:
@@ -120,12 +110,12 @@ class Pulse:
 
 
 def own_open_files() -> int:
-    """Files that this process has open, or one of its `companions` if that has more."""
+    """Of this process, or of a companion with more."""
     return max(open_files(), *(open_files(each) for each in [*companions]), 0)
 
 
 def own_memory_bytes() -> int:
-    """Memory of this process and its `companions` (resident sets)."""
+    """With its `companions` (resident sets)."""
     pages = 0
     for each in [*companions]:
         with suppress(OSError, IndexError):  # it has just ended

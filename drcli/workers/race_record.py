@@ -11,7 +11,6 @@ from drcli.workers.driven_episode import Driven
 from drsim.race.solids import Shape
 
 _DIGITS = 4
-"""Of poses: a tenth of a millimetre."""
 
 
 def recording_of_race(
@@ -21,15 +20,6 @@ def recording_of_race(
     driven: Sequence[Driven],
     episodes: Sequence[Episode],
 ) -> RaceRecording:
-    """The race of one model, without its checkpoint.
-
-    Args:
-        config: Of the evaluation.
-        model: What drove: a prefix or a file.
-        shapes: Of the objects around each car.
-        driven: What it drove, in order.
-        episodes: The same as the episodes of its trace, which are the laps of a continuous race.
-    """
     race = config.race()
     objects = [poses for drive in driven for poses in drive.objects]
     rows = sum(len(drive.rows) for drive in driven)
@@ -56,7 +46,7 @@ def recording_of_race(
 
 
 def _poses(objects: Sequence[np.ndarray]) -> list[list[list[float]]]:
-    """The poses of all rows, or of the first if nothing moved."""
+    """Only the first row if nothing moved."""
     poses = np.round(np.stack(objects), _DIGITS)
     if (poses == poses[0]).all():
         poses = poses[:1]

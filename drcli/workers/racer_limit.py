@@ -1,4 +1,4 @@
-"""The fastest line on a track for `dr-tracks`: looked up, or computed and kept in a cache."""
+"""The fastest line on a track for `dr-tracks`: looked up, or computed and cached."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,8 +50,6 @@ class FastestLine:
 
 @dataclass(frozen=True)
 class Asked:
-    """Which line: the track by name or file, the folders it is looked for in, direction and car."""
-
     world: str
     tracks_folder: Path
     directory: Path
@@ -60,11 +58,7 @@ class Asked:
 
 
 def fastest_line_of(asked: Asked) -> FastestLine:
-    """The line that is known.
-
-    Raises:
-        SettingsError: None is, or there is no such track.
-    """
+    """SettingsError if no line is known, or there is no such track."""
     _route(asked)
     stored = _known(asked)
     if stored is None:
@@ -77,7 +71,7 @@ def fastest_line_of(asked: Asked) -> FastestLine:
 
 
 def computed_line_of(asked: Asked) -> FastestLine:
-    """The line that is known, or one that is computed, driven, and kept for the next time.
+    """The known line, or one that is computed, driven, and kept.
 
     Raises:
         NotAvailable: The solver is not installed.

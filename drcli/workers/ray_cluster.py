@@ -19,11 +19,7 @@ from drcli.exchange.job import Job
 from drcli.workers.ray_extra import require_ray
 
 KEYS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN")
-"""Keys of the bucket that nodes get if the environment of the training has them."""
-
 CONNECT_S = 10.0
-"""How long the cluster may take to accept a connection."""
-
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
 _logger = get_logger(__name__)
@@ -32,17 +28,16 @@ T = TypeVar("T")
 
 
 class NodeLost(Exception):
-    """The node of a worker is gone, or Ray's process there; with Ray's word for it."""
+    """The node or Ray's process there is gone."""
 
 
 class RayMessages(io.TextIOBase):
-    """Standard output of a process while Ray writes to it: logs the first line of each message.
+    """Logs the first line of each message that Ray writes to standard output.
 
     At each node that is lost, Ray adds pages with its own state.
     """
 
     def write(self, text: str) -> int:
-        """Log the lines that begin a message."""
         for line in text.splitlines():
             plain = _COLOURS.sub("", line).rstrip()
             if plain and not plain[0].isspace():
@@ -52,10 +47,6 @@ class RayMessages(io.TextIOBase):
 
 @contextmanager
 def connected(job: Job) -> Iterator[Any]:
-    """Connect this process to the cluster of a training, or to Ray on this machine alone.
-
-    The value is the module ray. Errors are those of `connect`.
-    """
     with redirect_stdout(RayMessages()):
         ray = connect(job.config.train.ray_address, job.config.storage.cloud)
         try:
@@ -65,18 +56,11 @@ def connected(job: Job) -> Iterator[Any]:
 
 
 def connect(address: str, cloud: str) -> Any:
-    """Connect with a cluster of Ray, or start Ray on this machine.
-
-    Args:
-        address: Of the cluster; empty for that of RAY_ADDRESS, or this machine alone.
-        cloud: DR_CLOUD, which says who reaches the bucket.
-
-    Returns:
-        The module `ray`.
+    """The module `ray`; without an `address`, RAY_ADDRESS or this machine alone.
 
     Raises:
         NotAvailable: Ray is not installed.
-        SettingsError: The cluster does not answer, or its other machines cannot reach the bucket.
+        SettingsError: The cluster does not answer, or its nodes cannot reach the bucket.
     """
     require_ray()
     ray: Any = importlib.import_module("ray")  # whose functions have no types
@@ -110,16 +94,13 @@ def connect(address: str, cloud: str) -> Any:
 
 
 def _environment() -> dict[str, str] | None:
-    """What Ray has to know about the processes that it starts on this machine.
-
-    It gives the path of the interpreter to a shell as it is, so one with a blank needs quotes.
-    """
+    """Ray gives the interpreter's path to a shell: a blank needs quotes."""
     quoted = shlex.quote(sys.executable)
     return None if quoted == sys.executable else {"py_executable": quoted}
 
 
 def _refuse_silent_address(address: str) -> None:
-    """Find out soon whether anybody listens there: Ray tries for minutes, and then exits."""
+    """Ray tries for minutes, and then exits."""
     host, colon, port = address.rpartition(":")
     if not colon or "/" in address or not port.isdecimal():
         return  # such as auto
@@ -137,18 +118,12 @@ def _no_answer(address: str, why: str) -> SettingsError:
 
 
 def keys_for_nodes(*more: str) -> dict[str, str]:
-    """The keys of the bucket and other secrets of these names that this process has."""
     known = secret_environment.all_secrets()
     return {name: known[name] for name in (*KEYS, *more) if name in known}
 
 
 class PlacedActor(Generic[T]):
-    """An actor of Ray whose methods `look` and `stop` are called from this process.
-
-    Args:
-        ray: The module.
-        actor: The actor, which may not have a node yet.
-    """
+    """An actor of Ray with `look` and `stop`; it may not have a node yet."""
 
     def __init__(self, ray: Any, actor: Any) -> None:
         self._ray = ray
@@ -156,7 +131,7 @@ class PlacedActor(Generic[T]):
         self._asked: Any = None
 
     def look(self) -> T | None:
-        """What the actor has answered since the last look; None while there is no new answer.
+        """A new answer since the last look, or None.
 
         Raises:
             NodeLost: Its node, or its process there, is gone.
@@ -181,14 +156,11 @@ class PlacedActor(Generic[T]):
         return found
 
     def call(self, method: str, *arguments: object) -> None:
-        """Call another method of the actor, without an answer."""
         getattr(self._actor, method).remote(*arguments)
 
     def stop(self) -> None:
-        """Let the worker leave the training."""
         self.call("stop")
 
     def give_back(self) -> None:
-        """Give its place on the node back."""
         with suppress(self._ray.exceptions.RayError, ValueError):
             self._ray.kill(self._actor)

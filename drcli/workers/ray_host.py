@@ -1,6 +1,6 @@
-"""What Ray runs on a node: one `dr-start-worker`, as a process that ends with its actor.
+"""What Ray runs on a node: one `dr-start-worker` that ends with its actor.
 
-Ray sends this class to the nodes, and there it needs nothing but drcli.
+Ray sends this class to nodes, which need nothing but drcli.
 """
 
 import os
@@ -15,19 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 
 MOST_LINES = 2000
-"""Lines of a log that are kept until the machine of the training asks for them."""
 
 
 class WorkerHost:
-    """A worker on a node.
-
-    Args:
-        arguments: What follows `dr-start-worker`.
-        folder: Working folder of the training, which is used if this node has it, too.
-        secrets: Access keys of the bucket, if the node is to use those of the training.
-        threads: Cores that Ray has given to the worker.
-    """
-
     def __init__(
         self, arguments: Sequence[str], folder: str, secrets: Mapping[str, str], threads: int
     ) -> None:
@@ -53,14 +43,13 @@ class WorkerHost:
         self._reader.start()
 
     def look(self) -> tuple[str, list[str], int | None]:
-        """Name of the node, lines that are new, and the exit code; None while it runs."""
+        """Name of the node, new lines, and the exit code; None while it runs."""
         code = self._process.poll()
         with self._lock:
             lines, self._lines = self._lines, []
         return socket.gethostname(), lines, code
 
     def stop(self) -> None:
-        """Let the worker leave the training."""
         with suppress(ProcessLookupError):
             self._process.send_signal(signal.SIGTERM)
 

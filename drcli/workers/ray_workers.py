@@ -1,8 +1,7 @@
-"""Lets Ray place the simulation workers of a training: `python -m drcli.workers.ray_workers`.
+"""Lets Ray place the simulation workers: `python -m drcli.workers.ray_workers`.
 
-Each worker is an actor whose process joins the training through the bucket, as `dr-start-worker`
-does. This process asks Ray for the actors, starts another one if a node is gone, and writes what
-the workers say into their logs on this machine, where `dr-logs` finds it also afterwards.
+Each is an actor that joins through the bucket, as `dr-start-worker` does. This process replaces
+those whose node is gone, and writes their logs on this machine, for `dr-logs`.
 """
 
 import time
@@ -23,51 +22,36 @@ _logger = get_logger(__name__)
 NAME = "ray"
 
 LOOK_S = 0.5
-"""How often the workers are looked at."""
-
 LEAVE_S = 8.0
-"""How long workers may take to leave the training at its end."""
-
 MOST_DEATHS = 3
-"""How often in a row a worker may end by itself within `QUICK_S`."""
+"""In a row, by itself within `QUICK_S`."""
 
 QUICK_S = 30.0
 
 MOST_NAMED = 4
-"""How many nodes are named in the activity."""
 
 
 class Placed(Protocol):
-    """A worker that Ray places on a node."""
-
     def look(self) -> tuple[str, list[str], int | None] | None:
-        """What `WorkerHost.look` has answered; None while there is no new answer.
+        """As `WorkerHost.look`, or None.
 
         Raises:
             NodeLost: Its node, or its process there, is gone.
         """
         ...
 
-    def stop(self) -> None:
-        """Let the worker leave the training."""
-        ...
+    def stop(self) -> None: ...
 
-    def give_back(self) -> None:
-        """Give its place on the node back."""
-        ...
+    def give_back(self) -> None: ...
 
 
 class Cluster(Protocol):
-    """Places workers."""
-
     def place(self) -> Placed:
-        """Ask for a place for one more worker; it may come later."""
+        """It may come later."""
         ...
 
 
 class Seat:
-    """One of the workers of a training, on whichever node it is."""
-
     def __init__(self, number: int, placed: Placed) -> None:
         self.number = number
         self.placed = placed
@@ -78,19 +62,12 @@ class Seat:
 
 
 class RayWorkers:
-    """Keeps so many workers in a training.
-
-    Args:
-        cluster: Places them.
-        count: Their number.
-    """
-
     def __init__(self, cluster: Cluster, count: int) -> None:
         self._cluster = cluster
         self._seats = [Seat(number, cluster.place()) for number in range(count)]
 
     def look(self) -> str:
-        """Look at all workers, and place those again that are gone; says what they do.
+        """Place again what is gone; says what the workers do.
 
         Raises:
             SettingsError: A node may not join the training, with the reason.
@@ -108,7 +85,6 @@ class RayWorkers:
         return f"workers: {', '.join(said + waits) or 'none'}"
 
     def leave(self) -> None:
-        """Let all workers leave the training, and give their places back."""
         left = [seat for seat in self._seats if not seat.over]
         for seat in left:
             seat.placed.stop()
@@ -173,21 +149,12 @@ class RayWorkers:
 
 
 class RayCluster:
-    """A cluster of Ray, or Ray on this machine alone.
-
-    Args:
-        ray: The module, connected.
-        job: The training.
-        arguments: Of `dr-start-worker`.
-    """
-
     def __init__(self, ray: Any, job: Job, arguments: Sequence[str]) -> None:
         self._ray = ray
         self._job = job
         self._arguments = list(arguments)
 
     def place(self) -> Placed:
-        """Ask for a place for one more worker; it may come later."""
         threads = self._job.config.train.threads or 1
         actor = self._ray.remote(WorkerHost)
         options = actor.options(num_cpus=threads, max_restarts=0, scheduling_strategy="SPREAD")
@@ -197,7 +164,6 @@ class RayCluster:
 
 
 def join_arguments(job: Job) -> list[str]:
-    """What follows `dr-start-worker` on a node."""
     storage, prefix = job.config.storage, job.config.model.prefix
     found = ["--join", f"s3://{storage.bucket}/{prefix}", "--wait", "--no-take-over"]
     if storage.endpoint_url is not None:
@@ -210,7 +176,6 @@ def join_arguments(job: Job) -> list[str]:
 
 
 def main(job: Job, lifeline: Lifeline) -> None:
-    """Keep the workers in the training until this process is to end."""
     bucket = worker_process.open_own_bucket(job, lifeline)
     activity = Activity(bucket, job.config.model.prefix, NAME, lifeline.pulse)
     try:

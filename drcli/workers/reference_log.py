@@ -13,8 +13,9 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 EVALUATION_END = "## agent: Finished evaluation phase. Success rate = 0.0, Avg Total Reward = "
-"""Text before the reward of an evaluation episode. The rate is always 0.0 in the reference, and
-log-guru only knows the line with that number. A line of our own tells the true one."""
+"""Before the reward. The rate is always 0.0 in the reference, and log-guru only knows that. A line
+of our own tells the true one.
+"""
 
 OWN_LINE = ""
 """Ends a line that a reward function may have left unfinished."""
@@ -27,7 +28,6 @@ def start_lines(
     hyperparameters: Hyperparameters,
     job_type: str,
 ) -> str:
-    """The lines of a simulation log before its first step."""
     parameters = {
         "JOB_TYPE": job_type,
         "RACE_TYPE": race.race_type,
@@ -62,9 +62,8 @@ def training_lines(
 ) -> str:
     """The training episodes of an iteration.
 
-    log-guru stops at an episode number that it has seen before. So episodes that are driven again,
-    after a stop or because rollouts were lost, must not be printed again. `total_steps` counts the
-    steps before the iteration, and `wall_clock` is in Unix seconds.
+    log-guru stops at an episode number that it has seen, so none must be printed again.
+    `total_steps` is before the iteration; `wall_clock` Unix seconds.
     """
     lines = [OWN_LINE]
     for episode in episodes:
@@ -81,7 +80,7 @@ def training_lines(
 def evaluation_lines(
     episodes: Sequence[Episode], worker: int, last_episode: int, total_steps: int, iteration: int
 ) -> str:
-    """The evaluation of one checkpoint during training, with which log-guru begins an iteration.
+    """One checkpoint's evaluation, with which log-guru begins an iteration.
 
     `last_episode` and `total_steps` count the training so far; `iteration` is the checkpoint's.
     """
@@ -109,10 +108,9 @@ def evaluation_lines(
 
 
 def epoch_line(stats: Stats) -> str:
-    """The log line of one epoch of PPO's update, or of a part of SAC's.
+    """One epoch of PPO's update, as in the reference, or a part of SAC's.
 
-    PPO's is the reference's line. SAC has no surrogate loss and no KL divergence, and a student
-    that learns from its teacher has a line of its own.
+    SAC has no surrogate loss and KL divergence; a taught student has its own line.
     """
     if isinstance(stats, DistillationStats):
         return (
@@ -131,7 +129,7 @@ def epoch_line(stats: Stats) -> str:
 
 
 def _action_space(metadata: ModelMetadata) -> object:
-    """The actions in our order, without their indices: log-guru stops at another order."""
+    """In our order: log-guru stops at another."""
     space = json.loads(metadata.action_space_json)
     if isinstance(space, dict):
         return space

@@ -1,4 +1,4 @@
-"""Restores a trainer from a checkpoint: weights, optimizer, and results that no longer count."""
+"""Restores a trainer from a checkpoint: weights, optimizer, invalid results."""
 
 from safetensors.torch import load as load_tensors
 
@@ -16,7 +16,7 @@ _logger = get_logger(__name__)
 
 
 def restore_learner(learner: Learner, found: Checkpoint) -> None:
-    """Load weights, optimizer state and the progress of a new critic from a checkpoint."""
+    """With the progress of a new critic."""
     load_weights(learner.model, found.tensors, found.record.name)
     if found.optimizer is None:
         _logger.warning("The optimizer starts over: the checkpoint has no state of it.")
@@ -28,7 +28,7 @@ def restore_learner(learner: Learner, found: Checkpoint) -> None:
 
 
 def restore_optimizer(learner: Learner, state: bytes) -> None:
-    """Load an optimizer state, a safetensors file, if it fits; weights can do without it."""
+    """A safetensors file, if it fits; weights can do without it."""
     try:
         learner.optimizer.restore(load_tensors(state))
     except ValueError as error:
@@ -36,10 +36,9 @@ def restore_optimizer(learner: Learner, state: bytes) -> None:
 
 
 def forget_evaluations(bucket: Bucket, prefix: str, *, newest: int) -> None:
-    """Delete the results of checkpoints that do not exist, as seen from the newest checkpoint.
+    """Delete results of checkpoints that do not exist, as seen from the newest.
 
-    Those after it would be taken for new ones of their numbers. Those of deleted checkpoints are in
-    the history; only a result that came very late is still there.
+    Later ones would count for new checkpoints of their numbers.
     """
     known = {name.number for name in checkpoint_objects(bucket, prefix).values()}
     numbers = [n for n in evaluated_numbers(bucket, prefix) if n > newest or n not in known]

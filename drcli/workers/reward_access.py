@@ -1,4 +1,4 @@
-"""What a racer's reward function may reach, wherever it is called: docs/security.md."""
+"""What a racer's reward function may reach: docs/security.md."""
 
 import os
 import sys
@@ -17,20 +17,15 @@ _SYSTEM = (
     *("/etc/ld.so.conf.d", "/etc/localtime", "/etc/timezone", "/etc/passwd", "/etc/group"),
     *("/etc/nsswitch.conf", "/etc/hosts", "/etc/os-release", "/etc/mime.types", "/etc/fonts"),
 )
-"""Programs, libraries and facts. The kernel itself keeps the memory and environment of other
-processes, which are below /proc, from a confined one."""
+"""The kernel itself keeps memory and environment of other processes below /proc."""
 
 SCRATCH = "tmp"
-"""Folder for temporary files in the folder of the file."""
-
 _DEVICES = ("null", "zero", "full", "random", "urandom", "shm", "tty")
 
 _SECRET = ("data", "*.env", ".*", "experiments/*/*.env")
-"""What no reward function reads in a working folder: bucket, logs, settings, hidden files."""
+"""What no reward function reads: bucket, logs, settings, hidden files."""
 
 _BUCKETS = ("*/.server.json", "*/*/.server.json")
-"""Beside the buckets of a local server, wherever DR_S3_DATA_DIR puts them."""
-
 _WORDS: dict[Freedom, str] = {
     "files": "reads and writes whatever your user may",
     "sockets": "can use the network",
@@ -39,14 +34,10 @@ _WORDS: dict[Freedom, str] = {
 
 
 def confine_reward(own: Path) -> set[Freedom]:
-    """Confine this process to what a reward function needs, before it is loaded.
+    """Confine this process before a reward function is loaded.
 
-    It can read programs, libraries, installed packages and the working folder, which is the current
-    one, but for its secrets. It can write to its own folder, the temporary ones and the working
-    folder.
-
-    Args:
-        own: Its folder, with its file.
+    It can read programs, packages and the current working folder but for its secrets, and write
+    to that, to its `own` folder and to temporary ones.
 
     Returns:
         What the system could not take from it.
@@ -70,7 +61,6 @@ def confine_reward(own: Path) -> set[Freedom]:
 
 
 def freedoms_told(left: Collection[Freedom]) -> str:
-    """What a reward function may still do, as a sentence; empty if it is confined."""
     if not left:
         return ""
     what = ", ".join(_WORDS[each] for each in FREEDOMS if each in left)
@@ -78,14 +68,12 @@ def freedoms_told(left: Collection[Freedom]) -> str:
 
 
 def _python() -> Iterator[Path]:
-    """Where Python, its libraries and installed packages are."""
     places = [sys.prefix, sys.base_prefix, sys.exec_prefix, *sys.path]
     places += sysconfig.get_paths().values()
     yield from {Path(place).resolve() for place in places if place}
 
 
 def _secrets(here: Path, shared: Path) -> Iterator[Path]:
-    """Files and folders that may lie inside of what is allowed."""
     for pattern in _SECRET:
         yield from here.glob(pattern)
     for pattern in _BUCKETS:
@@ -98,7 +86,7 @@ def _secrets(here: Path, shared: Path) -> Iterator[Path]:
 
 
 def _parts(roots: Iterable[Path], secret: Collection[Path]) -> Iterator[Path]:
-    """The roots; of those that contain something secret, what is in them besides."""
+    """The roots without what is secret in them."""
     for root in roots:
         inside = [each for each in secret if each != root and each.is_relative_to(root)]
         yield from _parts(_harmless(root, inside), inside) if inside else [root]

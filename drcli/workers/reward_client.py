@@ -1,7 +1,7 @@
 """Lets a process of its own call the racer's reward function for the cars of a worker.
 
-What the racer's code does to its process cannot reach the keys and the memory of the worker, and
-whatever it starts ends with it. A step costs a message there and one back: docs/benchmarks.md.
+The racer's code cannot reach the worker's keys and memory, and whatever it starts ends with it.
+A step costs two messages: docs/benchmarks.md.
 """
 
 import io
@@ -36,11 +36,12 @@ from drsim.errors import RewardError, RewardErrorKind
 SERVER = "drcli.workers.reward_server"
 
 _LOAD_S = 120.0
-"""How long loading the file for one car may take. Its process interrupts it before."""
+"""The process interrupts it before."""
 
 _PATIENCE_S = 300.0
-"""How much longer than allowed calls may take: their process ends those that compute, by the time
-that the processor has spent on them, of which there may be little on a busy machine."""
+"""Beyond what is allowed: the process ends calls by processor time, of which a busy machine has
+little.
+"""
 
 _EXIT_S = 2.0
 _LONGEST_LINE = 1 << 16
@@ -49,11 +50,9 @@ _logger = get_logger(__name__)
 
 
 class RewardProcess(RewardHost):
-    """The process of the reward functions of some cars, each with its own copy of the file.
+    """The process of the reward functions of some cars, each with its own copy.
 
-    Args:
-        file: The racer's file, in a folder that belongs to this process alone.
-        cars: How many copies to load.
+    `file` is in a folder of this process alone.
 
     Raises:
         RewardError: The file cannot be loaded.
@@ -105,7 +104,6 @@ class RewardProcess(RewardHost):
         deadline_s: float,
         on_error: OnRewardError,
     ) -> Rewarded:
-        """Call the function of each of these cars, as `checked_rewards` does."""
         params = list(calls)
         new: dict[bool, list[tuple[float, float]]] = {}
         for each in params:
@@ -124,7 +122,7 @@ class RewardProcess(RewardHost):
         return Rewarded(answer.rewards, answer.seconds)
 
     def close(self) -> None:
-        """End the process, and remove its temporary files; doing it again changes nothing."""
+        """End the process, and remove its temporary files; may be repeated."""
         self._connection.close()
         try:
             self._process.wait(_EXIT_S)
@@ -153,10 +151,7 @@ class RewardProcess(RewardHost):
             self._end_alike()
 
     def _end_alike(self) -> NoReturn:
-        """End this process in the same way as that of the racer's code has ended.
-
-        Then whoever watches this worker does what helps: it starts another one, or explains it.
-        """
+        """As the racer's code has ended: whoever watches this worker knows what helps."""
         self.close()  # it may have damaged the connection and live on
         code = self._process.returncode
         _logger.error("The process of the reward function has ended: %d.", code)
@@ -168,7 +163,6 @@ class RewardProcess(RewardHost):
 
 
 def _relay(pipe: IO[bytes]) -> None:
-    """Print here what the racer's code prints, within the limit of this worker."""
     with io.TextIOWrapper(pipe, "utf-8", "backslashreplace", newline="") as lines:
         for line in iter(lambda: lines.readline(_LONGEST_LINE), ""):
             print_limit.print_theirs(line)

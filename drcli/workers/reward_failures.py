@@ -1,4 +1,4 @@
-"""What a worker does when the racer's reward function fails: end, or count and go on."""
+"""What a worker does when the racer's reward function fails: end, or count."""
 
 import time
 from collections import deque
@@ -23,32 +23,25 @@ from drsim.errors import RewardError
 _logger = get_logger(__name__)
 
 WINDOW_CALLS = 2_000
-"""Over so many of a worker's newest calls the share of failures is taken. A car makes 15 calls in a
-simulated second, so twenty cars make them in seven. A function that always fails ends a training
-after 101 calls with the default share, and one that fails once a lap never does, even if all cars
-come to that place at the same time."""
+"""A car makes 15 calls in a simulated second. A function that always fails ends a training after
+101 with the default share; one that fails once a lap never does, even if all cars are there at
+once.
+"""
 
 SAVED_EVERY_S = 60.0
-"""How often the number of calls is saved as long as none has failed. The share of failures that
-come later needs it."""
+"""As long as no call has failed; a later share needs the number."""
 
 
 class RewardErrorsExceeded(SettingsError):
-    """More calls of the reward function failed than DR_REWARD_MAX_ERROR_SHARE allows."""
+    """More calls failed than DR_REWARD_MAX_ERROR_SHARE allows."""
 
 
 class AllEpisodesDiscarded(SettingsError):
-    """The reward function declares every episode broken, so there is nothing to learn from."""
+    """Every episode was declared broken: there is nothing to learn from."""
 
 
 class RewardFailures:
-    """Counts the failures of one worker, and keeps the counts in the bucket.
-
-    Attributes:
-        record: What was counted so far, also by earlier processes of this worker.
-        newest_discard: Where and why the function last declared an episode broken. The record
-            describes only the first `MOST_ERRORS` errors.
-    """
+    """Counts one worker's failures, in the bucket; `record` has the first `MOST_ERRORS`."""
 
     def __init__(
         self,
@@ -67,7 +60,6 @@ class RewardFailures:
         self._saved_s = clock()
 
     def restore(self, bucket: Bucket, prefix: str) -> None:
-        """Continue the counts of earlier processes of this worker, and keep them there."""
         self._bucket, self._key = bucket, keys.reward_errors(prefix, self.record.worker)
         try:
             self.record = RewardErrorRecord.decode(bucket.get(self._key))
@@ -77,27 +69,20 @@ class RewardFailures:
             _logger.warning("%s is damaged and starts over: %s.", self._key, error)
 
     def begin(self, iteration: int) -> None:
-        """Begin to count for an iteration."""
         self.record = self.record.begun(iteration)
 
     def begin_simulation(self) -> None:
-        """Begin with a simulation that has made no calls yet, such as that of another stage."""
         self._calls = 0
         self._failed_at.clear()
 
     def count_calls(self, calls: int) -> None:
-        """Note how many calls the simulation has made; the new ones are of this iteration."""
         made = calls - self._calls
         self._calls = calls
         newest = self.record.newest
         self.record = replace(self.record, newest=replace(newest, calls=newest.calls + made))
 
     def handle(self, error: RewardError, calls: int) -> float:
-        """The reward of a step whose call failed, or 0 if it declared its episode broken.
-
-        Args:
-            error: What went wrong.
-            calls: How many calls the simulation has made.
+        """The reward of a failed step, or 0 if its episode is broken.
 
         Raises:
             RewardError: Failures end the run, by DR_REWARD_ON_ERROR or because memory is short.
@@ -125,7 +110,7 @@ class RewardFailures:
         return self._settings.reward_fallback
 
     def save(self) -> None:
-        """Write the counts into the bucket; unless something has failed, not every time."""
+        """Unless something has failed, not every time."""
         total, now_s = self.record.total, self._clock()
         is_due = total.failed or total.discarded or now_s >= self._saved_s + SAVED_EVERY_S
         if self._bucket is not None and is_due:
@@ -156,17 +141,15 @@ class RewardFailures:
 
 
 def message_of(error: RewardError) -> str:
-    """The failure of a reward function, without the path of our copy of the file."""
+    """Without the path of our copy of the file."""
     return _without_path(str(error), error)
 
 
 def file_of(error: RewardError) -> str:
-    """What the racer calls the file."""
     return keys.REWARD_FUNCTION_FILE if error.file is None else error.file.name
 
 
 def _without_path(text: str, error: RewardError) -> str:
-    """A text that names the racer's file instead of our copy of it."""
     return text if error.file is None else text.replace(str(error.file), error.file.name)
 
 

@@ -1,9 +1,8 @@
-"""The process that calls the reward functions of a worker's cars, and has nothing to lose.
+"""The process that calls the reward functions of a worker's cars.
 
-Run by `reward_client` as `python -m drcli.workers.reward_server DESCRIPTOR PARENT_PID`, where the
-descriptor is that of a connection to the worker. It has neither keys nor a bucket, and reaches only
-what `reward_access` allows. It ends with the worker, and whatever the racer's code has started ends
-with it.
+`python -m drcli.workers.reward_server DESCRIPTOR PARENT_PID`, with a connection's descriptor.
+It has neither keys nor a bucket, and reaches only what `reward_access` allows. It and whatever
+it has started end with the worker.
 """
 
 import errno
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 
 
 class _Server:
-    """Loads a file and makes calls, as the messages of a connection say."""
-
     def __init__(self, connection: socket.socket) -> None:
         # The whole simulation takes a second to load, and hardly a reward function needs it.
         spec = find_spec("drsim")
@@ -51,7 +48,6 @@ class _Server:
         sys.excepthook = self._explain
 
     def run(self) -> None:
-        """Answer until the worker closes the connection, or the file cannot be loaded."""
         order = Load.decode(receive(self._connection, MOST_BYTES))
         file = Path(order.file)
         free = confine_reward(file.parent)
@@ -84,14 +80,14 @@ class _Server:
         return Answer(done.rewards, done.seconds, failures)
 
     def _failed(self, failures: list[CallFailure]) -> Answer:
-        """The answer when no other call was made after a failure."""
+        """No other call was made after the failure."""
         nothing = [0.0] * self._calls
         return Answer(nothing, nothing, failures)
 
     def _explain(
         self, kind: type[BaseException], error: BaseException, trace: TracebackType | None
     ) -> None:
-        """Tell the worker what ends this process: code that swallows every exception, or a bug."""
+        """For code that swallows every exception, or a bug."""
         if isinstance(error, self._error):
             self._send(self._failed([_failure(0, error)]))
         else:
@@ -119,7 +115,6 @@ def _failure(call: int, error: "RewardError") -> CallFailure:
 
 
 def main(descriptor: int, parent_pid: int) -> None:
-    """Serve the worker at the other end of a connection."""
     keep_descendants(parent_pid)
     os.set_inheritable(descriptor, False)
     with suppress(WireError, OSError):  # the worker has closed the connection, or has ended

@@ -42,7 +42,6 @@ def evaluate_robustly(
     threads: int,
     live: LiveShow | None = None,
 ) -> RobustResult:
-    """Drive the whole grid with one model, and put the result into the bucket."""
     cells = grid(job.seed, closed=load_world(config.race()).closed)
     if live is not None:
         live.about(None, entry.checkpoint, facts_of(config.race(), [entry.name]))
@@ -73,20 +72,9 @@ def drive_cells(
     laps: int = 1,
     onlooker: Onlooker | None = None,
 ) -> list[RobustCell]:
-    """Drive some cells from every place on the lap. An episode ends at its first violation.
+    """Drive from every place on the lap, each to the first violation.
 
-    Traffic is that of the settings; everything else about the race is that of `cells`.
-
-    Args:
-        job: Gives the seed. All cells have the same traffic.
-        lifeline: Says when to stop.
-        bucket: With the model.
-        entry: The model.
-        config: Names the track and the race.
-        cells: What to drive under.
-        threads: For physics and camera.
-        laps: Laps of an episode; progress counts all of them.
-        onlooker: May look at the driving.
+    Only traffic is that of the settings. Progress counts all `laps`.
 
     Raises:
         SettingsError: The model cannot be used.
@@ -128,7 +116,7 @@ def drive_cells(
 
 
 def _plans(number: int, cell: Cell, track: Track) -> list[Plan]:
-    """The episodes of a cell. Those of the same place have the same seed in every cell."""
+    """Those of the same place have the same seed in every cell."""
     driven = track.reversed() if cell.other_way else track
     plans = []
     for place in range(PLACES):
@@ -164,7 +152,6 @@ def _summed_up(cell: Cell, driven: Sequence[Driven], laps: int) -> RobustCell:
 
 
 def _progress(episode: Driven, laps: int) -> float:
-    """Percent of all laps, before the first violation."""
     if episode.completed:
         return 100.0
     whole = sum(row.progress >= 100.0 for row in episode.rows)

@@ -1,4 +1,4 @@
-"""The grid of a robust evaluation: which disturbances a model is driven under, and from where."""
+"""The grid of a robust evaluation: disturbances and starts."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -14,21 +14,11 @@ PLACES = 4
 """Starts of each level, spread evenly over the lap."""
 
 COMBINATIONS = 4
-"""Draws of everything at once, on the axis `together`."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One level of one disturbance.
-
-    Attributes:
-        axis: What is disturbed.
-        level: How far, as people read it.
-        conditions: Of camera and car.
-        side: Where across the track the car starts.
-        angle_deg: How far it is turned to the left at its start.
-        other_way: Whether it drives against the direction of the settings.
-    """
+    """One level of one disturbance (`axis`); angles are to the left."""
 
     axis: str
     level: str
@@ -39,10 +29,9 @@ class Cell:
 
 
 def grid(seed: int, *, closed: bool = True) -> list[Cell]:
-    """All cells, axis by axis; the seed decides what is drawn for the axis `together`.
+    """All cells; the seed decides what is drawn for the axis `together`.
 
-    An open track is driven in one direction only, so `closed=False` leaves out the axis of
-    directions.
+    An open track is driven in one direction only.
     """
     cells = [
         Cell(NOMINAL_AXIS, "none"),
@@ -71,7 +60,7 @@ def grid(seed: int, *, closed: bool = True) -> list[Cell]:
 
 
 def with_patterns(cells: list[Cell], seed: int) -> list[Cell]:
-    """The same with the pixels of the noise and the places of the lamps fixed by the seed."""
+    """With noise and lamps fixed by the seed."""
     patterns = np.random.SeedSequence([seed, 1]).generate_state(len(cells), np.uint64)
     return [
         replace(cell, conditions=replace(cell.conditions, pattern=pattern))
@@ -86,7 +75,7 @@ def _levels(axis: str, name: str, values: tuple[float, ...], words: str) -> Iter
 
 
 def _together(seed: int) -> Iterator[Cell]:
-    """Mild disturbances of everything at once, as a real car has them."""
+    """Mild, as a real car has them."""
     random = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, 0])))
     for number in range(COMBINATIONS):
         either, share = random.uniform(-1.0, 1.0, 7).tolist(), random.random(4).tolist()

@@ -1,7 +1,6 @@
-"""Lets a trainer go back to its last good checkpoint, at any point of which it may be killed.
+"""Lets a trainer go back to its last good checkpoint; it may be killed at any point.
 
-The decision is one write (`Rollbacks`). Everything else is what a trainer does when it starts: so
-an interrupted rollback, a completed one and `--resume` run the same code.
+The decision is one write (`Rollbacks`). The rest is what a trainer does when it starts.
 """
 
 import time
@@ -23,20 +22,13 @@ _logger = get_logger(__name__)
 
 
 LOOK_BACK = 3
-"""How many of the newest checkpoints may be gone back to after NaN."""
 
 
 class RolledBack(Exception):
-    """The training has gone back: begin again from the bucket."""
+    """Begin again from the bucket."""
 
 
 class RollbackControl:
-    """Decides about rollbacks of one model.
-
-    Attributes:
-        known: The rollbacks so far, those of earlier starts included.
-    """
-
     def __init__(self, bucket: Bucket, job: Job, checkpoints: CheckpointStore) -> None:
         self._bucket = bucket
         self._job = job
@@ -50,11 +42,10 @@ class RollbackControl:
 
     @property
     def left(self) -> int:
-        """How many more DR_TRAIN_MAX_ROLLBACKS allows."""
         return max(0, self._job.config.train.train_max_rollbacks - self.known.count)
 
     def load_latest(self) -> Checkpoint | None:
-        """The checkpoint to go on from, with its optimizer; None if the model has none.
+        """With its optimizer; None if the model has none.
 
         Raises:
             StorageError: All checkpoints are damaged.
@@ -69,7 +60,7 @@ class RollbackControl:
         return older or found
 
     def mark(self, found: Checkpoint) -> None:
-        """Note in the checkpoint from which the training goes on how often it went back."""
+        """Note in the checkpoint how often the training went back."""
         counters = found.record.counters
         if (counters.rollbacks or 0) < self.known.count:
             counters = replace(counters, rollbacks=self.known.count)
@@ -87,16 +78,10 @@ class RollbackControl:
     ) -> Rollback | None:
         """Go back, if that is allowed and there is a good checkpoint.
 
-        Args:
-            reason: Why.
-            text: What is wrong, a sentence without its full stop.
-            newest: The newest checkpoint.
-            lr: Of the hyperparameters.
-            elapsed_s: Wall time of training so far.
-            first: Number of the oldest checkpoint to go back to, the first one of a stage.
+        `first` is the oldest one to go back to, the first of a stage.
 
         Returns:
-            What was decided, and is stored now; None if the training does not go back.
+            What is stored now; None if the training does not go back.
         """
         target = self._target(reason, newest, first) if self.left else None
         if target is None:
@@ -119,7 +104,6 @@ class RollbackControl:
     def nan_failure(
         self, error: NonFiniteLossError, iteration: int, *, sac: bool
     ) -> TrainingFailed:
-        """The failure of a training that cannot go back from a loss that is NaN."""
         shorter = "" if sac else ", or set `max_grad_norm` to 0.5,"  # which only PPO reads
         remedy = (
             f"Lower `lr` to a third{shorter} in hyperparameters.json, then "
@@ -138,10 +122,10 @@ class RollbackControl:
         )
 
     def _target(self, reason: Reason, newest: CheckpointName, first: int) -> CheckpointName | None:
-        """The last good checkpoint.
+        """After a collapse, the best checkpoint.
 
-        After a collapse, that is the best one. A loss that is NaN announces itself a few updates
-        before, so the oldest of the newest checkpoints is taken, but none before the best one.
+        A NaN announces itself a few updates before, so the oldest of the newest is taken, but
+        none before the best one.
         """
         best = self._best()
         if best is not None and best.number < first:
@@ -157,7 +141,6 @@ class RollbackControl:
         return next((name for name in recent if self._is_intact(name)), None)
 
     def _best(self) -> CheckpointName | None:
-        """The best checkpoint; None as long as none was evaluated."""
         try:
             scores = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:

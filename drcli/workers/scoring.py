@@ -1,6 +1,6 @@
-"""Reads evaluations for the trainer as they arrive, and keeps the best checkpoint up to date.
+"""Reads evaluations for the trainer, and keeps the best checkpoint up to date.
 
-`drcli.store.best_checkpoint` decides which of two checkpoints is better.
+`drcli.store.best_checkpoint` decides which one is better.
 """
 
 from collections.abc import Callable, Iterable
@@ -22,21 +22,17 @@ from drcli.workers.goals import Target
 _logger = get_logger(__name__)
 
 REMEMBERED_SCORES = 2
-"""How many of the newest iterations may still get their evaluation, besides those that driving may
-be ahead of learning."""
+"""Besides iterations that driving may be ahead."""
 
 LAST_EVALUATION_S = 10.0
-"""Least time to wait for the evaluation of the last checkpoint that drove."""
 
 
 class Scoring:
     """The evaluations of a model that are still expected.
 
-    Scores go to `checkpoints`, compared by `metric` (DR_TRAIN_BEST_MODEL_METRIC) on the track that
-    `world` means (DR_TRAIN_BEST_MODEL_WORLD), and to `history`. A checkpoint that reaches one of
-    the `targets` is the best. With `second`, checkpoints are evaluated on DR_TRAIN_EVAL_WORLD too.
-    Those of checkpoints that were given up in one of the `rollbacks` do not count. `lag` is by how
-    many iterations driving may be ahead of learning.
+    Scores are compared by `metric` on the track of DR_TRAIN_BEST_MODEL_WORLD. A checkpoint that
+    reaches one of the `targets` is the best. With `second`, DR_TRAIN_EVAL_WORLD is driven too.
+    Checkpoints given up in `rollbacks` do not count.
     """
 
     def __init__(
@@ -68,18 +64,15 @@ class Scoring:
         self._ahead: int | None = None
 
     def begin_stage(self, first: int) -> None:
-        """From now on, only checkpoints from this number on can be the best.
-
-        Those before drove another track, or for another reward.
-        """
+        """Checkpoints before `first` drove another track, or for another reward."""
         self._since = first
         self._checkpoints.begin_stage(first)
 
     def begin_track(self, first: int) -> None:
-        """From this checkpoint on, another track is driven, whose laps cannot be compared.
+        """From this checkpoint on, laps cannot be compared with earlier ones.
 
-        The best checkpoint stays until another one is evaluated. A start with other settings has
-        forgotten its score already, with a word to the racer; a changed stage is noticed here.
+        The best checkpoint stays until another one is evaluated. A start with other settings
+        has forgotten its score already; a changed stage is noticed here.
         """
         judged = self._world != "evaluation"
         self._checkpoints.begin_track(first, judged=judged)
@@ -87,17 +80,10 @@ class Scoring:
             self._since = first
 
     def restore(self, records: Iterable[IterationRecord]) -> None:
-        """Expect the evaluations of the newest iterations that have none yet."""
         newest = list(records)[-self._remembered :]
         self._expected = {r.iteration for r in newest if not r.evaluation_progress}
 
     def expect(self, iteration: int, evaluates: int | None) -> None:
-        """Add what comes with an iteration that was learned from.
-
-        Args:
-            iteration: Number of the iteration.
-            evaluates: Number of the checkpoint that a worker evaluates meanwhile, or None.
-        """
         if evaluates is not None:
             self._expected.add(evaluates)
         if self._ahead == iteration:
@@ -105,10 +91,9 @@ class Scoring:
         self._expected = {n for n in self._expected if n > iteration - self._remembered}
 
     def score(self, newest: CheckpointName, *, last: bool = False) -> None:
-        """Score the checkpoints whose evaluations have arrived; the log also names the newest.
+        """Score the checkpoints whose evaluations have arrived.
 
-        At the `last` time, and when it is so late that nobody waits for it any longer, an
-        evaluation counts even if it is not complete.
+        At the `last` time, and when it is late, an incomplete evaluation counts.
         """
         for iteration in sorted(self._expected):
             result = self._result(iteration)
@@ -130,7 +115,7 @@ class Scoring:
     def score_all(self, newest: CheckpointName) -> None:
         """Score the newest checkpoint too, before its iteration is learned from.
 
-        A trainer does this when it starts and when it ends, so that no evaluation is lost.
+        Done when a trainer starts and ends, so that no evaluation is lost.
         """
         self.score(newest, last=True)
         result = self._result(newest.number)
@@ -139,11 +124,7 @@ class Scoring:
             self._compare(result, newest)
 
     def wait(self, evaluates: int, patience_s: float, should_stop: Callable[[], bool]) -> None:
-        """Wait for the evaluation of the checkpoint of this number.
-
-        `patience_s` is how long the iteration took: the evaluation takes about as long, and a
-        worker that died sends none.
-        """
+        """About as long as the iteration took: a worker that died sends none."""
         self._expected.add(evaluates)
         key = keys.evaluation_result(self._prefix, evaluates)
 
@@ -161,14 +142,10 @@ class Scoring:
         )
 
     def _is_complete(self, result: EvaluationResult) -> bool:
-        """Whether nothing of the evaluation is still being driven."""
         return not result.confirms and (result.second is not None or not self._second)
 
     def _result(self, iteration: int) -> EvaluationResult | None:
-        """The evaluation of a checkpoint; None if it has not arrived or is damaged.
-
-        That of a checkpoint that was given up is none of the checkpoint with the same number.
-        """
+        """Not that of a given-up checkpoint with the same number."""
         try:
             found = read_evaluation(self._bucket, self._prefix, iteration)
             return found if self._rollbacks.allows(iteration, found.rollbacks) else None
@@ -182,7 +159,6 @@ class Scoring:
             return None
 
     def _compare(self, result: EvaluationResult, newest: CheckpointName) -> None:
-        """Record how good a checkpoint is, and log which one is the best now."""
         if checkpoint_name(result.checkpoint).number < self._since:
             return
         again = result.confirmation

@@ -1,4 +1,4 @@
-"""Evaluates checkpoints on a second track while a model trains: DR_TRAIN_EVAL_WORLD."""
+"""Evaluates checkpoints on a second track: DR_TRAIN_EVAL_WORLD."""
 
 from collections.abc import Callable
 
@@ -19,16 +19,7 @@ from drsim.track.worlds import directed
 class SecondTrack:
     """A simulation of the same race on another track.
 
-    Args:
-        race: With that track.
-        metadata: Of the model.
-        racer: The policy, whose weights the worker loads.
-        reward: The racer's reward function for each car.
-        num_threads: For motion and cameras.
-        seed: Of the worker.
-        start_seed: Of the starts, the same for all workers.
-        on_reward_error: What to do when the reward function fails, as in `Simulation`.
-        onlooker: May look at the driving.
+    `start_seed` is the same for all workers.
 
     Raises:
         ProblemsError: The track is not installed, or there is no room for obstacles or bots.
@@ -65,9 +56,9 @@ class SecondTrack:
         self._driver = Driver(self._simulation, [racer], seed, onlooker=onlooker)
 
     def evaluate(self, trials: int, should_stop: Callable[[], bool]) -> SecondEvaluation:
-        """Drive so many episodes with the present weights, from starts spread over the lap.
+        """Drive with the present weights, from starts spread over the lap.
 
-        Episodes that the reward function declares broken count only if there are no others.
+        Broken episodes count only if there are no others.
 
         Raises:
             StopRequested: `should_stop` returned True.
@@ -80,10 +71,8 @@ class SecondTrack:
         return SecondEvaluation(*columns_of(sound), self.world)
 
     def close(self) -> None:
-        """Stop the threads that render."""
         self._simulation.close()
 
 
 def sentence_of(result: SecondEvaluation) -> str:
-    """The result after the name of a checkpoint, for the log."""
     return f"drives {result.mean_progress:.1f} % of the lap on {result.world} ({result.laps})."

@@ -1,8 +1,8 @@
-"""Decides in the trainer who drives which episodes when simulation workers join and leave.
+"""Decides in the trainer who drives which episodes when workers join and leave.
 
-As long as nobody has joined, each of DR_WORKERS drives the same share and nothing is written. Later
-the shares are in an object of the bucket, and change only from one iteration to the next: the first
-one that no worker can have begun before the checkpoint was there that names their version.
+As long as nobody has joined, each of DR_WORKERS drives the same share and nothing is written.
+Later shares are in an object of the bucket, and change with the first iteration that no worker
+can have begun before the checkpoint that names their version.
 """
 
 import math
@@ -24,30 +24,27 @@ from drcli.workers.episode_share import Share
 _logger = get_logger(__name__)
 
 LOOK_S, FRUGAL_LOOK_S, STARTING_LOOK_S = 5.0, 10.0, 1.0
-"""How often to look for workers that have joined: in any case, where each look costs money, and as
-long as nobody drives or one of them is starting."""
+"""In any case, where looks cost money, while nobody drives or one is starting."""
 
 KEPT_SHARES = 4
-"""How many of the newest shares the object contains, besides one for each iteration that driving is
-ahead: a worker may be some checkpoints behind."""
+"""A worker may be some checkpoints behind."""
 
 LATE_PAUSE_S, LONGEST_PAUSE_S = 10.0, 600.0
-"""A worker whose rollouts came too late drives nothing for so long; the pause doubles each time."""
+"""After late rollouts; doubles each time."""
 
 PUNCTUAL = 10
-"""After so many iterations in time, a worker counts as if it had never been late."""
+"""Then a worker counts as if it had never been late."""
 
 KNOWN_AFTER = 3
-"""After so many iterations the speed of a worker counts: the first one may include compilation."""
+"""The first iteration may include compilation."""
 
 MEASURED_S = 2.0
-"""Shortest drive from which the speed of a worker that is late is judged."""
+"""Shortest drive from which a late worker is judged."""
 
 TRIED_AGAIN_S = 60.0
-"""A worker that is too slow for a share gets one episode after so long."""
+"""Then one that is too slow gets an episode."""
 
 NEWEST_WEIGHT = 0.2
-"""Weight of an iteration in the mean speed of a worker."""
 
 
 @dataclass
@@ -61,18 +58,8 @@ class _Punctuality:
 class ShareKeeper:
     """The shares of a training; the trainer is their only writer.
 
-    Args:
-        bucket: Of the model.
-        prefix: Of the model.
-        session: Of this start of the training.
-        workers: DR_WORKERS, which the training starts itself.
-        lag: By how many iterations driving may be ahead of learning.
-        equal: Whether shares stay equal however fast the workers are.
-        frugal: Whether each look costs money.
-        clock: Seconds, for tests.
-
-    Attributes:
-        failure: Machine and failure of the last worker that has joined and failed.
+    `equal`: shares stay so. `frugal`: each look costs money. `failure` is that of the last
+    joined worker that failed.
     """
 
     def __init__(
@@ -117,10 +104,7 @@ class ShareKeeper:
         self._written = self._record
 
     def begin_stage(self, episodes: int, numbered: int, first: int = 0) -> None:
-        """Divide so many episodes from now on; `numbered` is as for `Share`.
-
-        `first` is the first iteration of the stage, which nobody drives ahead.
-        """
+        """`numbered` is as for `Share`; nobody drives iteration `first` ahead."""
         self._first = first
         workers = max(1, self._workers)
         self._fixed = [Share(k, workers, episodes, numbered) for k in range(self._workers)]
@@ -128,7 +112,6 @@ class ShareKeeper:
         self._most = Share(0, workers, episodes, numbered).most
 
     def close(self) -> None:
-        """End the thread that looks."""
         self._looker.shutdown(wait=False, cancel_futures=True)
 
     def at(self, iteration: int) -> tuple[WorkerShare, ...]:
@@ -138,7 +121,7 @@ class ShareKeeper:
         return tuple(self._own_share(k, iteration) for k in range(self._workers))
 
     def version_for(self, checkpoint: int) -> int | None:
-        """Decide who drives what nobody drives before this checkpoint is there; None: as ever.
+        """Decide who drives from this checkpoint on; None: as ever.
 
         Raises:
             StorageError: The shares cannot be written.
@@ -153,7 +136,7 @@ class ShareKeeper:
         return self._record.newest[-1].version
 
     def reassign(self, checkpoint: int) -> bool:
-        """Let others drive the open iteration if all that should have left; whether so.
+        """Let others drive the open iteration if all that should have left.
 
         Raises:
             StorageError: The shares cannot be written.
@@ -170,22 +153,14 @@ class ShareKeeper:
 
     @property
     def nobody(self) -> bool:
-        """Whether there is nobody who could drive."""
         return not self._workers and not any(each.is_alive for each in self._members.values())
 
     def is_hopeless(
         self, share: WorkerShare, iteration: int, steps: float, within_s: float
     ) -> bool:
-        """Whether nobody should wait for a worker that has joined and has not delivered yet.
+        """Whether nobody should wait for a joined worker.
 
-        It has left, is silent, was started again meanwhile, or is so slow that it would be late in
-        any case.
-
-        Args:
-            share: What it drives.
-            iteration: That is waited for.
-            steps: That the share should have, by the episodes of others.
-            within_s: How long it may drive until it is too late.
+        It has left, is silent, was started again, or is too slow.
         """
         self.look(often=True)
         member = self._members.get(share.member)
@@ -197,13 +172,6 @@ class ShareKeeper:
         return speed is not None and steps > speed * within_s
 
     def note(self, speeds: Mapping[int, float], late: Collection[int], checkpoint: int) -> None:
-        """Remember how fast workers drove, and who came too late.
-
-        Args:
-            speeds: Steps per second of those who came in time, by number.
-            late: Numbers of those who did not.
-            checkpoint: The newest one, whose iteration they drove.
-        """
         for worker, speed in self._with_growth(speeds, checkpoint).items():
             times = self._measured[worker] = self._measured.get(worker, 0) + 1
             before = self._speeds[worker] if times > 2 else speed
@@ -234,10 +202,9 @@ class ShareKeeper:
                 known.pause_s = min(2.0 * known.pause_s, LONGEST_PAUSE_S)
 
     def _with_growth(self, speeds: Mapping[int, float], checkpoint: int) -> dict[int, float]:
-        """The speeds, but twice the mean of a worker that was ready long before the others.
+        """Twice the mean for a worker that was ready long before the others.
 
-        A small part takes longer for each step, so a worker that was slow for a while would get a
-        large one only slowly.
+        A small part takes longer for each step; its share would grow only slowly.
         """
         counts = {share.worker: share.count for share in self.at(checkpoint)}
         took = {k: counts[k] / speed for k, speed in speeds.items() if speed and k in counts}
@@ -249,7 +216,7 @@ class ShareKeeper:
         return grown
 
     def _note_slow(self, share: WorkerShare, iteration: int) -> None:
-        """Give a worker that was late a share that it can drive in time, by what it reports."""
+        """A share that it can drive in time, by what it reports."""
         member = self._members.get(share.member)
         speed = None if member is None else self._reported_speed(member, iteration)
         if speed is None:
@@ -261,7 +228,6 @@ class ShareKeeper:
 
     @staticmethod
     def _reported_speed(member: Member, iteration: int) -> float | None:
-        """Steps per second of a worker in an iteration that it still drives; None if not known."""
         record = member.record
         known = record.drives == iteration and record.drive_s >= MEASURED_S
         return record.steps / record.drive_s if known else None
@@ -269,8 +235,7 @@ class ShareKeeper:
     def look(self, *, wait: bool = False, often: bool = False) -> None:
         """Look for workers that have joined or left, in a thread, if it is time.
 
-        What it finds counts from the next call on; with `wait`, from this one. It is time sooner if
-        the trainer waits for one of them and looks `often`.
+        What it finds counts from the next call on; with `wait`, from this one.
         """
         self._begin_look(often=often)
         if self._look is not None and (wait or self._look.done()):
@@ -292,7 +257,6 @@ class ShareKeeper:
             self._look = self._looker.submit(self._reader.read)
 
     def _take(self, members: dict[str, Member]) -> None:
-        """Give numbers to those who are new, and take them from those who have left."""
         for name in [name for name, member in members.items() if member.record.failure]:
             record = members.pop(name).record
             self.failure = f"{record.host}: {record.failure}"
@@ -319,7 +283,6 @@ class ShareKeeper:
         return not member or (member in self._members and self._members[member].is_alive)
 
     def _chosen(self, checkpoint: int) -> list[WorkerShare]:
-        """The shares of all who could drive with a checkpoint; their first numbers are not set."""
         ready = {
             name: number
             for name, number in self._record.numbers.items()
@@ -347,7 +310,6 @@ class ShareKeeper:
         ]
 
     def _try_slow_ones(self, workers: list[int], counts: list[int]) -> None:
-        """Give an episode to each that was too slow for a share for long: it may be faster now."""
         now_s = self._clock()
         for at, worker in enumerate(workers):
             waited_s = now_s - self._shared_s.get(worker, now_s)
@@ -358,7 +320,6 @@ class ShareKeeper:
                 self._shared_s[worker] = now_s
 
     def _is_excluded(self, member: str) -> bool:
-        """Whether a worker that was late may not drive yet, or has not caught up yet."""
         known = self._punctuality.get(member)
         if known is None:
             return False
@@ -366,7 +327,6 @@ class ShareKeeper:
         return behind or self._clock() < known.excluded_until_s
 
     def _change(self, checkpoint: int, iteration: int, chosen: list[WorkerShare]) -> None:
-        """Let these drive from a checkpoint on, if others did before."""
         newest = self._record.newest
         kept = [shares for shares in newest if shares.checkpoint <= checkpoint]  # after a rollback
         same = bool(kept) and [_who(s) for s in kept[-1].workers] == [_who(s) for s in chosen]
@@ -390,12 +350,10 @@ class ShareKeeper:
         _logger.info("From iteration %d on, episodes are shared: %s.", iteration, sentence)
 
     def _own_share(self, worker: int, iteration: int) -> WorkerShare:
-        """The share of a worker of DR_WORKERS as long as nobody has joined."""
         numbers = self._fixed[worker].numbers(iteration)
         return WorkerShare(worker, "", numbers.start, len(numbers))
 
     def _write(self) -> None:
-        """Write the object if it has changed."""
         if self._record != self._written:
             self._bucket.put(keys.shares(self._prefix), self._record.encode())
             self._written = self._record

@@ -1,7 +1,6 @@
-"""The simulation worker: drives with each new checkpoint and puts its rollouts into the bucket.
+"""The simulation worker: drives with each checkpoint, and delivers its rollouts.
 
-Run by the supervisor as `python -m drcli.workers.sim K [DIVISOR]`, where K counts workers from 0.
-With a divisor, it drives that many times fewer cars at a time.
+`python -m drcli.workers.sim K [DIVISOR]`, counted from 0; with that many times fewer cars.
 """
 
 import os
@@ -60,25 +59,21 @@ from drsim.errors import RewardError
 _logger = get_logger(__name__)
 
 HALF_A_LAP = 50.0
-"""A student whose training episodes get this far, percent on average, is evaluated."""
+"""From this mean percent of its episodes on, a student is evaluated."""
 
 SHARD_STEPS = 256
-"""Steps after which finished episodes are sent to the bucket: about 2 MB."""
+"""About 2 MB."""
 
 GOAL_CREDIT_S = 10.0
-"""How much longer evaluations may take if they end the training: with the shipped files, the first
-checkpoint that is good enough comes after half a minute, and a share alone would miss it."""
+"""To end the training: the first good checkpoint of the shipped files comes after half a minute."""
 
 MOST_ATTEMPTS = 3
-"""How often a worker drives its episodes of an iteration, each time with other random numbers,
-before a reward function that declares all of them broken ends the training."""
+"""With other random numbers, when all episodes are declared broken."""
 
 _FAILURES = (StopRequested, RewardError, RewardErrorsExceeded, AllEpisodesDiscarded)
 
 
 class SimWorker:
-    """One simulation worker, from its first checkpoint to the end of the training."""
-
     def __init__(
         self,
         job: Job,
@@ -89,11 +84,7 @@ class SimWorker:
         live: LiveShow | None = None,
         membership: Membership | None = None,
     ) -> None:
-        """Prepare; where memory is short, a `divisor` makes it drive fewer cars at a time.
-
-        `live` shows the cars to those who watch. `membership` is that of a worker that has joined
-        the training from elsewhere.
-        """
+        """`divisor` saves memory; `membership` is of a joined worker."""
         train, model = job.config.train, job.config.model
         self._job = job
         self._worker, self._divisor = worker, divisor
@@ -163,12 +154,10 @@ class SimWorker:
         )
 
     def _stage_of(self, mark: StageMark | None) -> Stage | None:
-        """The marked stage; None without a curriculum."""
         stages = self._job.stages
         return stages[stage_index(stages, mark)] if stages else None
 
     def _build(self, stage: Stage | None) -> TrainingSimulation:
-        """The simulation of a stage, or of the whole training."""
         return TrainingSimulation(
             self._job,
             self._bucket,
@@ -184,7 +173,6 @@ class SimWorker:
         )
 
     def _enter(self, stage: Stage) -> None:
-        """Go on in another stage."""
         self._activity.say(f"enters stage {stage.name}")
         _logger.info("Stage %d, %s, begins.", self._job.stages.index(stage) + 1, stage.name)
         self._failures.count_calls(self._simulation.reward_calls)
@@ -194,7 +182,6 @@ class SimWorker:
         self._results.enter(self._simulation)
 
     def run(self) -> None:
-        """Drive until the training ends or somebody wants this worker to stop."""
         try:
             self._drive()
         except _FAILURES:
@@ -211,8 +198,7 @@ class SimWorker:
     def _drive(self) -> None:
         """Drive with one checkpoint after the other until the training ends.
 
-        It drives each iteration with the newest one, which may be so many numbers older as driving
-        may be ahead of learning.
+        Each may be so many numbers older as driving may be ahead of learning.
         """
         iteration, newest = 0, -1
         while True:
@@ -255,7 +241,6 @@ class SimWorker:
             iteration += 1
 
     def _load(self, record: CheckpointRecord) -> None:
-        """Drive with the weights of a checkpoint, in the number format of its learner."""
         learner = record.counters.number_format
         tensors = self._checkpoints.tensors(record)
         if self._on_gpu is None:
@@ -266,7 +251,7 @@ class SimWorker:
         self._loaded = record.tensors
 
     def _is_assigned(self, iteration: int, version: int | None) -> bool:
-        """Find out which episodes of an iteration this worker drives; whether there are any."""
+        """Whether this worker drives any episodes of an iteration."""
         if self._membership is None and version is None:
             self._simulation.assigned = None
             return True
@@ -282,7 +267,6 @@ class SimWorker:
         return own is not None
 
     def _iterate(self, iteration: int, name: CheckpointName) -> None:
-        """Drive this worker's share of an iteration and publish the results."""
         simulation = self._simulation
         numbers = simulation.part.numbers(iteration)
         self._results.keep_before(iteration)
@@ -395,14 +379,12 @@ class SimWorker:
             self._budget.spend(share * took_s + driven_s() - took_s)
 
     def _give(self, result: EvaluationResult) -> None:
-        """Give the trainer the evaluation of a checkpoint as far as it is driven."""
         self._result = result
         number = checkpoint_name(result.checkpoint).number
         write_evaluation(self._bucket, self._prefix, number, result)
         wake(self._job.folder, "trainer")
 
     def _laps_to_confirm(self, result: EvaluationResult) -> int:
-        """How many laps a checkpoint drives again after this evaluation; 0 for none."""
         simulation, config = self._simulation, self._job.config
         if any(each.shown_by(result.progress, result.lap_s) for each in simulation.targets):
             return CONFIRMING_LAPS
@@ -415,7 +397,6 @@ class SimWorker:
         return simulation.trials * is_hopeful(scores, result, config.model.metric)
 
     def _evaluate_further(self, result: EvaluationResult, number: int) -> None:
-        """Let a checkpoint drive again, and on the second track, as far as that is wanted."""
         simulation = self._simulation
         if result.confirms:
             self._activity.say(f"lets checkpoint {number} drive again from other starts")
@@ -440,11 +421,10 @@ class SimWorker:
             _logger.info("Checkpoint %d %s", number, sentence_of(second))
 
     def _is_late(self) -> bool:
-        """Whether nobody needs the episodes any more that this worker drives."""
         return self._membership is not None and self._membership.is_drive_over()
 
     def _give_up_or_repeat(self, iteration: int, training: list[Driven], attempt: int) -> None:
-        """Prepare another attempt when all episodes of this worker were declared broken.
+        """After all episodes were declared broken.
 
         Raises:
             AllEpisodesDiscarded: There were `MOST_ATTEMPTS`.
@@ -465,7 +445,6 @@ class SimWorker:
         training.clear()
 
     def _evaluates(self, name: CheckpointName) -> bool:
-        """Whether to evaluate the checkpoint during this drive, which takes time."""
         phase = self._simulation.phase
         promising = phase is None or phase.name != "distillation" or self._has_student_learned
         allowed = self._budget.allows_another(-self._goals.late_s(), promising=promising)
@@ -485,7 +464,6 @@ class SimWorker:
 
 
 def main(job: Job, lifeline: Lifeline) -> None:
-    """Run a simulation worker in this process."""
     flush_denormals()
     worker, *divisor = (int(word) for word in sys.argv[1:])
     facts = facts_of(job.config.race(worker), [job.config.model.prefix])

@@ -12,15 +12,6 @@ from drcli.workers.goals import mean_score, target_of
 
 @dataclass(frozen=True)
 class Counted:
-    """What a training has done until now, from its beginning.
-
-    Attributes:
-        iteration: Number of its newest checkpoint.
-        steps: Steps driven.
-        episodes: Training episodes driven.
-        elapsed_s: Wall time of training.
-    """
-
     iteration: int
     steps: int
     episodes: int
@@ -28,10 +19,6 @@ class Counted:
 
 
 def stage_index(stages: Sequence[Stage], mark: StageMark | None) -> int:
-    """The place of the marked stage, from 0; the first one where nothing is marked.
-
-    A start makes sure that the stage still exists, so the number is only for safety.
-    """
     if mark is None:
         return 0
     names = [stage.name for stage in stages]
@@ -39,7 +26,6 @@ def stage_index(stages: Sequence[Stage], mark: StageMark | None) -> int:
 
 
 def parameters_of(stage: Stage | None, whole: Hyperparameters) -> Hyperparameters:
-    """The hyperparameters of a stage; those of the whole training without one."""
     if stage is None:
         return whole
     where = f"hyperparameters of stage {stage.name}"
@@ -47,14 +33,6 @@ def parameters_of(stage: Stage | None, whole: Hyperparameters) -> Hyperparameter
 
 
 class StageProgress:
-    """The stage of a training.
-
-    Args:
-        stages: All of them; may be empty.
-        mark: Of the newest checkpoint; None if it has none.
-        now: What was counted until that checkpoint.
-    """
-
     def __init__(self, stages: Sequence[Stage], mark: StageMark | None, now: Counted) -> None:
         self._stages = stages
         self._at = stage_index(stages, mark)
@@ -64,52 +42,41 @@ class StageProgress:
 
     @property
     def stage(self) -> Stage | None:
-        """The present one; None without a curriculum."""
         return self._stages[self._at] if self._stages else None
 
     @property
     def name(self) -> str:
-        """Name of the stage for records; empty without a curriculum."""
         return self.mark.name if self.mark is not None else ""
 
     @property
     def is_last(self) -> bool:
-        """Whether no other stage follows."""
         return self._at >= len(self._stages) - 1
 
     @property
     def first_iteration(self) -> int:
-        """Number of the first checkpoint of the stage; 0 without a curriculum."""
         return self.mark.iteration if self.mark is not None else 0
 
     @property
     def first_step(self) -> int:
-        """Steps before the stage; schedules of hyperparameters begin again with it."""
+        """Schedules of hyperparameters begin again with it."""
         return self.mark.steps if self.mark is not None else 0
 
     def parameters(self, whole: Hyperparameters) -> Hyperparameters:
-        """The hyperparameters of the stage, or those of the whole training."""
         return parameters_of(self.stage, whole)
 
     def judged(self, records: Sequence[IterationRecord]) -> Sequence[IterationRecord]:
-        """The iterations by which the goals of the whole training judge how well the car drives."""
+        """Records by which the goals of the whole training judge."""
         if self.mark is None:
             return records
         return self._own(records) if self.is_last else ()
 
     def begin_next(self, now: Counted) -> StageMark:
-        """Go on to the next stage; returns its mark."""
         self._at += 1
         self.mark = self._marked(now)
         return self.mark
 
     def over(self, records: Sequence[IterationRecord], now: Counted) -> str | None:
-        """Why the stage is over, as a phrase; None if it is not.
-
-        Args:
-            records: Iterations until now; older ones may be missing.
-            now: What was counted until now.
-        """
+        """Why the stage is over; None if it is not. Older records may be missing."""
         stage, mark = self.stage, self.mark
         if stage is None or mark is None:
             return None
@@ -128,17 +95,14 @@ class StageProgress:
         return self._good_enough(own)
 
     def is_time_over(self, elapsed_s: float) -> bool:
-        """Whether the minutes of the stage have passed, after so much wall time of training."""
         return self.left_s(elapsed_s) <= 0.0
 
     def left_s(self, elapsed_s: float) -> float:
-        """Seconds that the minutes of the stage leave then; infinity without such a limit."""
         if self.stage is None or self.mark is None or self.stage.goal.minutes is None:
             return math.inf
         return self.mark.elapsed_s + 60.0 * self.stage.goal.minutes - elapsed_s
 
     def _good_enough(self, own: Sequence[IterationRecord]) -> str | None:
-        """Which targets are reached, if all are."""
         stage = self.stage
         assert stage is not None
         reached = []
@@ -158,7 +122,7 @@ class StageProgress:
         return [record for record in records if record.iteration >= self.first_iteration]
 
     def _named(self, mark: StageMark) -> StageMark:
-        """The mark with what the curriculum says now: it may have been changed meanwhile."""
+        """The curriculum may have been changed meanwhile."""
         stage = self._stages[self._at]
         return replace(
             mark,
@@ -170,7 +134,6 @@ class StageProgress:
         )
 
     def _marked(self, now: Counted) -> StageMark:
-        """The mark of the present stage, which begins now."""
         begun = StageMark(
             self._stages[self._at].name,
             iteration=now.iteration,

@@ -1,7 +1,4 @@
-"""The trainer worker: learns from each iteration's rollouts and publishes the next checkpoint.
-
-Run by the supervisor as `python -m drcli.workers.trainer`.
-"""
+"""The trainer worker, which makes checkpoints: `python -m drcli.workers.trainer`."""
 
 import time
 from contextlib import suppress
@@ -60,18 +57,11 @@ from drcli.workers.write_graph import GraphWriter
 _logger = get_logger(__name__)
 
 NOBODY_S = 0.25
-"""Pause between two looks for workers while there is nobody who drives."""
-
 LATE_S = 2.0
-"""How long after a time limit an evaluation is still waited for."""
-
 SEED_STRIDE = 1_000_003
-"""Keeps the random numbers of iterations apart."""
 
 
 class Trainer:
-    """Learns from its first checkpoint to the end of the training."""
-
     def __init__(
         self,
         job: Job,
@@ -79,10 +69,7 @@ class Trainer:
         goals: Goals | None = None,
         group: LearnerGroup | None = None,
     ) -> None:
-        """Prepare; with the `goals` of a trainer of this process that has gone back.
-
-        `group` has the other learner processes, if there are any.
-        """
+        """`goals` are those of a trainer of this process that has gone back."""
         train, model = job.config.train, job.config.model
         self._job = job
         self._lifeline = lifeline
@@ -178,7 +165,7 @@ class Trainer:
         )
 
     def _build_learner(self, number_format: str | None) -> Learner:
-        """The learner of the present stage, with fresh weights; it keeps the number format."""
+        """It keeps the number format."""
         return learner_of_training(
             self._job.config.train,
             self._design.metadata,
@@ -189,7 +176,6 @@ class Trainer:
         )
 
     def _divide_episodes(self) -> None:
-        """Let the workers share the episodes of the present stage."""
         parameters = self._stages.parameters(self._design.parameters)
         self._shares.begin_stage(
             episodes_of(self._progress.phase, parameters),
@@ -198,7 +184,6 @@ class Trainer:
         )
 
     def run(self) -> None:
-        """Learn until there is a reason to end, and score the evaluations that have arrived."""
         try:
             self._train()
         except (StopRequested, TrainingFailed):
@@ -260,7 +245,6 @@ class Trainer:
         self._finish(reason)
 
     def _restore(self) -> None:
-        """Continue from the newest intact checkpoint, or publish the first one."""
         found, self._found = self._found, None
         if found is None:
             refuse_lost(self._bucket, self._prefix)
@@ -302,7 +286,7 @@ class Trainer:
         self._recall()
 
     def _recall(self) -> None:
-        """Give a learner with a replay buffer the rollouts of earlier iterations again."""
+        """Give a replay buffer the rollouts of earlier iterations again."""
         if self._learner.memory_steps == 0:
             return
         for iteration in self._reader.iterations():
@@ -315,10 +299,10 @@ class Trainer:
                 _logger.info("Remembered %d steps of iteration %d.", rollout.steps, iteration)
 
     def _forget_rollouts(self, before: int) -> None:
-        """Delete the rollouts before an iteration that are no longer needed for learning.
+        """Delete rollouts, but not the last while workers drive.
 
-        While workers drive, the last iteration's rollouts stay: the embedded server removes a
-        folder that becomes empty, and a worker that writes into it just then fails for a second.
+        The embedded server removes empty folders, and a worker that writes into one just then
+        fails for a second.
         """
         remembered = self._history.iterations_of(self._learner.memory_steps)
         last = min(before, self._progress.newest.number - remembered) - 1
@@ -328,8 +312,7 @@ class Trainer:
     def _is_wait_over(self) -> bool:
         """Score checkpoints and check the pointer between two looks for rollouts.
 
-        Without the pointer to the newest checkpoint, workers and trainer would wait for each other
-        forever.
+        Without the pointer, workers and trainer would wait for each other forever.
         """
         reassigned = self._shares.reassign(self._progress.newest.number)
         if self._shares.nobody:
@@ -347,20 +330,18 @@ class Trainer:
         return reassigned or self._lifeline.should_stop() or self._reached() is not None
 
     def _reached(self, *newest: IterationRecord) -> str | None:
-        """Why the training is complete, with iterations that the history does not have yet."""
         return self._progress.reached(self.goals, *newest)
 
     def _stage_over(self, collected: Collected) -> str | None:
-        """Why the next stage begins now, instead of an update; None if it does not."""
         if self._stages.is_last or self._reached() is not None:
             return None
         return self._progress.stage_over(self._progress.record(collected))
 
     def _begin_next_stage(self, collected: Collected, why: str) -> None:
-        """Publish the best weights of the stage as the first checkpoint of the next one.
+        """Publish the stage's best weights as the next one's first checkpoint.
 
-        The pointer to this checkpoint is what ends the stage: before it is written, a trainer that
-        starts again is in the old stage, afterwards in the new one.
+        The pointer to it ends the stage: a trainer that starts before is in the old stage,
+        afterwards in the new one.
         """
         over, record = self._stages.mark, self._progress.record(collected)
         self._scoring.expect(record.iteration, collected.evaluates)
@@ -395,7 +376,6 @@ class Trainer:
         self._cycle_began = time.monotonic()
 
     def _learn(self, collected: Collected) -> None:
-        """Update the policy, publish it and record how the update went."""
         self._activity.say(f"learns from {collected.rollout.steps} steps")
         if self._learner.critic_warmup:
             _logger.info("The critic is new: until it is useful, this update improves it alone.")
@@ -464,10 +444,7 @@ class Trainer:
             self._roll_back("collapse", fallen[0].upper() + fallen[1:])
 
     def _begin_next_phase(self, newest: IterationRecord) -> None:
-        """Go on with the next phase of a training with a teacher if this one is over.
-
-        The checkpoint that is published next belongs to the new phase.
-        """
+        """The next checkpoint belongs to the new phase."""
         mark = self._progress.phase
         if mark is None or not isinstance(self._learner, TaughtLearner):
             return
@@ -486,17 +463,15 @@ class Trainer:
         self._divide_episodes()
 
     def _note(self, name: str, sentence: str) -> None:
-        """Leave a note for the journal that a stage or a phase begins with the next checkpoint."""
         note = StageNote(self._job.session, name, str(self._progress.newest), sentence)
         with suppress(OSError):  # a full disk: the journal does without
             note.write(self._job.folder)
 
     def _ends_update(self) -> bool:
-        """Whether time is over, so that an update ends with what it has learned until now.
+        """Whether time is over; the update keeps what it has learned.
 
         Raises:
-            StopRequested: Somebody wants this process to stop. Nothing is lost: a resumed training
-                drives this iteration again.
+            StopRequested: A resumed training drives this iteration again.
         """
         if self._lifeline.step_done():
             raise StopRequested
@@ -510,7 +485,6 @@ class Trainer:
         return ends
 
     def _report(self, row: Row) -> None:
-        """Give an iteration that is in the history to the log, the metrics and other tools."""
         plain.info("%s", line_of(row), extra={"event": "iteration", "facts": row})
         self._publisher.submit(self._metrics.add, row)
         self._figures.learned(row, self._history.records)
@@ -520,7 +494,7 @@ class Trainer:
         self._figures.epoch(stats)
 
     def _roll_back(self, reason: Reason, what: str) -> None:
-        """Return if the training cannot or may not go back to an older checkpoint.
+        """Return if that cannot or may not be done.
 
         Raises:
             RolledBack: It goes back.
@@ -541,7 +515,6 @@ class Trainer:
             raise RolledBack
 
     def _await_evaluation(self, collected: Collected) -> None:
-        """Wait for the evaluation that a worker still drives, if there is one."""
         if collected.evaluates is not None:
             self._activity.wait(f"waits for the evaluation of checkpoint {collected.evaluates}")
             self._scoring.wait(
@@ -551,7 +524,6 @@ class Trainer:
             )
 
     def _publish(self, learned: IterationRecord | None = None) -> None:
-        """Publish the weights and the iteration that made them, None for the first ones."""
         counters = Counters(
             episodes=self._progress.episodes,
             elapsed_s=self._progress.elapsed_s,
@@ -570,31 +542,27 @@ class Trainer:
         self._own_files()
 
     def _own_files(self) -> None:
-        """Make the files of this start the model's, now that a checkpoint has learned with them."""
+        """A checkpoint has learned with the files of this start."""
         if not self._has_own_files:
             self._has_own_files = True
             self._publisher.submit(write_model_files, self._bucket, self._prefix, self._job.inputs)
 
     def _finish_files(self, *, finished: bool = False) -> None:
-        """Write the files that grow for the last time, and send the last figures."""
         self._figures.end(self._history.records, finished=finished)
         self._publisher.submit(self._metrics.finish)
         self._history.finish()
         self._publisher.close()
 
     def _mark_end(self, reason: str) -> None:
-        """Tell the simulation workers to drive no further iteration."""
         end = TrainingEnd(self._job.session, reason)
         self._bucket.put(keys.finished(self._prefix), end.encode())
         self._wake_workers()
 
     def _wake_workers(self) -> None:
-        """Let the simulation workers on this machine look into the bucket now."""
         workers = range(self._job.config.train.workers)
         wake(self._job.folder, *(f"sim-{worker}" for worker in workers))
 
     def _finish(self, reason: str) -> None:
-        """Complete everything, and give the supervisor the reason."""
         self._scoring.score_all(self._progress.newest)
         self._publisher.join()
         self._mark_end(reason)
@@ -610,14 +578,14 @@ def _sentence(text: str) -> str:
 
 
 def _learners(job: Job) -> int:
-    """How many processes learn: a training with a teacher has one."""
+    """One with a teacher."""
     file = job.inputs.get(keys.HYPERPARAMETERS_FILE)
     taught = file is not None and Hyperparameters.from_bytes(file.encode()).taught
     return 1 if taught else job.config.train.train_learners
 
 
 def learn(job: Job, lifeline: Lifeline) -> None:
-    """Learn until the training ends; after a rollback, begin again from the bucket."""
+    """After a rollback, begin again from the bucket."""
     goals = None
     with learner_group(_learners(job)) as group:
         while True:
@@ -633,7 +601,6 @@ def learn(job: Job, lifeline: Lifeline) -> None:
 
 
 def main(job: Job, lifeline: Lifeline) -> None:
-    """Run the trainer in this process."""
     flush_denormals()
     learn(job, lifeline)
 

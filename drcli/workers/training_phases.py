@@ -13,37 +13,32 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.workers.stage_progress import parameters_of
 
 EPISODES: dict[Phase, int] = {"teacher": 32, "distillation": 24, "ppo": 20}
-"""Least episodes of an iteration. The hyperparameters say how many a policy needs that begins with
-short episodes; here, whole laps are driven by small steps of the policy, which need many."""
+"""Least of an iteration: whole laps are driven by small steps of the policy, which need many."""
 
 MIXED_ITERATIONS = 4
-"""In the first iterations of distillation the teacher drives a share of the episodes, which falls
-from all of them to none, so that the student sees good driving first, and then its own."""
+"""The teacher drives a falling share, so that the student sees good driving first, and then its
+own.
+"""
 
 WINDOW: dict[Phase, int] = {"teacher": 10, "distillation": 5}
-"""Iterations whose mean is compared with that of as many before."""
+"""Compared with as many before."""
 
 SURE_SHARE = 0.8
-"""Share of completed laps below which nobody has learned to drive yet."""
+"""Of completed laps; below it nobody has learned to drive yet."""
 
 SURE_ITERATIONS = 2
-"""So many iterations of a student show how well it follows its teacher."""
-
 FOLLOWS = 0.03
-"""A student follows its teacher if it earns less by at most this share."""
+"""It earns less by at most this share."""
 
 SATURATED = 0.04
-"""A phase ends when a window improves by less than this share."""
+"""Less improvement of a window ends a phase."""
 
 MOST_STEPS: dict[Phase, int] = {"teacher": 500_000, "distillation": 80_000}
-"""Steps after which a phase ends in any case."""
-
 MARGIN = 0.93
-"""A teacher is fast enough for a lap time that somebody waits for if it takes this share of it."""
+"""Of a lap time that somebody waits for: then a teacher is fast enough."""
 
 
 def episodes_of(mark: PhaseMark | None, parameters: Hyperparameters) -> int:
-    """Training episodes of an iteration."""
     own = parameters.num_episodes_between_training
     return own if mark is None else max(own, EPISODES[mark.name])
 
@@ -51,25 +46,14 @@ def episodes_of(mark: PhaseMark | None, parameters: Hyperparameters) -> int:
 def phase_of(
     known: PhaseMark | None, checkpoint: CheckpointName, *, taught: bool
 ) -> PhaseMark | None:
-    """The phase in which a training goes on from a checkpoint, for trainer and workers alike.
-
-    A training may have got a teacher, or lost it, since it was made.
-
-    Args:
-        known: Of the checkpoint.
-        checkpoint: Its name.
-        taught: Whether the training has a teacher, as it goes on.
-    """
+    """For trainer and workers alike; a training may have got or lost a teacher."""
     if not taught:
         return None
     return known or PhaseMark("teacher", checkpoint.number, checkpoint.steps)
 
 
 def numbered_episodes(stages: Sequence[Stage], whole: Hyperparameters) -> int:
-    """The largest number of training episodes of an iteration of any stage or phase.
-
-    It is 0 where there is only one such number, as for `Share`.
-    """
+    """The most episodes of any stage or phase, as for `Share`; 0 if all are equal."""
     each = [parameters_of(stage, whole) for stage in stages] or [whole] * whole.taught
     return max(map(_most_episodes, each), default=0)
 
@@ -80,7 +64,6 @@ def _most_episodes(parameters: Hyperparameters) -> int:
 
 
 def teacher_drives(mark: PhaseMark, iteration: int, place: int) -> bool:
-    """Whether the teacher drives the training episode at this place of an iteration."""
     if mark.name == "distillation":
         mixed = iteration - mark.iteration
         return place % MIXED_ITERATIONS >= mixed
@@ -89,12 +72,7 @@ def teacher_drives(mark: PhaseMark, iteration: int, place: int) -> bool:
 
 @dataclass(frozen=True)
 class PhaseJudge:
-    """Decides by what was driven in a phase when it is over.
-
-    Attributes:
-        lap_time_s: What somebody waits for: infinity for any lap, None if nobody waits.
-        left_s: How long the training, or the stage, goes on at most.
-    """
+    """Decides when a phase is over; `lap_time_s` is infinity for any lap."""
 
     lap_time_s: float | None = None
     left_s: float = math.inf
@@ -102,12 +80,6 @@ class PhaseJudge:
     def next_mark(
         self, mark: PhaseMark, records: Sequence[IterationRecord]
     ) -> tuple[PhaseMark, str] | None:
-        """The mark of the phase that begins after these iterations, and why; None if none does.
-
-        Args:
-            mark: Of the present phase.
-            records: Iterations, the newest last; older ones may be missing.
-        """
         own = [record for record in records if record.iteration >= mark.iteration]
         if mark.name == "ppo" or not own:
             return None

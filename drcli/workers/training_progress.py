@@ -16,21 +16,6 @@ from drcli.workers.training_phases import phase_of
 
 
 class TrainingProgress:
-    """What a training has done, from its beginning.
-
-    Args:
-        job: With the stages.
-        found: The checkpoint to go on from; None if there is none.
-        history: Of the model.
-        before_s: Wall time of training until this trainer.
-
-    Attributes:
-        newest: The newest checkpoint.
-        episodes: Training episodes driven.
-        stages: The stage that the training is in.
-        phase: Of a training with a teacher; else None.
-    """
-
     def __init__(
         self,
         job: Job,
@@ -56,23 +41,20 @@ class TrainingProgress:
         self._world = job.config.race().world_name
 
     def begin_phase(self) -> None:
-        """Begin with the first phase of a training with a teacher at the newest checkpoint."""
         self.phase = PhaseMark("teacher", self.newest.number, self.newest.steps)
 
     @property
     def first_iteration(self) -> int:
-        """Number of the first checkpoint of the stage and the phase."""
         first = 0 if self.phase is None else self.phase.iteration
         return max(first, self.stages.first_iteration)
 
     @property
     def first_step(self) -> int:
-        """Steps before the stage and the phase; schedules begin again with them."""
         return max(0 if self.phase is None else self.phase.steps, self.stages.first_step)
 
     @property
     def world(self) -> str:
-        """The track of the first worker, which evaluates."""
+        """Of the first worker, which evaluates."""
         return self._world if self.stages.mark is None else self.stages.mark.world
 
     @property
@@ -80,11 +62,9 @@ class TrainingProgress:
         return self._before_s + time.monotonic() - self._began_s
 
     def counted(self) -> Counted:
-        """What was done until now."""
         return Counted(self.newest.number, self.newest.steps, self.episodes, self.elapsed_s)
 
     def record(self, collected: Collected) -> IterationRecord:
-        """What is known about an iteration before anything is learned from it."""
         return collected.record(
             self.newest,
             elapsed_s=self.elapsed_s,
@@ -94,12 +74,10 @@ class TrainingProgress:
         )
 
     def advance(self, record: IterationRecord) -> None:
-        """Count an iteration; the checkpoint made with it is the newest one from now on."""
         self.newest = CheckpointName(record.iteration + 1, record.total_steps)
         self.episodes += record.episodes
 
     def reached(self, goals: Goals, *newest: IterationRecord) -> str | None:
-        """Why the training is complete, with iterations that the history does not have yet."""
         history, records = self._history, self._of_track(*newest)
         reached = goals.reached(
             records,
@@ -114,12 +92,10 @@ class TrainingProgress:
         return reached
 
     def _of_track(self, *newest: IterationRecord) -> list[IterationRecord]:
-        """The iterations that the present track can be judged by, with some that are new."""
         records = (*self._history.records, *newest)
         return [record for record in records if record.world in ("", self.world)]
 
     def stage_over(self, record: IterationRecord) -> str | None:
-        """Why the next stage begins instead of an update with this iteration; None if not."""
         return self.stages.over(
             self._of_track(record),
             Counted(

@@ -39,15 +39,12 @@ from drsim.errors import RewardError
 from drsim.track.worlds import directed
 
 SEED_STRIDE = 7_919
-"""Keeps the random numbers of workers apart."""
-
 CONFIRMATION_STRIDE = 1_000_003
-"""Keeps the starts of the confirmations of different checkpoints apart."""
+"""Between confirmations of checkpoints."""
 
 
 START_OFFSET_M, START_ANGLE_DEG = 0.15, 10.0
-"""How far beside the centre line, and how much turned, episodes of a teacher begin, and those in
-which a student learns from it: who has seen this comes back to the line."""
+"""For teachers and students that learn from them: who has seen this comes back to the line."""
 
 MILD = Realism(
     image_noise=4.0,
@@ -60,22 +57,16 @@ MILD = Realism(
     glare=0.2,
     reflections=0.2,
 )
-"""How far episodes of a student differ from the nominal car and camera, where the settings name
-nothing: half of them, so that the other half is what evaluations drive."""
+"""For half of a student's episodes, where the settings name nothing: evaluations drive the nominal
+car.
+"""
 
 
 class TrainingSimulation:
     """The cars of one worker, and which episodes they drive.
 
-    Attributes:
-        stage: The stage; None without a curriculum.
-        share: The worker's part of the training episodes, as long as no worker has joined.
-        assigned: Its part since the trainer says who drives what; None before.
-        trials: Episodes of an evaluation; 0 for workers that never evaluate.
-        targets: What evaluations must show to end the stage or the training.
-        track_length_m: Of the lap.
-        second: Evaluates on a second track; None without one, or for workers that never evaluate.
-        phase: Of a training with a teacher; else None.
+    `assigned` replaces `share` once the trainer says who drives what; `trials` is 0 without
+    evaluations.
     """
 
     def __init__(
@@ -93,20 +84,9 @@ class TrainingSimulation:
         on_reward_error: Callable[[RewardError, int], float],
         onlooker: Onlooker | None = None,
     ) -> None:
-        """Build the simulation.
+        """A `joined` worker's part may become larger; `divisor` is of the cars at a time.
 
-        Args:
-            job: The training.
-            bucket: Where the model is.
-            design: Its parameter files.
-            racers: The policy, whose weights the worker loads, and its teacher if it has one.
-            stage: The stage to drive; None without a curriculum.
-            worker: Counts from 0.
-            divisor: How many times fewer cars than usual are driven at a time.
-            joined: Whether the worker has joined from elsewhere: its part may become larger.
-            gpu: Whether a GPU draws the frames.
-            on_reward_error: What to do when the reward function fails, as in `Simulation`.
-            onlooker: May look at the driving.
+        `on_reward_error` is as in `Simulation`.
 
         Raises:
             SettingsError: The reward function cannot be loaded, the track is not installed, or
@@ -179,14 +159,12 @@ class TrainingSimulation:
             )
 
     def enter_phase(self, mark: PhaseMark | None) -> None:
-        """Drive for this phase of a training with a teacher from now on."""
         self.phase = mark
         self.share = replace(self.share, episodes=episodes_of(mark, self._parameters))
         self._simulation.draws = mark is None or mark.name != "teacher"
 
     @property
     def part(self) -> Share | AssignedShare:
-        """The worker's part of the training episodes now."""
         return self.assigned or self.share
 
     @property
@@ -195,7 +173,6 @@ class TrainingSimulation:
 
     @property
     def reward_calls(self) -> int:
-        """How often the reward function was called so far."""
         return self._simulation.reward_calls
 
     def drive(
@@ -205,11 +182,6 @@ class TrainingSimulation:
         should_stop: Callable[[], bool],
         policy_steps: int,
     ) -> None:
-        """Drive episodes with the present weights, learned from so many steps of the stage.
-
-        Raises:
-            StopRequested: `should_stop` returned True.
-        """
         self._driver.drive(plans, on_end, should_stop, self._epsilon(policy_steps))
 
     def drive_again(
@@ -218,10 +190,9 @@ class TrainingSimulation:
         on_end: Callable[[Driven], None],
         should_stop: Callable[[], bool],
     ) -> None:
-        """Drive further evaluation episodes, with the cars of evaluations if there are enough.
+        """With the cars of evaluations if there are enough.
 
-        Each car has variables of the reward function, and training episodes must not find those of
-        an episode that only the clock has decided on.
+        The variables of their reward functions must not reach training episodes.
 
         Raises:
             StopRequested: `should_stop` returned True.
@@ -233,7 +204,6 @@ class TrainingSimulation:
     def plans(
         self, numbers: range, trials: int, attempt: int = 0, *, iteration: int = 0
     ) -> list[Plan]:
-        """The training episodes of an iteration, and the evaluation episodes of its checkpoint."""
         race = self._race
         offset = race.train_start_position_offset
         advance = race.train_round_robin_advance_dist if race.train_change_start_position else 0.0
@@ -256,7 +226,6 @@ class TrainingSimulation:
         return plans + trial_plans
 
     def _of_phase(self, mark: PhaseMark, plan: Plan, iteration: int) -> Plan:
-        """A training episode as the phase needs it: who drives it, from where, and under what."""
         random = np.random.Generator(np.random.Philox(key=[self._seed, plan.number]))
         fraction, offset, angle, nominal = random.uniform(-1.0, 1.0, 4).tolist()
         if self._is_nominal:
@@ -274,10 +243,7 @@ class TrainingSimulation:
         )
 
     def confirmation_plans(self, number: int, count: int) -> list[Plan]:
-        """Evaluation episodes of the checkpoint of this number, from starts of its own.
-
-        They have other numbers, and so other random numbers, than those of any evaluation.
-        """
+        """Their numbers, and so their random numbers, are those of no evaluation."""
         first = self.trials + number * max(CONFIRMING_LAPS, self.trials)
         plans = fresh_starts(
             self._track, count, self._job.seed + CONFIRMATION_STRIDE * (number + 1)
@@ -285,13 +251,11 @@ class TrainingSimulation:
         return [replace(plan, number=first + plan.number) for plan in plans]
 
     def close(self) -> None:
-        """Stop the threads that render."""
         self._simulation.close()
         if self.second is not None:
             self.second.close()
 
     def _epsilon(self, policy_steps: int) -> Callable[[int], float] | None:
-        """E-greedy's share of uniform actions by the steps of this iteration, or None."""
         p = self._parameters
         workers = len(self.assigned.shares.workers) if self.assigned else self.share.workers
         in_phase = self.phase is not None and self.phase.name != "ppo"

@@ -1,7 +1,4 @@
-"""The worker that tries all named cars: drives likeliest actions from starts all over the lap.
-
-Run by `dr-import` as `python -m drcli.workers.try_cars CHECKPOINT STARTS`.
-"""
+"""Tries all named cars: `python -m drcli.workers.try_cars CHECKPOINT STARTS`."""
 
 import sys
 from collections.abc import Callable
@@ -41,10 +38,7 @@ def drive_car(
     num_threads: int,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> CarTrial:
-    """Drive one episode from each of the starts, which are spread evenly over the lap.
-
-    An episode ends with a full lap or when the car has left the track, as in training.
-    """
+    """Drive an episode from each of the starts, spread evenly over the lap."""
     actions = actions_of(metadata)
     simulation = Simulation(
         track,
@@ -70,7 +64,6 @@ def drive_car(
 
 
 def main(job: Job, lifeline: Lifeline) -> None:
-    """Try all cars in this process."""
     checkpoint, starts = sys.argv[1], int(sys.argv[2])
     torch.set_num_threads(1)
     bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)

@@ -20,34 +20,27 @@ from drcli.workers.worker_process import StopRequested
 _logger = get_logger(__name__)
 
 POLL_S, WOKEN_POLL_S = 0.06, 0.25
-"""Pause between two looks for a new checkpoint: in any case, and for a worker that the trainer
-wakes."""
+"""In any case, and for a worker that the trainer wakes."""
 
 FRUGAL_SHARE, LONGEST_POLL_S = 0.03, 1.0
-"""The pause if each look costs money: this share of the time since the rollouts were delivered, so
-that a checkpoint is noticed 3 % late at most, but not longer than this."""
+"""If looks cost money: of the time since the rollouts were delivered; a checkpoint is noticed 3 %
+late at most.
+"""
 
 QUIET_SHARE = 0.7
-"""Share of the learning time in which the worker does not look for the next checkpoint: each look
-takes processor time from the learner."""
+"""Of the learning time: each look takes processor time from the learner."""
 
 REMEMBERED = 5
-"""How many learning times are remembered. The shortest one counts, because something that is over
-may have delayed the others."""
+"""Learning times. The shortest counts: something may have delayed the others."""
 
 LONGEST_PAUSE_S = 0.25
-"""Longest pause between two looks for a request to stop."""
-
 FINISHED_EVERY_S = 1.0
-"""How often a waiting worker checks whether the training has ended."""
-
 RECHECK_S = 10.0
-"""How often a waiting worker checks that its rollouts are still in the bucket. Otherwise trainer
-and worker could wait for each other forever."""
+"""Whether its rollouts are still there; else trainer and worker could wait forever."""
 
 
 class CheckpointWaiter:
-    """Waits for checkpoints with little processor time, which the trainer needs."""
+    """Waits with little processor time, which the trainer needs."""
 
     def __init__(
         self,
@@ -66,14 +59,10 @@ class CheckpointWaiter:
         poll_s: float = POLL_S,
         is_reassigned: Callable[[CheckpointName], bool] | None = None,
     ) -> None:
-        """Begin.
+        """`pause` returns True if woken early.
 
-        `session` names this start of the training, and `say` publishes what the worker waits for.
-        `lag` is by how many iterations driving may be ahead of learning.
-        `frugal` is for a bucket that is not on this machine: it is asked less often. `pause` waits,
-        usually for `poll_s`, and returns True if it was ended early because there may be a new
-        checkpoint. `is_reassigned` says whether the worker, which had nothing to drive with this
-        checkpoint, now has. `clock` (monotonic seconds) is for tests.
+        `lag`: how many iterations driving may be ahead. `frugal`: the bucket is not on this
+        machine.
         """
         self._bucket = bucket
         self._prefix = prefix
@@ -93,35 +82,27 @@ class CheckpointWaiter:
         self._learn_s_per_step: deque[float] = deque(maxlen=REMEMBERED)
 
     def learn_from(self, record: CheckpointRecord) -> None:
-        """Remember how long the trainer learned to make a checkpoint.
+        """Remember how long the trainer learned.
 
-        The worker's own waiting time would not do, because it contains the worker's pauses.
+        The worker's own waiting time contains its pauses.
         """
         learned = record.counters.learned
         if learned is not None and learned.steps and not math.isnan(learned.learn_s):
             self._learn_s_per_step.append(learned.learn_s / learned.steps)
 
     def _quiet_s(self, steps: int) -> float:
-        """How long not to look for a checkpoint made from this many steps of this worker."""
         if len(self._learn_s_per_step) < 2 or self._lag > 1:  # the trainer may be just done then
             return 0.0
         return QUIET_SHARE * min(self._learn_s_per_step) * steps * self._workers
 
     def wait(self, number: int, newest: int, steps: int, since_s: float) -> CheckpointName | None:
-        """Wait for a checkpoint of at least this number, or for one before the newest.
+        """Wait for a checkpoint of at least this number, or one before the newest.
 
-        If rollouts of the newest checkpoint are lost, it is returned once more, so that the worker
-        drives that iteration again.
-
-        Args:
-            number: Least number.
-            newest: Number of the checkpoint that drove last, -1 before the first.
-            steps: Steps driven with it, from which the trainer learns now; 0 if it had nothing to
-                drive.
-            since_s: When they were delivered, on the clock.
+        If rollouts of the newest are lost, it is returned once more, so that its iteration is
+        driven again. `newest` is -1 before the first; `since_s` is when `steps` were delivered.
 
         Returns:
-            The checkpoint, or None when the training has ended.
+            None when the training has ended.
 
         Raises:
             StopRequested: `should_stop` returned True.
@@ -156,14 +137,12 @@ class CheckpointWaiter:
                 woken = self._pause(min(left_s, LONGEST_PAUSE_S))
 
     def _poll_s(self, since_s: float) -> float:
-        """Pause before the next look, for rollouts that were delivered at this time."""
         if not self._frugal:
             return self._shortest_s
         waited_s = self._clock() - since_s
         return min(max(self._shortest_s, FRUGAL_SHARE * waited_s), LONGEST_POLL_S)
 
     def _is_lost(self, newest: CheckpointName) -> bool:
-        """Whether the rollouts that this worker delivered for an iteration are lost."""
         manifest = find_manifest(self._bucket, self._prefix, newest.number, self._worker)
         if (
             manifest is not None
@@ -176,7 +155,7 @@ class CheckpointWaiter:
         return self._checkpoints.pointed() == newest and not self._finished()
 
     def _counts(self, manifest: Manifest) -> bool:
-        """Whether the trainer has not given up the weights that drove."""
+        """The trainer has not given up the weights that drove."""
         try:
             rollbacks = read_rollbacks(self._bucket, self._prefix)
         except ObjectDamaged:

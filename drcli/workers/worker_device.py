@@ -1,4 +1,4 @@
-"""Where a simulation worker computes cameras and policy: on a GPU, or on the processor."""
+"""Where a worker computes cameras and policy: on a GPU, or on the processor."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -10,13 +10,7 @@ INSTALL = "pip install 'drcli[gpu]'"
 
 @dataclass(frozen=True)
 class WorkerDevice:
-    """The choice.
-
-    Attributes:
-        gpu: None for the processor.
-        reason: Why, for the log.
-        is_wanted: Whether it is what DR_WORKER_DEVICE asks for.
-    """
+    """The choice; `is_wanted`: it is what DR_WORKER_DEVICE asks for."""
 
     gpu: torch.device | None
     reason: str
@@ -24,12 +18,7 @@ class WorkerDevice:
 
 
 def choose_worker_device(wanted: str, worker: int) -> WorkerDevice:
-    """Choose by DR_WORKER_DEVICE, and by what is there.
-
-    Args:
-        wanted: "auto", "cpu" or "gpu". Without a GPU that can be used, all mean the processor.
-        worker: Number of the worker; several GPUs are given out in turn.
-    """
+    """By DR_WORKER_DEVICE; several GPUs are given out in turn."""
     if wanted == "cpu":
         return WorkerDevice(None, "on the processor, as set")
     if not torch.cuda.is_available():

@@ -1,6 +1,6 @@
-"""The logs of a worker process: its own, the same as JSON lines, and what the racer's code prints.
+"""The logs of a worker: its own, as JSON lines, and what the racer's code prints.
 
-What the racer's code prints is in the worker's own log too, where other tools look for it.
+That is in its own log too, where other tools look for it.
 """
 
 import logging
@@ -16,14 +16,6 @@ from drcli.workers import print_limit
 
 
 class WorkerLogs:
-    """Open logs of this process.
-
-    Args:
-        job: Of the process.
-        name: The worker, such as "sim-0".
-        path: Its log; None for standard output alone.
-    """
-
     def __init__(self, job: Job, name: str, path: Path | None) -> None:
         settings = job.config.logs
         max_bytes = settings.log_max_mb << 20
@@ -41,7 +33,6 @@ class WorkerLogs:
         print_limit.install(copies)
 
     def end(self) -> None:
-        """Write what waits for the end of its line."""
         if self._prints is not None:
             self._prints.end()
         if self._json is not None:
@@ -49,7 +40,7 @@ class WorkerLogs:
 
 
 class _RewardLog(logging.Handler):
-    """Writes our records about the reward function between its prints."""
+    """Our records between the reward function's prints."""
 
     def __init__(self, path: Path, max_bytes: int) -> None:
         super().__init__()
@@ -57,7 +48,6 @@ class _RewardLog(logging.Handler):
         add_handler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record if it is about the reward function."""
         if record.name == print_limit.reward_logger.name:
             self.file.write(f"{record_text(record)}\n")
 

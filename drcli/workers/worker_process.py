@@ -1,4 +1,4 @@
-"""Runs a worker as a process: its signals, its log, and the reason why it ends."""
+"""Runs a worker as a process: its signals, its log, and why it ends."""
 
 import gc
 import os
@@ -32,21 +32,14 @@ from drcli.workers.pulse import Pulse
 from drcli.workers.worker_logs import WorkerLogs
 
 FAR_READ_TIMEOUT_S = 20.0
-"""How long an answer may stall for a worker that has joined from elsewhere. After an interruption,
-old connections may hang for as long again; a new one works at once."""
+"""For a joined worker: after an interruption old connections hang; a new one works at once."""
 
 BUG = 1
-"""Exit code of an unexplained failure, which is a bug of ours."""
-
 _logger = log.get_logger(__name__)
 
 
 class Lifeline:
-    """Knows whether this process should stop: a signal came, or its launcher has ended.
-
-    Attributes:
-        pulse: Says that this process lives and how far it is.
-    """
+    """Knows whether this process should stop: a signal came, or its launcher has ended."""
 
     def __init__(self, launcher_pid: int) -> None:
         self.pulse = Pulse()
@@ -58,12 +51,11 @@ class Lifeline:
         self._signalled = True
 
     def should_stop(self) -> bool:
-        """Whether to stop at the next good moment."""
         self.pulse.turn()
         return self._signalled or os.getppid() != self._launcher_pid
 
     def step_done(self) -> bool:
-        """The same, asked after each step of driving or learning, which counts as progress."""
+        """The same after each step, which counts as progress."""
         self.pulse.step_done()
         return self._signalled or os.getppid() != self._launcher_pid
 
@@ -75,8 +67,7 @@ class StopRequested(Exception):
 class Activity:
     """Publishes in the bucket, and in the pulse, what this worker is doing.
 
-    Nobody waits for the bucket, and if it fails, only this text is missing there: what the worker
-    does next meets the same failure.
+    Nobody waits for the bucket; what comes next meets the same failure.
     """
 
     def __init__(self, bucket: Bucket, prefix: str, name: str, pulse: Pulse) -> None:
@@ -88,11 +79,9 @@ class Activity:
         self._unsent: Future[None] | None = None
 
     def wait(self, text: str) -> None:
-        """Publish for which other worker this one waits, if that has changed."""
         self.say(text, waits=True)
 
     def say(self, text: str, *, waits: bool = False) -> None:
-        """Publish a text if it has changed."""
         self._pulse.say(text, waits=waits)
         if text == self._last:
             return
@@ -103,19 +92,14 @@ class Activity:
         self._unsent = self._sender.submit(self._bucket.put, self._key, record.encode())
 
     def close(self) -> None:
-        """Wait until the last text has arrived; nothing may be said afterwards."""
         self._sender.shutdown()
 
 
 def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Bucket:
     """The bucket of a training, for one of its workers.
 
-    A worker that is `far` away reads the lease less often: each read may take a tenth of a second
-    there, and what it writes for an earlier start of the training is not used in any case. It also
-    gives up a request that hangs sooner, and repeats it.
-
-    It refuses writes when another training has taken over the model. When the worker was asked to
-    stop, it waits only briefly for a server that does not answer.
+    It refuses writes when another training has taken over the model. A `far` worker reads the
+    lease less often, and repeats hanging requests sooner.
     """
     storage = job.config.storage
     # The embedded server is different: the supervisor restarts it if a worker gives up.
@@ -136,11 +120,9 @@ def run(
 ) -> None:
     """Run a worker's loop as the main function of a process.
 
-    `lifeline_of` makes its lifeline, from the number of the process that has started it.
-
-    Exits with 0 if the loop ended or was asked to stop, with the code of an explained failure, or
-    with 1 for a bug, whose traceback goes to the log. Without a job that it can read, it only
-    explains that in the log: the job says where its `WorkerExit` belongs.
+    Exits with 0 if the loop ended or was asked to stop, with the code of an explained failure,
+    or with 1 for a bug, whose traceback goes to the log. Without a readable job, only the log
+    has the reason.
     """
     search_as_usual()
     job = Job.received_or_exit()
@@ -171,12 +153,11 @@ def run(
 
 
 def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace: object) -> None:
-    """Explain a failure that `except Exception` does not see, as `sys.excepthook`."""
+    """What `except Exception` does not see, as `sys.excepthook`."""
     _explain(error, job, name)
 
 
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
-    """Write the reason of a failure for the supervisor and into the log."""
     print_limit.end_limit()
     memory = memory_shortage(error)
     logger = _logger

@@ -1,4 +1,4 @@
-"""Writes the frozen graph of a checkpoint, which the physical car loads, beside its weights."""
+"""Writes the frozen graph of a checkpoint, which the physical car loads."""
 
 from safetensors.torch import load as load_tensors
 
@@ -9,10 +9,7 @@ from drcli.store.checkpoints import CheckpointStore
 
 
 class GraphWriter:
-    """Writes the graphs of one model; without `enabled`, nothing.
-
-    It reads the weights from their file, so it can work while the trainer already changes them.
-    """
+    """Reads weights from their file, so it can work while the trainer changes them."""
 
     def __init__(
         self, store: CheckpointStore, spec: PolicySpec, metadata: ModelMetadata, *, enabled: bool
@@ -23,7 +20,6 @@ class GraphWriter:
         self._enabled = enabled
 
     def write(self, number: int, tensors: bytes) -> None:
-        """Write the graph of a checkpoint with these weights, a safetensors file."""
         if not self._enabled:
             return
         weights = {name: tensor.float().numpy() for name, tensor in load_tensors(tensors).items()}
