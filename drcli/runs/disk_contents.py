@@ -33,7 +33,6 @@ def largest(bucket_folder: Path | None, data: Path) -> list[Occupied]:
 
 
 def size_on_disk(folder: Path) -> int:
-    """Links are not followed."""
     total = 0
     for path, _, names in os.walk(folder):
         for name in names:

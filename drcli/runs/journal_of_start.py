@@ -39,7 +39,6 @@ def start_entries(
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """As [before, now]."""
     names = sorted({*before, *now})
     return {
         name: [before.get(name), now.get(name)]

@@ -36,7 +36,6 @@ def with_limit(config: RunConfig, report: EvaluationReport) -> EvaluationReport:
 def places_lost(
     bucket: Bucket, simtrace: str, trials: Sequence[TrialReport], line: StoredLimit
 ) -> list[LostPlace]:
-    """StorageError without a trace."""
     best = min((trial for trial in trials if trial.clean), key=lambda trial: trial.lap_s)
     # The laps of a continuous race begin where the first one did, which alone has its start.
     starts = (best.start_position, trials[0].start_position)

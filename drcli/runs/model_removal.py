@@ -150,7 +150,6 @@ def _complete_record(settings: Settings, bucket: Bucket, prefix: str) -> None:
 
 
 def remove_traces(settings: Settings, bucket: Bucket, traces: ModelTraces) -> None:
-    """SettingsError if somebody trains."""
     session, prefix = secrets.token_hex(6), traces.prefix
     refuse_busy(settings, bucket, prefix)
     lease.take(bucket, prefix, session)

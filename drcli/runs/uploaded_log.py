@@ -68,7 +68,6 @@ class UploadedTail:
 
 
 def find_uploaded(bucket: Bucket, prefix: str, name: str, file: str) -> UploadedLog | None:
-    """One listing."""
     return find_objects(bucket, keys.log(prefix, log_kind(name), file))
 
 

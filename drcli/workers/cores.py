@@ -18,7 +18,6 @@ def cores(root: Path = ROOT) -> int:
 
 
 def usable_cores(train: TrainConfig) -> int:
-    """At most DR_THREADS."""
     found = cores()
     return min(found, train.threads or found)
 

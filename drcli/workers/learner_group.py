@@ -158,7 +158,6 @@ class LearnerGroup:
 
 
 def join_group(store: "Store", rank: int, size: int) -> None:
-    """With NCCL between GPUs."""
     from torch import distributed
 
     if sys.platform in LOOPBACK:

@@ -67,7 +67,6 @@ class Viewer:
                 self._changed.notify()
 
     def _send_now(self) -> None:
-        """The lock is held."""
         while self._waiting and not self._rest:
             view = next(iter(self._waiting))
             data = framed(self._waiting[view])

@@ -10,7 +10,6 @@ _OF_TUNE = ("pandas", "pyarrow", "fsspec")
 
 
 def require_ray() -> None:
-    """Raises NotAvailable."""
     if importlib.util.find_spec("ray") is None:
         raise NotAvailable(
             "DR_LAUNCHER=ray needs Ray, which is not installed.",

@@ -46,9 +46,7 @@ class Placed(Protocol):
 
 
 class Cluster(Protocol):
-    def place(self) -> Placed:
-        """It may come later."""
-        ...
+    def place(self) -> Placed: ...
 
 
 class Seat:

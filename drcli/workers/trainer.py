@@ -578,7 +578,6 @@ def _sentence(text: str) -> str:
 
 
 def _learners(job: Job) -> int:
-    """One with a teacher."""
     file = job.inputs.get(keys.HYPERPARAMETERS_FILE)
     taught = file is not None and Hyperparameters.from_bytes(file.encode()).taught
     return 1 if taught else job.config.train.train_learners
