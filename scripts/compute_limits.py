@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drcli.base.errors import DrError
-from drcli.tracks.compute_limit import compute_limit
+from drcli.drive.racer_limit import compute_limit
 from drcli.tracks.limit_store import (
     SHIPPED,
     SOLVER_VERSION,
@@ -23,7 +23,7 @@ from drcli.tracks.limit_store import (
     read_limits,
     write_limits,
 )
-from drsim.car.car_sets import CAR_SETS
+from drsim.car.car_parameters import CAR_SETS
 
 DEFINITIONS = Path("env/drsim/track/definitions")
 EVERY = 10

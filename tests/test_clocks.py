@@ -8,11 +8,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1] / "drcli"
 
 AGES = {
-    "store/bucket_trial.py": "the difference between the clocks of this machine and the server",
-    "store/folder_bucket.py": "the age of a file, whose time is a time of day",
-    "runs/tidy.py": "the age of files and objects, whose times are times of day",
-    "workers/live_figures.py": "times of day of what happened before, counted back from now",
-    "store/lease.py": "the age of a lease where the server tells no time",
+    "checks/doctor/bucket_health.py": "the difference between the clocks of machine and server",
+    "bucket/connect.py": "the age of a file, whose time is a time of day",
+    "transfer/tidy.py": "the age of files and objects, whose times are times of day",
+    "train/learner_metrics.py": "times of day of what happened before, counted back from now",
+    "model/lease.py": "the age of a lease where the server tells no time",
     "store/s3_errors.py": "the difference between the clocks of this machine and the server",
 }
 """Where nothing but the time of day is known."""

@@ -25,16 +25,18 @@ FLOORS = {
     ),
     "drcli": (
         {"__init__", "base", "learn"},
-        {"config", "tracks"},
-        {"exchange"},
-        {"store"},
-        {"modelfiles", "tracking"},
-        {"formats"},
-        {"models", "workers", "explain"},
+        {"config"},
+        {"records"},
+        {"tracks", "bucket"},
+        {"model"},
+        {"metrics", "workers", "convert"},
+        {"live"},
+        {"drive"},
+        {"train", "transfer"},
         {"rewards"},
-        {"checks", "remote", "saliency", "spot"},
-        {"benchmark", "analysis", "video"},
-        {"runs", "playback"},
+        {"checks", "outside", "view"},
+        {"analysis"},
+        {"run"},
         {"races", "sweeps"},
         {"web"},
         {"cli"},
@@ -55,40 +57,37 @@ FORBIDDEN = {
     "drcli.base": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN},
     "drcli.learn": {*SIMULATION, *STORAGE, *SCREEN, "pydantic", "dotenv"},
     "drcli.config": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.records": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN},
     "drcli.tracks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
-    "drcli.exchange": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN},
-    "drcli.store": {*SIMULATION, *LEARNING, *SCREEN},
-    "drcli.modelfiles": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
-    "drcli.formats": {*SIMULATION, *STORAGE, *SCREEN},
-    "drcli.models": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
-    "drcli.workers": {*STORAGE, *SCREEN},
-    "drcli.explain": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
-    "drcli.checks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
-    "drcli.remote": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
-    "drcli.saliency": {*STORAGE, *SCREEN, "mujoco"},
-    "drcli.tracking": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
-    "drcli.spot": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
-    "drcli.analysis": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
-    "drcli.video": {*STORAGE, *SCREEN, "mujoco"},
-    "drcli.playback": {*STORAGE, *SCREEN, "mujoco"},
-    "drcli.benchmark": {*STORAGE, *SCREEN},
-    "drcli.web": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
+    "drcli.bucket": {*SIMULATION, *LEARNING, *SCREEN},
+    "drcli.model": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.metrics": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.workers": {*STORAGE, *SCREEN, *LEARNING, "mujoco"},
+    "drcli.convert": {*SIMULATION, *STORAGE, *SCREEN},
+    "drcli.live": {*STORAGE, *SCREEN},
+    "drcli.drive": {*STORAGE, *SCREEN},
+    "drcli.train": {*STORAGE, *SCREEN},
+    "drcli.transfer": {*SIMULATION, *STORAGE, *SCREEN},
     "drcli.rewards": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
-    "drcli.runs": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.checks": {"boto3", "moto", *SCREEN},
+    "drcli.outside": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
+    "drcli.view": {*STORAGE, *SCREEN, "mujoco"},
+    "drcli.analysis": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
+    "drcli.run": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.races": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.web": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.cli": {*SIMULATION, *LEARNING, *STORAGE, "numpy"},
 }
 """Packages from outside, and drsim, that a package must not import."""
 
 LAZY = {
-    "drcli.store": STORAGE | {"mypy_boto3_s3"},
-    "drcli.remote": STORAGE | {"requests", "urllib3", "ssl", "s3transfer"},
-    "drcli.spot": STORAGE | {"requests", "urllib3", "ssl"},
+    "drcli.bucket": STORAGE | {"mypy_boto3_s3"},
+    "drcli.outside": STORAGE | {"requests", "urllib3", "ssl", "s3transfer"},
     "drcli.analysis": {"pandas", "deepracer", "matplotlib"},
 }
 """What a package may import inside functions only, because it takes long to load."""
 
-PROGRAMS = {"drcli.store.server.moto_server"}
+PROGRAMS = {"drcli.bucket.server.moto_server"}
 """Modules that are only run, as processes of their own."""
 
 
@@ -97,20 +96,20 @@ UNIMPORTED = {
     "drcli.cli.program",
     "drcli.cli.called_command",
     "drcli.rewards.sandbox.sandbox_process",
-    "drcli.spot.boot",
-    "drcli.store.server.moto_server",
+    "drcli.outside.aws.boot",
+    "drcli.bucket.server.moto_server",
     "drcli.web.reward_process",
-    "drcli.playback.player_process",
+    "drcli.view.playback.player_process",
     "drcli.web.serve",
-    "drcli.runs.placed_trainer",
-    "drcli.workers.joined_sim",
-    "drcli.workers.learner_process",
-    "drcli.workers.ray_workers",
-    "drcli.workers.reward_server",
-    "drcli.workers.evaluate_many",
-    "drcli.workers.try_cars",
-    "drcli.workers.library_facts",
-    "drcli.benchmark.measure_process",
+    "drcli.run.launchers.placed_trainer",
+    "drcli.train.joined_sim",
+    "drcli.train.learner_process",
+    "drcli.run.launchers.ray_workers",
+    "drcli.drive.reward_server",
+    "drcli.drive.evaluate_many",
+    "drcli.drive.try_cars",
+    "drcli.checks.doctor.library_facts",
+    "drcli.checks.bench.measure_process",
     "drsim.replay",
 }
 """Modules that are started by name, as programs or processes."""
@@ -161,7 +160,7 @@ def test_modules_load_slow_libraries_only_inside_functions():
     assert not wrong
 
 
-@pytest.mark.parametrize("program", ["drcli.runs.training", "drcli.web.serve"])
+@pytest.mark.parametrize("program", ["drcli.run.training", "drcli.web.serve"])
 def test_what_runs_for_hours_does_not_load_what_workers_compute_with(program):
     """It runs beside them: torch alone would take 160 MB and seconds to start."""
     loaded, waiting = set(), [program]
@@ -235,8 +234,8 @@ def test_only_the_command_line_prints():
     assert not {(name, line) for name in elsewhere for line in facts(name).prints}
 
 
-def test_everything_public_says_what_it_is_for():
-    assert not {(name, bare) for name in modules() for bare in facts(name).undocumented}
+def test_every_module_says_what_it_holds():
+    assert not {name for name in modules() if not facts(name).documented}
 
 
 def test_nothing_is_called_env_and_no_folder_of_ours_hides_it():
@@ -286,13 +285,13 @@ class Facts:
         imports: Names of modules that it imports anywhere.
         top_level: Those outside functions.
         prints: Lines of calls of `print`.
-        undocumented: Public names without a docstring.
+        documented: Whether it says what it holds.
     """
 
     imports: frozenset[str]
     top_level: frozenset[str]
     prints: tuple[int, ...]
-    undocumented: tuple[str, ...]
+    documented: bool
 
 
 @cache
@@ -300,13 +299,13 @@ def facts(name: str) -> Facts:
     """Of a module, read once for all tests."""
     tree = ast.parse(modules()[name].read_text("utf-8"))
     nodes = list(ast.walk(tree))
-    bare = [] if ast.get_docstring(tree) else [name]
-    for node in tree.body:
-        bare += undocumented(node)
     calls = (node for node in nodes if isinstance(node, ast.Call))
     prints = [c.lineno for c in calls if isinstance(c.func, ast.Name) and c.func.id == "print"]
     return Facts(
-        frozenset(_imports(nodes)), frozenset(_imports(tree.body)), tuple(prints), tuple(bare)
+        frozenset(_imports(nodes)),
+        frozenset(_imports(tree.body)),
+        tuple(prints),
+        ast.get_docstring(tree) is not None,
     )
 
 
@@ -318,14 +317,3 @@ def _imports(nodes: Iterable[ast.AST]) -> Iterator[str]:
             for alias in node.names:
                 whole = f"{node.module}.{alias.name}"
                 yield whole if whole in modules() else node.module
-
-
-def undocumented(node: ast.stmt) -> list[str]:
-    """Public names without a docstring."""
-    if not isinstance(node, ast.FunctionDef | ast.ClassDef) or node.name.startswith("_"):
-        return []
-    bare = [] if ast.get_docstring(node) else [node.name]
-    if isinstance(node, ast.ClassDef):
-        methods = [item for item in node.body if isinstance(item, ast.FunctionDef)]
-        bare += [f"{node.name}.{name}" for m in methods for name in undocumented(m)]
-    return bare

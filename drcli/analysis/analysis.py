@@ -7,11 +7,11 @@ from typing import Any
 from drcli.analysis.findings.advice import advise
 from drcli.analysis.findings.advice_item import Advice
 from drcli.analysis.findings.evidence import Evidence, gather
-from drcli.analysis.findings.reward_function_time import reward_function_time
+from drcli.analysis.findings.reward_rate import reward_function_time
 from drcli.analysis.findings.verdict import Verdict, judge
 from drcli.analysis.plain_values import plain, rows_of
 from drcli.analysis.run import Run, StoredEvaluation
-from drcli.exchange.track_limit import limit_text
+from drcli.tracks.track_limit import limit_text
 
 _NOT_FINDINGS = ("run", "curve", "fallen", "late")
 

@@ -2,16 +2,69 @@
 
 import difflib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from drcli.analysis.bootstrap import Difference, compare_means
 from drcli.analysis.plain_values import plain
-from drcli.analysis.run import Run
-from drcli.analysis.spans import Numbers
+from drcli.analysis.run import Numbers, Run
+
+# Uncertainty of a difference of two trainings, by bootstrap.
+
+
+RESAMPLES = 2000
+
+SURE = 0.95
+LEAST_GROUPS = 3
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Second training less first, with the interval that chance leaves plausible."""
+
+    difference: float
+    low: float
+    high: float
+
+    @property
+    def beyond_chance(self) -> bool:
+        return self.low > 0.0 or self.high < 0.0
+
+
+def compare_means(
+    first: Sequence[Numbers], second: Sequence[Numbers], *, seed: int = 0
+) -> Difference | None:
+    """The difference of a mean over episodes; None where a side has too few iterations with values.
+
+    Each array has the episodes of an iteration. They were driven by the same weights and are
+    alike, so iterations are drawn first, then episodes within each.
+    """
+    sides = [[group for group in side if len(group)] for side in (first, second)]
+    if min(map(len, sides)) < LEAST_GROUPS:
+        return None
+    random = np.random.default_rng(seed)
+    found = [float(np.concatenate(side).mean()) for side in sides]
+    before, after = (_drawn_means(random, side) for side in sides)
+    low, high = np.percentile(after - before, [50.0 * (1.0 - SURE), 50.0 * (1.0 + SURE)])
+    return Difference(found[1] - found[0], float(low), float(high))
+
+
+def _drawn_means(random: np.random.Generator, groups: Sequence[Numbers]) -> Numbers:
+    sizes = np.array([len(group) for group in groups])
+    table = np.zeros((len(groups), sizes.max()))
+    for row, group in zip(table, groups, strict=True):
+        row[: len(group)] = group
+    chosen = random.integers(len(groups), size=(RESAMPLES, len(groups)))
+    sums = np.zeros(RESAMPLES)
+    for at in range(len(groups)):
+        group = chosen[:, at]
+        places = random.integers(sizes[group][:, None], size=(RESAMPLES, int(sizes.max())))
+        counted = np.arange(sizes.max()) < sizes[group][:, None]
+        sums += (table[group[:, None], places] * counted).sum(axis=1)
+    return np.asarray(sums / sizes[chosen].sum(axis=1))
+
 
 LATE_SHARE, LATE_LEAST, LATE_MOST = 0.2, 5, 30
 GOALS = (25.0, 50.0, 75.0)
@@ -328,3 +381,77 @@ def _last(values: list[float | None]) -> float | None:
 
 def _whole(value: float | None) -> int | None:
     return None if value is None else int(value)
+
+
+# The rows of a comparison's table.
+
+
+Kind = Literal["count", "percent", "lap", "time", "usd", "number", "steps"]
+_USED: tuple[tuple[str, Kind], ...] = (("steps", "steps"), ("wall_s", "time"), ("usd", "usd"))
+
+
+@dataclass(frozen=True)
+class ComparisonRow:
+    name: str
+    kind: Kind
+    values: Sequence[float | None]
+    limit: tuple[Kind, float] | None = None
+    unknown: str | None = None
+
+
+@dataclass(frozen=True)
+class IntervalRow:
+    """A difference of two trainings, with its interval."""
+
+    name: str
+    unit: str
+    difference: float
+    low: float
+    high: float
+    beyond_chance: bool
+
+
+def comparison_rows(report: "Comparison") -> Iterator[ComparisonRow]:
+    runs = report.runs
+    yield ComparisonRow("iterations", "count", [run.iterations for run in runs])
+    yield ComparisonRow("steps", "count", [run.steps for run in runs])
+    yield ComparisonRow("wall time", "time", [run.wall_s for run in runs])
+    yield ComparisonRow("cost", "usd", [run.cost_usd for run in runs])
+    yield ComparisonRow("clean laps", "count", [run.complete_laps for run in runs])
+    yield ComparisonRow("best lap", "lap", [run.best_lap_s for run in runs])
+    yield ComparisonRow("late progress", "percent", [run.late_progress for run in runs])
+    yield ComparisonRow("late clean laps", "percent", [run.late_lap_share for run in runs])
+    yield ComparisonRow("late lap time", "lap", [run.late_lap_s for run in runs])
+    yield ComparisonRow("late reward", "number", [run.late_reward for run in runs])
+    if any(run.evaluated_laps for run in runs):
+        yield ComparisonRow("evaluation laps", "count", [run.evaluated_laps for run in runs])
+        yield ComparisonRow("of them clean", "count", [run.evaluated_clean for run in runs])
+        yield ComparisonRow("resets", "count", [run.evaluated_resets for run in runs])
+        yield ComparisonRow("median clean lap", "lap", [run.evaluated_median_s for run in runs])
+    for place, goal in enumerate(runs[0].goals):
+        reached = [run.goals[place]["steps"] for run in runs]
+        if any(value is not None for value in reached):
+            name = f"{goal['progress']:.0f} % after"
+            yield ComparisonRow(name, "steps", reached, unknown="never")
+    for used, kind in _USED:
+        equal = report.at_equal.get(used)
+        if equal is not None:
+            yield ComparisonRow("at", "percent", equal["progress"], limit=(kind, equal["limit"]))
+
+
+def interval_rows(pair: "ComparedPair") -> Iterator[IntervalRow]:
+    for name, found, unit in (
+        ("progress", pair.progress, "%"),
+        ("clean laps", pair.lap_share, "of 100"),
+        ("lap time", pair.lap_s, "s"),
+        ("reward", pair.reward, ""),
+    ):
+        if found is not None:
+            yield IntervalRow(
+                name,
+                unit,
+                found["difference"],
+                found["low"],
+                found["high"],
+                found["beyond_chance"],
+            )

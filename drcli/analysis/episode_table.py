@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drcli.analysis.extra import deepracer_logs
-from drcli.analysis.spans import Numbers, spans
-from drcli.exchange.trace import STEP_S
+from drcli.analysis.run import Numbers, deepracer_logs, spans
+from drcli.records.trace import STEP_S
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -4,14 +4,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drcli.analysis.report.picture_section import Picture
-from drcli.config.checkpoint_words import parse_checkpoint
+from drcli.analysis.report.graphs import Picture
+from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
-from drcli.saliency.question import FAST_SPACING, Question
-from drcli.store.bucket import Bucket
+from drcli.config.value_types import parse_checkpoint
+from drcli.view.saliency.question import FAST_SPACING, Question
 
 if TYPE_CHECKING:
-    from drcli.saliency.explained_episode import ExplainedEpisode
+    from drcli.view.saliency.explained_episode import ExplainedEpisode
 
 SOME_STEPS = Question(pictures=6, spacing=FAST_SPACING)
 _LIKELY = 3
@@ -26,7 +26,7 @@ def explained_pictures(
         SettingsError: There is no such checkpoint, or it cannot be explained.
         StorageError: The bucket cannot be read.
     """
-    from drcli.saliency import explain_model  # here: torch takes seconds to load
+    from drcli.view.saliency import explain_model  # here: torch takes seconds to load
 
     best = parse_checkpoint("best")
     explained, name = explain_model.explain_checkpoint(settings, bucket, prefix, best, question)
@@ -36,7 +36,13 @@ def explained_pictures(
 
 
 def _picture(explained: "ExplainedEpisode", number: int, title: str) -> Picture:
-    from drcli.saliency.explanation_pictures import decision, finding, moment, pictures_of, png_of
+    from drcli.view.saliency.explanation_pictures import (
+        decision,
+        finding,
+        moment,
+        pictures_of,
+        png_of,
+    )
 
     parts = pictures_of(explained, number)
     tiles = list(parts.values())

@@ -9,15 +9,14 @@ from typing import Any
 
 from drcli.analysis.find_world import world_in_log, world_in_parameters
 from drcli.analysis.model_source import ModelSource
-from drcli.analysis.read_log import simulation_logs
+from drcli.analysis.read_traces import simulation_logs
 from drcli.base.errors import DrError
 from drcli.base.json_record import RecordError
+from drcli.bucket.bucket import Bucket
 from drcli.config.value_types import USUAL_CAR
-from drcli.exchange.spending import StartSpending
-from drcli.exchange.training_start import TrainingStart
-from drcli.modelfiles.action_space import ActionSpace
-from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.model import keys
+from drcli.model.files.action_space import ActionSpace
+from drcli.records.training_record import StartSpending, TrainingStart
 
 SETTINGS = "settings"
 _TEXT_BYTES = 1 << 20

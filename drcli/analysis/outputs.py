@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from drcli.analysis.analysis import Analysis, AnalysisReport
 from drcli.analysis.compare_runs import Comparison, compare_runs
 from drcli.base.errors import SettingsError
-from drcli.base.replaceable import refuse_replacing
+from drcli.base.files import refuse_replacing
 
 if TYPE_CHECKING:
-    from drcli.analysis.report.picture_section import Picture
+    from drcli.analysis.report.graphs import Picture
     from drcli.analysis.run import Run
 
 

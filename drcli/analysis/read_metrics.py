@@ -6,19 +6,26 @@ iteration of worker 0, and stops at an empty list.
 
 import csv
 import io
+import json
 import math
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+import numpy as np
+
+from drcli.analysis.episode_table import aggregated
 from drcli.analysis.model_source import ModelSource
-from drcli.analysis.read_log import trainer_logs
+from drcli.analysis.read_traces import STEP_COLUMNS, TraceFile, read_traces, trainer_logs
+from drcli.analysis.run import StoredEvaluation, spans
 from drcli.base.errors import DrError
 from drcli.base.json_record import RecordError
-from drcli.exchange.episode_metrics import EpisodeMetrics, decode_metrics, most_episodes
-from drcli.exchange.iteration import IterationRecord, decode_history
-from drcli.exchange.trace import STATUS_LABELS
+from drcli.records.episode_metrics import EpisodeMetrics, decode_metrics, is_clean, most_episodes
+from drcli.records.iteration import IterationRecord, decode_history, is_clean_lap
+from drcli.records.trace import STATUS_LABELS, VIOLATIONS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -193,3 +200,307 @@ def _number(text: str | None) -> float:
         return float((text or "").rstrip(","))
     except ValueError:
         return math.nan
+
+
+# Reads stand-alone evaluations: traces, else metrics.
+
+
+TRIAL_COLUMNS = (
+    *("trial", "time", "progress", "complete", "crashed", "off_track", "resets"),
+    *("clean", "penalty_s", "driven_s", "alone_progress"),
+)
+
+MOST_EVALUATIONS = 50
+_EVALUATION_METRICS = re.compile(
+    r"metrics/(?:EvaluationMetrics-|evaluation/(?:evaluation-)?)(?P<stamp>\d{14})[^/]*\.json"
+)
+
+
+class WorldOf(Protocol):
+    def __call__(self, steps: "pd.DataFrame", named: str | None = None) -> str | None:
+        """The track of steps; `named` is what the files say."""
+
+
+def read_evaluations(
+    source: ModelSource,
+    named: str | None,
+    world_of: WorldOf,
+    problems: list[str],
+) -> tuple[StoredEvaluation, ...]:
+    """All stand-alone evaluations, the oldest first; `named` is the track of the newest."""
+    metrics = {
+        match["stamp"]: real
+        for name, real in source.files.others.items()
+        if (match := _EVALUATION_METRICS.fullmatch(name))
+    }
+    stamps = sorted({*source.files.evaluations, *metrics})
+    if len(stamps) > MOST_EVALUATIONS:
+        problems.append(
+            f"There are {len(stamps)} evaluations; the newest {MOST_EVALUATIONS} are analysed."
+        )
+        stamps = stamps[-MOST_EVALUATIONS:]
+    found = []
+    for stamp in stamps:
+        of_it = named if stamp == stamps[-1] else None
+        evaluation = _from_trace(source, stamp, partial(world_of, named=of_it), problems)
+        if stamp in metrics:
+            measured = _from_metrics(source, stamp, metrics[stamp], of_it, problems)
+            evaluation = _timed(evaluation, measured) if evaluation else measured
+        if evaluation is not None:
+            found.append(evaluation)
+    return tuple(found)
+
+
+def _timed(traced: StoredEvaluation, measured: StoredEvaluation | None) -> StoredEvaluation:
+    """With the times of the metrics, which races count.
+
+    The clock of the reference stamps a row up to 0.03 s beside the end of its step.
+    """
+    if measured is None or len(measured.trials) != len(traced.trials):
+        return traced
+    time_s = measured.trials["time"]
+    driven_s = time_s - traced.trials["penalty_s"]
+    return replace(traced, trials=traced.trials.assign(time=time_s, driven_s=driven_s))
+
+
+def _from_trace(
+    source: ModelSource,
+    stamp: str,
+    world_of: "Callable[[pd.DataFrame], str | None]",
+    problems: list[str],
+) -> StoredEvaluation | None:
+    names = source.files.evaluations.get(stamp, ())
+    files = [TraceFile(name, 0, number) for number, name in enumerate(names)]
+    if not files:
+        return None
+    reading = read_traces(files, source.objects.read)
+    problems += reading.problems
+    if reading.steps is None:
+        return None
+    steps = reading.steps.sort_values(["iteration", "episode", "steps"], kind="stable")
+    steps = steps.reset_index(drop=True)
+    return StoredEvaluation(stamp, world_of(steps), steps, trials_of(steps))
+
+
+def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":
+    """A row for each trial of an evaluation.
+
+    In a race without a stop, a lap without a `prepare` row begins where the one before ended, as
+    deepracer-utils counts.
+    """
+    import pandas as pd
+
+    found = aggregated(steps, "episode", is_eval=True)
+    first, last = spans(steps["episode"].to_numpy())
+    status = steps["episode_status"].astype(str).to_numpy()
+    done = steps["done"].to_numpy()
+    complete = found["complete"].to_numpy().astype(bool)
+    broken = np.isin(status, VIOLATIONS)
+    waited_s = np.where(status == "pause", np.diff(steps["tstamp"], prepend=math.nan), 0.0)
+    progress = steps["progress"].to_numpy(float)
+    resets, penalty_s, alone, clean = [], [], [], []
+    for begin, end, lap in zip(first, last, complete, strict=True):
+        faults = begin + np.flatnonzero(broken[begin : end + 1])
+        # The fault that ended the trial did not put the car back.
+        resets.append(len(faults) - int(done[end] and not lap and broken[end]))
+        penalty_s.append(float(np.nansum(waited_s[begin : end + 1])))
+        alone.append(float(progress[faults[0] if len(faults) else end]))
+        clean.append(is_clean_lap(bool(lap), len(faults), penalty_s[-1]))
+    time_s = found["time"].to_numpy(float)
+    return pd.DataFrame(
+        {
+            "trial": range(1, len(found) + 1),
+            "time": time_s,
+            "progress": found["progress"],
+            "complete": complete,
+            "crashed": found["crashed"].astype(int),
+            "off_track": found["off_track"].astype(int),
+            "resets": resets,
+            "clean": clean,
+            "penalty_s": penalty_s,
+            "driven_s": time_s - penalty_s,
+            "alone_progress": alone,
+        }
+    )
+
+
+def _from_metrics(
+    source: ModelSource, stamp: str, name: str, world: str | None, problems: list[str]
+) -> StoredEvaluation | None:
+    import pandas as pd
+
+    try:
+        written = json.loads(source.objects.read(name))
+        rows = [_trial(number, record) for number, record in enumerate(written["metrics"], 1)]
+    except DrError as error:
+        problems.append(f"{name} cannot be read: {error}")
+        return None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        problems.append(f"{name} is damaged: it is not a file of evaluation metrics.")
+        return None
+    if not rows:
+        return None
+    trials = pd.DataFrame(rows, columns=list(TRIAL_COLUMNS))
+    return StoredEvaluation(stamp, world, pd.DataFrame(columns=list(STEP_COLUMNS)), trials)
+
+
+def _trial(number: int, record: Any) -> tuple[Any, ...]:
+    progress, resets = float(record["completion_percentage"]), int(record.get("reset_count", 0))
+    time_s = float(record["elapsed_time_in_milliseconds"]) / 1000.0
+    # Metrics of others tell no penalties, and none tell where the car was put back.
+    penalty_s = record.get("penalty_in_milliseconds", math.nan if resets else 0.0) / 1000.0
+    return (
+        number,
+        time_s,
+        progress,
+        progress >= 100.0,
+        int(record.get("crash_count", 0)),
+        int(record.get("off_track_count", 0)),
+        resets,
+        is_clean(record, finished=progress >= 100.0),
+        penalty_s,
+        time_s - penalty_s,
+        math.nan if resets else progress,
+    )
+
+
+# A row for each iteration: from its episodes, else from metrics.
+
+
+ITERATION_COLUMNS = (
+    *("episodes", "steps", "mean_reward", "median_reward", "std_reward", "best_reward"),
+    *("mean_progress", "complete_laps", "best_lap_s", "mean_lap_s"),
+    *("eval_mean_reward", "eval_mean_progress", "eval_laps", "eval_best_lap_s", "wall_s", "traced"),
+    "phase",
+)
+
+_LONG_PAUSE = 20.0
+"""Times the usual time: a pause, such as a night."""
+
+
+def iteration_table(
+    steps: "pd.DataFrame",
+    episodes: "pd.DataFrame",
+    records: "pd.DataFrame",
+    curve: Sequence[IterationRecord],
+) -> "pd.DataFrame":
+    """The table `Run.iterations`; `curve` is empty for models of others."""
+    import pandas as pd
+
+    table = _of_episodes(episodes)
+    table["traced"] = True
+    missing = _untraced(records[records["phase"] == "training"], table)
+    if len(missing):
+        table = pd.concat([table, _of_episodes(missing.assign(steps=np.nan))])
+    untold = [record for record in curve if record.iteration not in table.index]
+    if untold:
+        table = pd.concat([table, _of_curve(untold)])
+    table = table.sort_index()
+    table.index = table.index.astype(int)
+    table.index.name = "iteration"
+    table["traced"] = table["traced"].eq(True)
+    _add_evaluations(table, records[records["phase"] == "evaluation"], curve)
+    table["wall_s"] = _wall_s(table, steps, curve)
+    table["phase"] = _phases(table.index, curve)
+    return table.reindex(columns=list(ITERATION_COLUMNS))
+
+
+def _untraced(training: "pd.DataFrame", table: "pd.DataFrame") -> "pd.DataFrame":
+    """Only of whole iterations: metrics may be ahead of the traces."""
+    missing = training[~training["iteration"].isin(table.index)]
+    if not len(missing) or not len(table):
+        return missing
+    last = missing["iteration"].max()
+    unfinished = (
+        last > table.index.max() and (missing["iteration"] == last).sum() < table["episodes"].max()
+    )
+    return missing[missing["iteration"] != last] if unfinished else missing
+
+
+def _of_episodes(episodes: "pd.DataFrame") -> "pd.DataFrame":
+    import pandas as pd
+
+    groups = episodes.groupby("iteration")
+    reward = groups["reward"]
+    laps = episodes[episodes["complete"].astype(bool)].groupby("iteration")["time"]
+    return pd.DataFrame(
+        {
+            "episodes": groups.size(),
+            "steps": groups["steps"].sum(min_count=1),
+            "mean_reward": reward.mean(),
+            "median_reward": reward.median(),
+            "std_reward": reward.std(ddof=0),
+            "best_reward": reward.max(),
+            "mean_progress": groups["progress"].mean(),
+            "complete_laps": groups["complete"].sum().astype(int),
+            "best_lap_s": laps.min(),
+            "mean_lap_s": laps.mean(),
+        }
+    )
+
+
+def _of_curve(curve: Sequence[IterationRecord]) -> "pd.DataFrame":
+    import pandas as pd
+
+    rows = {
+        record.iteration: {
+            "episodes": record.episodes,
+            "steps": record.steps,
+            "mean_reward": record.mean_reward,
+            "mean_progress": record.mean_progress,
+            "complete_laps": record.full_laps,
+            "best_lap_s": np.nan if record.best_lap_s is None else record.best_lap_s,
+        }
+        for record in curve
+    }
+    return pd.DataFrame.from_dict(rows, orient="index")
+
+
+def _add_evaluations(
+    table: "pd.DataFrame", records: "pd.DataFrame", curve: Sequence[IterationRecord]
+) -> None:
+    names = ("eval_mean_reward", "eval_mean_progress", "eval_laps", "eval_best_lap_s")
+    for name in names:
+        table[name] = np.nan
+    if len(records):
+        groups = records.groupby("iteration")
+        table["eval_mean_reward"] = groups["reward"].mean()
+        table["eval_mean_progress"] = groups["progress"].mean()
+        table["eval_laps"] = groups["complete"].sum().astype(float)
+        laps = records[records["complete"]].groupby("iteration")["time"]
+        table["eval_best_lap_s"] = laps.min()
+    for record in curve:
+        if record.evaluation_progress and record.iteration in table.index:
+            row = record.iteration
+            # Exact, where the metrics have whole percents.
+            table.loc[row, "eval_mean_progress"] = float(np.mean(record.evaluation_progress))
+            table.loc[row, "eval_laps"] = float(len(record.evaluation_lap_s))
+            if record.evaluation_lap_s:
+                table.loc[row, "eval_best_lap_s"] = min(record.evaluation_lap_s)
+
+
+def _phases(numbers: "pd.Index[int]", curve: Sequence[IterationRecord]) -> list[str]:
+    known = {record.iteration: record.phase for record in curve}
+    newest = max(known, default=-1)
+    return [known.get(min(int(number), newest), "") for number in numbers]
+
+
+def _wall_s(
+    table: "pd.DataFrame", steps: "pd.DataFrame", curve: Sequence[IterationRecord]
+) -> "pd.Series":
+    import pandas as pd
+
+    if curve:
+        elapsed = pd.Series({record.iteration: record.elapsed_s for record in curve}).sort_index()
+        return elapsed.diff().fillna(elapsed.iloc[0]).clip(lower=0.0).reindex(table.index)
+    clock = steps["wall_clock"]
+    if not len(steps) or clock.isna().all():
+        return pd.Series(np.nan, index=table.index)
+    groups = clock.groupby(steps["iteration"])
+    ends = groups.max()
+    lasted = ends.diff()
+    lasted.iloc[0] = ends.iloc[0] - groups.min().iloc[0]
+    gaps = ends.index.to_series().diff().fillna(1)
+    lasted = lasted.where(gaps == 1)  # the trace before is missing
+    usual = lasted.median()
+    return lasted.where((lasted >= 0) & (lasted <= _LONG_PAUSE * usual), usual).reindex(table.index)

@@ -7,21 +7,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drcli.analysis.episode_table import EPISODE_COLUMNS, episode_table, number_episodes
-from drcli.analysis.extra import deepracer_logs
 from drcli.analysis.find_world import directed_as_driven, fitting_track, open_track
-from drcli.analysis.iteration_table import iteration_table
 from drcli.analysis.model_facts import ModelFacts, model_facts
 from drcli.analysis.model_source import ModelSource, open_model
-from drcli.analysis.read_evaluations import read_evaluations
-from drcli.analysis.read_log import read_console_log
-from drcli.analysis.read_metrics import learner_table, learning_curve, metric_records
-from drcli.analysis.read_traces import COLUMNS, TraceFile, TraceReading, read_traces
-from drcli.analysis.run import Run
-from drcli.analysis.spans import spans
+from drcli.analysis.read_metrics import (
+    iteration_table,
+    learner_table,
+    learning_curve,
+    metric_records,
+    read_evaluations,
+)
+from drcli.analysis.read_traces import (
+    STEP_COLUMNS,
+    TraceFile,
+    TraceReading,
+    read_console_log,
+    read_traces,
+)
+from drcli.analysis.run import Run, deepracer_logs, spans
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.exchange.track_limit import limit_of
 from drcli.tracks.limit_store import StoredLimit
+from drcli.tracks.track_limit import limit_of
 from drsim.track.track import Track
 
 if TYPE_CHECKING:
@@ -87,7 +94,7 @@ def run_of(source: ModelSource, tracks: Path, directory: Path) -> Run:
     records = metric_records(source, problems)
     curve = learning_curve(source, problems)
     if reading.steps is None:
-        steps = pd.DataFrame(columns=[*COLUMNS, "unique_episode"])
+        steps = pd.DataFrame(columns=[*STEP_COLUMNS, "unique_episode"])
         episodes = pd.DataFrame(columns=list(EPISODE_COLUMNS))
         episodes.index.name = "unique_episode"
     else:

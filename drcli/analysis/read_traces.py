@@ -9,22 +9,87 @@ It takes 5 s of processor time for two million steps (Xeon model 167). What it g
   `number_episodes` repeats the rule where it works.
 """
 
+import csv
+import io
+import math
+import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from drcli.analysis.clean_trace import clean
-from drcli.analysis.extra import deepracer_logs
+from drcli.analysis.model_source import ModelSource
+from drcli.analysis.run import deepracer_logs
 from drcli.base.errors import DrError
-from drcli.exchange.trace_rows import largest
+from drcli.records.trace import COLUMNS, TraceRow, largest, number_or_nan, read_rows
 
 if TYPE_CHECKING:
     import pandas as pd
 
+# Repairs a damaged simtrace file for strict readers.
+#
+# A full disk or a killed process leaves half lines, empty files and words where numbers belong.
+# deepracer-utils (pandas) stops at some, and turns whole columns into text at others.
+
+
+_UNTOLD = ("episode_status", "pause_duration", "obstacle_crash_counter", "wall_clock")
+NEEDED = tuple(name for name in COLUMNS if name not in _UNTOLD)
+
+_WRITTEN = tuple(name for name in COLUMNS if name != "obstacle_crash_counter")
+
+
+@dataclass(frozen=True)
+class CleanTrace:
+    data: bytes | None
+    fault: str | None
+
+
+def clean(data: bytes) -> CleanTrace:
+    """Leave out the rows of a simtrace that cannot be read.
+
+    A reward that is not a finite number is kept as NaN: its step was driven.
+    """
+    if not data.strip(b"\0 \r\n\t"):
+        return CleanTrace(None, "is empty")
+    found = read_rows(data)
+    missing = [name for name in NEEDED if name not in found.names]
+    if missing:
+        named = ", ".join(missing[:3]) + (" ..." if len(missing) > 3 else "")
+        return CleanTrace(None, f"is not a trace: its first line does not name {named}")
+    if len(set(found.names)) < len(found.names):
+        return CleanTrace(None, "is not a trace: its first line names a column twice")
+    if not found.rows:
+        return CleanTrace(None, "has no readable row")
+    fault = None
+    if found.damaged:
+        number = len(found.damaged)
+        rows = "a damaged row" if number == 1 else f"{number:,} damaged rows, the first"
+        fault = f"has {rows} in line {found.damaged[0]}"
+    more = [name for name in found.names if name not in COLUMNS]
+    return CleanTrace(written(found.rows, more), fault)
+
+
+def written(rows: Iterable[TraceRow], more: Iterable[str] = ()) -> bytes:
+    """Rows as a simtrace; `more` names further columns."""
+    more = list(more)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*_WRITTEN, *more])
+    for row in rows:
+        cells = row._asdict()
+        del cells["line"], cells["more"]
+        own = [
+            number_or_nan(each) if name == "reward_ms" else each
+            for name, each in zip(more, row.more, strict=True)
+        ]
+        writer.writerow([*cells.values(), *own])
+    return text.getvalue().encode()
+
+
 FILES_PER_BATCH = 24
 
-COLUMNS = (
+STEP_COLUMNS = (
     *("episode", "steps", "x", "y", "yaw", "steering_angle", "speed", "action", "reward", "done"),
     *("on_track", "progress", "closest_waypoint", "track_len", "tstamp", "episode_status"),
     *("pause_duration", "wall_clock", "iteration", "worker"),
@@ -163,9 +228,9 @@ def _handler(content: Mapping[str, bytes]) -> Any:
 def _is_sound(frame: "pd.DataFrame") -> bool:
     from pandas.api import types
 
-    if not set(COLUMNS) <= set(frame.columns):
+    if not set(STEP_COLUMNS) <= set(frame.columns):
         return False
-    for name in COLUMNS:
+    for name in STEP_COLUMNS:
         column = frame[name]
         if name in ("done", "on_track"):
             sound = types.is_bool_dtype(column)
@@ -193,11 +258,11 @@ def _is_within(column: "pd.Series", limit: float) -> bool:
 def packed(frame: "pd.DataFrame") -> "pd.DataFrame":
     frame = frame.drop(columns=["unique_episode"], errors="ignore").astype(_PACKED)
     for name in frame.columns:
-        if name not in COLUMNS and frame[name].dtype == "float64":
+        if name not in STEP_COLUMNS and frame[name].dtype == "float64":
             frame[name] = frame[name].astype("float32")
     frame["episode_status"] = frame["episode_status"].astype("category")
-    ours = [name for name in frame.columns if name not in COLUMNS]
-    return frame[[*COLUMNS, *ours]]
+    ours = [name for name in frame.columns if name not in STEP_COLUMNS]
+    return frame[[*STEP_COLUMNS, *ours]]
 
 
 def _joined(batches: "list[dict[str, pd.Series]]") -> "pd.DataFrame":
@@ -227,3 +292,92 @@ def _unknown(count: int) -> "pd.Series":
     import pandas as pd
 
     return pd.Series(float("nan"), index=range(count), dtype="float32")
+
+
+# Reads the steps of a training from its simulation logs.
+
+
+_FILE = re.compile(r"(?P<log>.+?\.log)(?:\.(?P<start>\d{8}-\d{6}))?(?:\.(?:part-)?(?P<part>\d+))?")
+_TRAINER = re.compile(
+    r"logs/(?:.+/)?(?:sagemaker/[^/]+|[^/]*(?:sagemaker|trainer|-training\.)[^/]*)"
+)
+_SIMULATION = re.compile(r"logs/(?:training|robomaker)/[^/]+")
+_WORKER = re.compile(r"logs/robomaker/(sim-\d+|joined-.+)\.log")
+
+
+def trainer_logs(names: Iterable[str]) -> list[list[str]]:
+    """The parts of each log of the trainer, the oldest start first."""
+    return _starts(name for name in names if _TRAINER.fullmatch(name))
+
+
+def simulation_logs(names: Iterable[str]) -> list[list[str]]:
+    logs = (name for name in names if _SIMULATION.fullmatch(name))
+    return _starts(name for name in logs if not _TRAINER.fullmatch(name))
+
+
+def _starts(names: Iterable[str]) -> list[list[str]]:
+    # What was moved away is older: the log of an earlier start, and the first parts of a long one.
+    found = sorted(
+        (match["log"], match["start"] or "~", float(match["part"] or math.inf), name)
+        for name in names
+        if (match := _FILE.fullmatch(name))
+    )
+    return [[each[-1] for each in start] for _, start in groupby(found, lambda each: each[:2])]
+
+
+def read_console_log(
+    source: ModelSource, episodes_per_iteration: int, problems: list[str]
+) -> TraceReading:
+    """The steps in all simulation logs.
+
+    Each log of ours is of one worker. Others are starts of one worker: where episodes are counted
+    from the beginning again, the iterations follow those before.
+    """
+    logs = simulation_logs(source.files.others)
+    workers = list(dict.fromkeys(_worker(log) for log in logs))
+    share = max(1, episodes_per_iteration // max(1, len(workers)))
+    contents: dict[TraceFile, bytes] = {}
+    for number, worker in enumerate(workers):
+        starts = [_rows(source, log, problems) for log in logs if _worker(log) == worker]
+        for iteration, rows in _iterations(starts, share):
+            contents[TraceFile(f"{worker}, iteration {iteration}", number, iteration)] = written(
+                rows
+            )
+    files = sorted(contents, key=lambda file: (file.iteration, file.worker))
+    by_name = {file.name: content for file, content in contents.items()}
+    return read_traces(files, by_name.__getitem__)
+
+
+def _worker(log: list[str]) -> str:
+    match = _FILE.fullmatch(log[0])
+    own = match and _WORKER.fullmatch(match["log"])
+    return own[1] if own else "the log"
+
+
+def _rows(source: ModelSource, log: list[str], problems: list[str]) -> list[TraceRow]:
+    data = b""
+    for name in log:
+        try:
+            data += source.objects.read(source.files.others[name])
+        except DrError as error:
+            problems.append(f"{name} cannot be read: {error}")
+    found = read_rows(data)
+    if found.damaged:
+        problems.append(
+            f"{log[-1]}: {len(found.damaged):,} damaged lines with steps were left out."
+        )
+    return found.rows
+
+
+def _iterations(
+    starts: Iterable[list[TraceRow]], share: int
+) -> Iterator[tuple[int, list[TraceRow]]]:
+    found: dict[int, list[TraceRow]] = {}
+    begin, before = 0, -1
+    for rows in starts:
+        for row in rows:
+            if row.episode == 0 < before:
+                begin = max(found) + 1
+            found.setdefault(begin + row.episode // share, []).append(row)
+            before = row.episode
+    yield from found.items()

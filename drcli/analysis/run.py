@@ -3,10 +3,14 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Literal
 
-from drcli.exchange.laps import Laps, lap_time, laps_summary
-from drcli.modelfiles.action_space import ActionSpace
+import numpy as np
+
+from drcli.base.errors import NotAvailable
+from drcli.model.files.action_space import ActionSpace
+from drcli.records.iteration import Laps, lap_time, laps_summary
 from drcli.tracks.limit_store import StoredLimit
 from drsim.track.track import Track
 
@@ -122,3 +126,43 @@ class Run:
     machine_hours: float | None = None
     cost_usd: float | None = None
     limit: StoredLimit | None = None
+
+
+# Runs of equal numbers in sorted columns.
+
+
+Numbers = np.ndarray[tuple[int, ...], np.dtype[Any]]
+
+
+def spans(values: Numbers) -> tuple[Numbers, Numbers]:
+    """First and last index of each run. Shapes (n,), (n,)."""
+    if not len(values):
+        empty = np.zeros(0, np.int64)
+        return empty, empty
+    ends = np.flatnonzero(np.diff(values) != 0)
+    return np.concatenate([[0], ends + 1]), np.concatenate([ends, [len(values) - 1]])
+
+
+# Libraries of the extra `analysis`, which take a second to load and may be missing.
+
+
+REMEDY = "Install it: `pip install 'drcli[analysis]'`."
+
+
+def deepracer_logs() -> ModuleType:
+    """The package deepracer.logs of deepracer-utils.
+
+    Raises:
+        NotAvailable: It, or pandas, is not installed.
+    """
+    import os
+
+    # The library loads matplotlib.pyplot, which must not look for a display.
+    os.environ.setdefault("MPLBACKEND", "Agg")
+    try:
+        import deepracer.logs as logs
+    except ImportError as error:
+        raise NotAvailable(
+            f"The analysis needs deepracer-utils and pandas ({error}).", remedy=REMEDY
+        ) from error
+    return logs  # type: ignore[no-any-return]

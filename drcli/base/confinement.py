@@ -5,14 +5,16 @@ be undone. Sources: the kernel's pages userspace-api/landlock and userspace-api/
 """
 
 import ctypes
+import errno
 import os
 import platform
+import signal
 import struct
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from drcli.base.system_calls import name_place
 
@@ -169,3 +171,47 @@ def _call(name: str, *arguments: int | bytes | None) -> int:
         return -1
     words = [ctypes.c_long(each) if isinstance(each, int) else each for each in arguments]
     return int(getattr(ctypes.CDLL(None), name)(*words))
+
+
+# Prevents a racer's code from sending signals to other programs.
+#
+# `os.kill(os.getppid(), 9)` would end the command. This protects against mistakes only
+# (docs/security.md).
+
+
+_REFUSAL = (
+    "a reward function must not send signals to the program that runs it or to other programs"
+)
+
+
+def install() -> None:
+    """In the leader of a process group."""
+    os.kill = _guarded(os.kill, _is_own)
+    os.killpg = _guarded(os.killpg, _is_own_group)
+    if hasattr(signal, "pidfd_send_signal"):  # which process a descriptor means is unknown
+        signal.pidfd_send_signal = _guarded(signal.pidfd_send_signal, lambda _descriptor: False)
+
+
+def _guarded(send: Callable[..., Any], allowed: Callable[[int], bool]) -> Callable[..., Any]:
+    def guarded(target: int, *arguments: Any) -> Any:
+        if not allowed(target):
+            raise PermissionError(errno.EPERM, _REFUSAL)
+        return send(target, *arguments)
+
+    return guarded
+
+
+def _is_own(pid: int) -> bool:
+    if pid <= 0:
+        return pid != -1 and _is_own_group(-pid)
+    return pid == os.getpid() or pid in _children()
+
+
+def _is_own_group(group: int) -> bool:
+    return (group in (0, os.getpid()) and os.getpgrp() == os.getpid()) or group in _children()
+
+
+def _children() -> set[int]:
+    import psutil  # loaded here: hardly any reward function starts a program
+
+    return {child.pid for child in psutil.Process().children(recursive=True)}

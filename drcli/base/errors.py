@@ -1,6 +1,10 @@
 """Errors that a user can see: sentence, remedy, exit code."""
 
-from typing import ClassVar
+import difflib
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple
 
 
 class DrError(Exception):
@@ -120,3 +124,182 @@ class OutputLost(DrError):
 
     code = 1
     final = True
+
+
+# Problems in the racer's files.
+
+
+Severity = Literal["error", "warning", "note"]
+"""Only errors prevent a start; `dr-start-training` asks about notes."""
+
+MOST_SHOWN = 40
+LONGEST_SHOWN = 80
+
+
+class Place(NamedTuple):
+    """A file, or `environment`, `flag` or `default`."""
+
+    file: str
+    line: int | None = None
+
+    def __str__(self) -> str:
+        return self.file if self.line is None else f"{self.file} line {self.line}"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong or odd, in one place; see `JSON_KEYS`.
+
+    Attributes:
+        file: As in `Place`; empty if there is none.
+        key: The setting or key; empty if there is none.
+    """
+
+    rule: str
+    severity: Severity
+    file: str
+    line: int | None
+    message: str
+    remedy: str
+    key: str = ""
+
+    JSON_KEYS: ClassVar[Mapping[str, str]] = {
+        "rule": "Number of the violated rule, such as `V-41`.",
+        "severity": "`error` prevents a training from starting, `warning` does not, `note` tells "
+        "you what `dr-start-training` will ask.",
+        "where": "Place, such as `custom_files/hyperparameters.json line 3`; empty if there is "
+        "none.",
+        "message": "Key, value and problem, as a sentence.",
+        "remedy": "How to fix it, starting with a verb.",
+    }
+    """What programs read, with the meaning of each key."""
+
+    @property
+    def where(self) -> str:
+        """The place, such as `run.env line 7`."""
+        return str(Place(self.file, self.line))
+
+    def __str__(self) -> str:
+        """The message with its place, unless it names that itself."""
+        if not self.where or _names(self.message, self.where):
+            return self.message
+        return f"{self.where}: {self.message}"
+
+    def as_json(self) -> dict[str, str]:
+        """The values of `JSON_KEYS`."""
+        return {key: getattr(self, key) for key in self.JSON_KEYS}
+
+
+class BadValue(ValueError):
+    """The right type, but not allowed; `reason` is as in `is empty`."""
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.remedy = remedy
+
+
+class ProblemsError(SettingsError):
+    """At least one error."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        shown = self.errors[:MOST_SHOWN]
+        super().__init__(
+            "\n".join(few(_on_one_line(str(problem)) for problem in self.errors)),
+            remedy="\n".join(_on_one_line(problem.remedy) for problem in shown),
+        )
+
+    @property
+    def errors(self) -> tuple[Problem, ...]:
+        return tuple(problem for problem in self.problems if problem.severity == "error")
+
+
+def of_severity(problems: Iterable[Problem], severity: Severity) -> tuple[Problem, ...]:
+    """Each once, sorted by rule, file and line."""
+    distinct = dict.fromkeys(problem for problem in problems if problem.severity == severity)
+    return tuple(sorted(distinct, key=lambda p: (p.rule, p.file, p.line or 0)))
+
+
+def refuse(problems: Iterable[Problem]) -> None:
+    errors = of_severity(problems, "error")
+    if errors:
+        raise ProblemsError(errors)
+
+
+def few(sentences: Iterable[str]) -> list[str]:
+    """First ones, and how many more."""
+    everything = list(sentences)
+    more = len(everything) - MOST_SHOWN
+    return everything if more <= 0 else [*everything[:MOST_SHOWN], f"And {more:,} more like these."]
+
+
+def shown(value: str) -> str:
+    """Short, on one line, safe for any terminal."""
+    text = value if value.isprintable() else ascii(value)
+    return text if len(text) <= LONGEST_SHOWN else text[:LONGEST_SHOWN] + "..."
+
+
+def closest(word: str, words: Iterable[str], cutoff: float = 0.6) -> str | None:
+    """What was probably meant; `cutoff`: least similarity, 0 to 1."""
+    by_fold = {candidate.casefold(): candidate for candidate in words}
+    matches = difflib.get_close_matches(word[:200].casefold(), by_fold, n=1, cutoff=cutoff)
+    return by_fold[matches[0]] if matches else None
+
+
+def one_of(words: Sequence[str], written: str) -> str:
+    likely = closest(written, words)
+    start = f"Did you mean {likely}? " if likely is not None else ""
+    return f"{start}Write one of {', '.join(words)}."
+
+
+def _names(message: str, place: str) -> bool:
+    """`run.env line 12` is not line 1."""
+    return bool(re.search(rf"(?<![\w./-]){re.escape(place)}(?![\w/-]|\.\w)", message))
+
+
+def _on_one_line(text: str) -> str:
+    return " ".join(map(str.strip, text.splitlines()))
+
+
+# Messages from below the command line: a command shows them, a worker logs them.
+
+
+QUIET_S = 1.0
+
+
+def _ignore(_text: str) -> None:
+    pass
+
+
+show: Callable[[str], None] = _ignore
+warn: Callable[[str], None] = _ignore
+
+
+# Why a server could not be reached, in a few words.
+
+
+_WORDS = {
+    "NameResolutionError": "its name is unknown",
+    "gaierror": "its name is unknown",
+    "ConnectionRefusedError": "it refuses the connection",
+    "ConnectionResetError": "it closed the connection",
+    "RemoteDisconnected": "it closed the connection",
+    "IncompleteRead": "it closed the connection too early",
+    "SSLCertVerificationError": "nobody whom this machine trusts has signed it",
+}
+
+
+def cause_of(error: BaseException) -> str:
+    seen: list[BaseException] = []
+    waiting: list[object] = [error]
+    while waiting:
+        one = waiting.pop()
+        if isinstance(one, BaseException) and one not in seen:
+            seen.append(one)
+            waiting += [one.__cause__, one.__context__, getattr(one, "reason", None), *one.args]
+    known = [_WORDS[type(one).__name__] for one in seen if type(one).__name__ in _WORDS]
+    if known:
+        return known[-1]
+    systems = [one.strerror for one in seen if isinstance(one, OSError) and one.strerror]
+    return (systems[-1] if systems else type(error).__name__).rstrip(".")

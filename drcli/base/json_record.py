@@ -5,15 +5,18 @@ time, this module 0.02 s.
 """
 
 import dataclasses
+import hashlib
 import json
 import math
 import re
 import sys
 import types
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import (
+    TYPE_CHECKING,
     Annotated,
     Any,
     ClassVar,
@@ -26,6 +29,11 @@ from typing import (
     get_origin,
     get_type_hints,
 )
+
+from drcli.base.errors import Problem
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 _LARGEST_INT = 2**53
 """Of a float."""
@@ -243,3 +251,53 @@ def _kind_of(value: Any) -> str:
     if isinstance(value, str):
         return "a text"
     return "null" if value is None else "a single value"
+
+
+# Reports as JSON, for `--json` and the console.
+
+
+def keys_of(report: "DataclassInstance") -> dict[str, Any]:
+    names = [field.name for field in dataclasses.fields(report)]
+    names += [name for name, it in vars(type(report)).items() if isinstance(it, property)]
+    return {name: plain(getattr(report, name)) for name in names}
+
+
+def plain(value: Any) -> Any:
+    """NaN and infinities become null."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Problem):
+        return value.as_json()
+    if isinstance(value, PurePath):
+        return str(value)
+    if dataclasses.is_dataclass(value):
+        fields = dataclasses.fields(value)
+        return {field.name: plain(getattr(value, field.name)) for field in fields}
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+# Size and hash show whether an object is complete and unchanged.
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """SHA-256, because `sha256sum` checks it as well; 23 MB take about 15 ms."""
+
+    size_bytes: int
+    sha256: str
+
+    @classmethod
+    def of(cls, data: bytes) -> "Fingerprint":
+        return cls(len(data), hashlib.sha256(data).hexdigest())
+
+    def fault(self, data: bytes) -> str | None:
+        """None if unchanged."""
+        if len(data) != self.size_bytes:
+            return f"{len(data)} bytes instead of {self.size_bytes}"
+        if hashlib.sha256(data).hexdigest() != self.sha256:
+            return "its SHA-256 differs from the recorded one"
+        return None

@@ -3,7 +3,7 @@
 import runpy
 import sys
 
-from drcli.base.garbage import search_rarely
+from drcli.base.processes import search_rarely
 
 if __name__ == "__main__":
     search_rarely()

@@ -1,7 +1,7 @@
 """Calls that Linux, macOS and others do not all have in the same way.
 
 Only this module imports `fcntl` and `resource`, or uses calls of Linux alone; but
-`drcli.base.elapsed` chooses a clock, and `drsim` sets its timers.
+`drcli.base.clock` chooses a clock, and `drsim` sets its timers.
 
 On Windows, drcli runs inside WSL.
 """

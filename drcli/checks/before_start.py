@@ -5,22 +5,21 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from threading import Event
 
-from drcli.base.problems import Problem
+from drcli.base.errors import Problem
+from drcli.bucket.bucket import Bucket
 from drcli.checks.compatibility_rules import review_import
 from drcli.checks.machine_rules import review_disk
-from drcli.checks.parameter_rules import ParametersReview, review_parameters
-from drcli.checks.settings_rules import upload_problems
+from drcli.checks.parameter_rules import ParametersReview, review_parameters, upload_problems
 from drcli.checks.stage_rules import StagesReview
-from drcli.checks.storage_rules import review_prefix, review_pretrained
+from drcli.checks.start_rules import review_prefix, review_pretrained
 from drcli.config.settings import Settings
-from drcli.exchange.job import Job
-from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
-from drcli.modelfiles.network_shape import Design, weight_problems
-from drcli.models.pretrained import Transfer
+from drcli.model import keys
+from drcli.model.files.custom_files import InputFile, Inputs, missing_files
+from drcli.model.files.network_shape import Design, weight_problems
+from drcli.records.job import Job
 from drcli.rewards.reward_rules import Source, read_source
 from drcli.rewards.try_inputs import try_inputs
-from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.transfer.pretrained import Transfer
 
 
 @dataclass(frozen=True)

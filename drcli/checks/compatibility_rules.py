@@ -4,13 +4,13 @@ import re
 from collections.abc import Iterator
 from math import gcd
 
-from drcli.base.problems import Problem, Severity
-from drcli.config.setting_problems import setting_problem
+from drcli.base.errors import Problem, Severity
+from drcli.config.fields import setting_problem
 from drcli.config.settings import Settings
-from drcli.formats.reference_layout import NETWORKS
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.modelfiles.network_shape import Design
+from drcli.convert.reference_layout import NETWORKS
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.network_shape import Design
 
 LONGEST_NAME = 64
 """Of an imported model. Source: the reference's validation script."""

@@ -9,14 +9,13 @@ from shlex import quote
 
 import psutil
 
-from drcli.base.private_files import is_settings, others_may_read
-from drcli.base.problems import Place, Problem, ProblemsError
-from drcli.base.regular_file import read_regular
-from drcli.config.bucket_config import StorageConfig
+from drcli.base.errors import Place, Problem, ProblemsError
+from drcli.base.files import is_settings, others_may_read, read_regular
+from drcli.config.run_config import StorageConfig
 from drcli.config.secret_environment import is_secret
 from drcli.config.settings_files import parse_env
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
 
 LEAST_DISK_BYTES = 2_000_000_000
 """Five checkpoints of the largest network with optimizer states, and logs."""

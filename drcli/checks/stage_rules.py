@@ -3,11 +3,12 @@
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
+from shlex import quote
 from typing import Any
 
-from drcli.base.json_record import RecordError
-from drcli.base.problems import (
+from drcli.base.errors import (
     BadValue,
     Place,
     Problem,
@@ -17,23 +18,84 @@ from drcli.base.problems import (
     of_severity,
     shown,
 )
-from drcli.checks.stage_files import StageFiles, curriculum_path
+from drcli.base.json_record import RecordError
+from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.config.fields import setting_problem
 from drcli.config.loading import WORKER_NAMES, WORKER_STEMS, is_of_worker
-from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Override, Settings, catalogue
-from drcli.exchange.frozen_curriculum import FrozenCurriculum
-from drcli.exchange.stage import Stage, StageGoal
-from drcli.modelfiles.curriculum_file import (
+from drcli.model import keys
+from drcli.model.files.curriculum_file import (
     RULE,
     CurriculumFile,
     StageEntry,
     merged_hyperparameters,
 )
-from drcli.modelfiles.custom_files import InputFile
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.json_file import as_written
-from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.model.files.custom_files import InputFile
+from drcli.model.files.data_file import as_written
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.records.stage import FrozenCurriculum, Stage, StageGoal
+
+# Reads the curriculum, and the files that its stages name.
+
+
+SETTING = "DR_CURRICULUM_FILE"
+
+LARGEST_FILE = 1024 * 1024
+"""A larger file was named by mistake."""
+
+
+def curriculum_path(settings: Settings) -> Path:
+    """Beside run.env or in the experiment's folder."""
+    return settings.custom_files_dir.parent / Path(settings.curriculum_file).expanduser()
+
+
+@dataclass
+class StageFiles:
+    """The curriculum and its files: of this machine, else of the model."""
+
+    settings: Settings
+    frozen: FrozenCurriculum | None
+    read: dict[str, str] = field(default_factory=dict)
+
+    def curriculum(self) -> tuple[str, bytes]:
+        """Name and content; raises ProblemsError."""
+        settings, name = self.settings, self.settings.curriculum_file
+        path = curriculum_path(settings)
+        data = _content(path, settings.place(SETTING))
+        if data is not None:
+            return str(path), data
+        if self.frozen is not None:
+            return self.frozen.name, self.frozen.text.encode()
+        what = f"{SETTING}={shown(name)}: there is no such file in {path.parent}."
+        remedy = "`dr-init --curriculum` writes an example, or leave the setting empty."
+        raise ProblemsError([setting_problem(SETTING, settings.place(SETTING), what, remedy)])
+
+    def named(self, name: str, place: Place) -> InputFile | None:
+        """None if it does not exist; raises ProblemsError."""
+        path = curriculum_path(self.settings).parent / Path(name).expanduser()
+        for each in (path, self.settings.custom_files_dir / name):
+            data = _content(each, place)
+            if data is not None:
+                self.read[name] = data.decode(errors="replace")
+                return InputFile(each.name, data, str(each))
+        if self.frozen is not None and name in self.frozen.files:
+            self.read[name] = self.frozen.files[name]
+            return InputFile(Path(name).name, self.read[name].encode(), name)
+        return None
+
+
+def _content(path: Path, place: Place) -> bytes | None:
+    try:
+        if not path.is_file():
+            return None
+        with path.open("rb") as file:
+            return file.read(LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        what = f"{path} cannot be read ({reason})."
+        remedy = f"Make it readable for yourself, as with `chmod u+r {quote(str(path))}`."
+        raise ProblemsError([Problem(RULE, "error", *place, what, remedy)]) from error
+
 
 OF_THE_NETWORK = ("stack_size", "critic", "training_method")
 """They stay the same in all stages."""

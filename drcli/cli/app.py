@@ -1,5 +1,6 @@
 """Runs the command line, and turns errors into exit codes."""
 
+import codecs
 import errno
 import io
 import os
@@ -9,15 +10,49 @@ import traceback
 from functools import cache
 from pathlib import Path
 
-from drcli.base import installation, notices
-from drcli.base.errors import DrError, SettingsError
-from drcli.base.garbage import search_rarely
-from drcli.base.private_files import private
-from drcli.base.problems import shown
-from drcli.base.termination import Stopped
-from drcli.cli import ascii_only, completion, console
+from drcli.base import errors, installation
+from drcli.base.errors import DrError, SettingsError, shown
+from drcli.base.files import private
+from drcli.base.processes import Stopped, search_rarely
+from drcli.cli import completion, console
 from drcli.cli.command_line import application
 from drcli.cli.working_folder import working_folder
+
+# Replaces characters that a terminal lacks by similar ASCII ones.
+
+
+HANDLER = "drcli.cli.app"
+_BRAILLE = range(0x2800, 0x2900)
+_MOST_DOTS = 8
+
+_SIGNS = {
+    **dict(zip("→↗↑↖←↙↓↘", ">/^\\</v\\", strict=True)),
+    **dict(zip("▁▂▃▄▅▆▇█", "_.:-=+*#", strict=True)),
+    **dict(zip("·◦●•…–—‘’“”×−✓✗", ".oO*.--''\"\"x-vx", strict=True)),
+    **dict.fromkeys("─━╌═", "-"),
+    **dict.fromkeys("│┃║", "|"),
+    **dict.fromkeys("┌┐└┘├┤┬┴┼╭╮╰╯", "+"),
+}
+
+
+def use(stream: io.TextIOWrapper) -> None:
+    codecs.register_error(HANDLER, _handle)
+    stream.reconfigure(errors=HANDLER)
+
+
+def plain(letter: str) -> str:
+    if ord(letter) in _BRAILLE:
+        dots = (ord(letter) - _BRAILLE.start).bit_count()
+        return "#" if dots > _MOST_DOTS // 2 else "."
+    return _SIGNS.get(letter, "?")
+
+
+def _handle(error: UnicodeError) -> tuple[str | bytes, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    wanted = error.object[error.start : error.end]
+    return "".join(map(plain, wanted)), error.end
+
 
 PROGRAM = "dr"
 
@@ -44,12 +79,12 @@ def main(args: list[str] | None = None) -> None:
     """
     search_rarely()
     console.quiet = False
-    notices.show = console.say
-    notices.warn = cache(console.warn)  # once for each object
+    errors.show = console.say
+    errors.warn = cache(console.warn)  # once for each object
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            ascii_only.use(stream)  # a terminal that knows no braille gets no traceback
+            use(stream)  # a terminal that knows no braille gets no traceback
     arguments = _arguments(sys.argv) if args is None else args
     if completion.QUESTION in os.environ:
         arguments = _asked_about()

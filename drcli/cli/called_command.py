@@ -31,9 +31,9 @@ def main() -> None:
         os.nice(NICENESS)
     threading.Thread(target=_end_with, args=(call["caller"],), daemon=True).start()
 
+    from drcli.bucket.request_count import CountFile
     from drcli.cli.app import main as run
     from drcli.config import secret_environment
-    from drcli.store.request_count import CountFile
 
     secret_environment.keep(call["secrets"])
     requests = CountFile(Path(call["folder"]), "commands", call["session"])

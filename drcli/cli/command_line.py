@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from drcli import __version__
-from drcli.base.problems import shown
+from drcli.base.errors import shown
 from drcli.cli import completion, console
 from drcli.cli.command_table import COMMANDS, Command
 from drcli.cli.console import NARROWEST

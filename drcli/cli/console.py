@@ -17,7 +17,7 @@ from rich.segment import Segment, Segments
 from rich.text import Text
 
 from drcli.base.errors import OutputLost
-from drcli.base.plain_json import keys_of
+from drcli.base.json_record import keys_of
 from drcli.config import activation
 
 Advance = Callable[[int], None]

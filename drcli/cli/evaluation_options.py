@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drcli.base.problems import BadValue, Place, ProblemsError, shown
+from drcli.base.errors import BadValue, Place, ProblemsError, shown
 from drcli.cli.options import in_options
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def with_options(settings: "Settings", **given: Any) -> "Settings":
     Raises:
         typer.BadParameter: A value does not fit.
     """
-    from drcli.config.setting_problems import setting_problem
+    from drcli.config.fields import setting_problem
     from drcli.config.settings import catalogue
 
     changes: dict[str, Any] = {}

@@ -16,7 +16,7 @@ def bring_tracks(settings: "Settings") -> None:
         SettingsError: DR_TRACKS_URL is not an address, or the file there is not a track.
         StorageError: The server has no such file or cannot be reached.
     """
-    from drcli.runs.track_fetch import fetch, missing_tracks
+    from drcli.run.track_fetch import fetch, missing_tracks
 
     names = missing_tracks(settings)
     allowed = settings.tracks_fetch == "always"

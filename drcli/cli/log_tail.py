@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
-from drcli.base import log_files
+from drcli.base import log as log_files
 from drcli.cli import console
 
 POLL_S = 0.3

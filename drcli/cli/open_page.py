@@ -7,8 +7,8 @@ import sys
 from html import escape
 from urllib.parse import parse_qs, urlsplit
 
-from drcli.base.atomic_file import write_private
 from drcli.base.errors import SettingsError
+from drcli.base.files import write_private
 from drcli.cli.working_folder import working_folder
 
 _LEADS_TO = """<!doctype html>

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drcli.base.problems import ProblemsError
-from drcli.cli import candidates
+from drcli.base.errors import ProblemsError
+from drcli.cli import completion
 
 if TYPE_CHECKING:
-    from drcli.config.checkpoint_words import CheckpointChoice, CheckpointWord
+    from drcli.config.value_types import CheckpointChoice, CheckpointWord
 
 
 def _not_a_digit(delimiter: str | None) -> str | None:
@@ -51,7 +51,7 @@ KeepModels = Annotated[
         "--keep",
         metavar="MODEL",
         help="Leave this model alone: a prefix, or a pattern. Can be given again.",
-        autocompletion=candidates.model_prefixes,
+        autocompletion=completion.model_prefixes,
     ),
 ]
 CustomFiles = Annotated[
@@ -74,7 +74,7 @@ def force_option(text: str) -> Any:
 
 
 def models_argument(metavar: str, text: str) -> Any:
-    return typer.Argument(metavar=metavar, help=text, autocompletion=candidates.model_prefixes)
+    return typer.Argument(metavar=metavar, help=text, autocompletion=completion.model_prefixes)
 
 
 def wipe_option(text: str) -> Any:
@@ -83,13 +83,13 @@ def wipe_option(text: str) -> Any:
 
 def prefix_option(text: str, *names: str) -> Any:
     names = names or ("-p", "--prefix")
-    complete = candidates.model_prefixes
+    complete = completion.model_prefixes
     return typer.Option(*names, metavar="PREFIX", help=text, autocompletion=complete)
 
 
 def world_option(text: str, *short: str) -> Any:
     names = ("--world", *short)
-    return typer.Option(*names, metavar="TRACK", help=text, autocompletion=candidates.worlds)
+    return typer.Option(*names, metavar="TRACK", help=text, autocompletion=completion.worlds)
 
 
 def best_option(verb: str) -> Any:
@@ -101,7 +101,7 @@ def checkpoint_option(verb: str, *names: str) -> Any:
         *(names or ("-c", "--checkpoint")),
         metavar="WHICH",
         help=f"{verb} this one: a number, last, best, first-lap, three-laps or best-lap.",
-        autocompletion=candidates.checkpoints,
+        autocompletion=completion.checkpoints,
     )
 
 
@@ -114,8 +114,8 @@ def parsed_checkpoint(text: str | None, option: str = "--checkpoint") -> "Checkp
     Raises:
         BadParameter: It names none.
     """
-    from drcli.base.problems import BadValue, shown
-    from drcli.config.checkpoint_words import parse_checkpoint
+    from drcli.base.errors import BadValue, shown
+    from drcli.config.value_types import parse_checkpoint
 
     if text is None:
         return None

@@ -4,17 +4,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.cli import candidates, console
+from drcli.cli import completion, console
 from drcli.cli.views import race_view
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
+    from drcli.bucket.bucket import Bucket
     from drcli.config.settings import Settings
     from drcli.races.race_report import RaceReport
-    from drcli.store.bucket import Bucket
 
 Race = Annotated[
-    str, typer.Argument(metavar="RACE", help="The race.", autocompletion=candidates.races)
+    str, typer.Argument(metavar="RACE", help="The race.", autocompletion=completion.races)
 ]
 Closes = Annotated[
     str | None,
@@ -23,7 +23,7 @@ Closes = Annotated[
 
 
 def print_race(report: "RaceReport", *, as_json: bool) -> None:
-    from drcli.races.race_limit import with_limit
+    from drcli.races.race_report import with_limit
 
     loaded = settings()
     report = with_limit(report, loaded.tracks_folder, loaded.directory)
@@ -33,14 +33,14 @@ def print_race(report: "RaceReport", *, as_json: bool) -> None:
 
 def open_races(loaded: "Settings") -> "Bucket":
     """Starts the server if needed."""
-    from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+    from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 
     return open_bucket(loaded.storage, patience_s=COMMAND_PATIENCE_S)
 
 
 def races_to_look_at(loaded: "Settings") -> "Bucket | None":
     """For readers, which need no server."""
-    from drcli.store.connect import open_running_bucket
+    from drcli.bucket.connect import open_running_bucket
 
     return open_running_bucket(loaded.storage)
 

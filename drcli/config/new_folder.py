@@ -1,25 +1,178 @@
 """Plans a working folder, or an experiment, in which a training can start at once."""
 
+import os
 import re
 import shlex
 import sys
 import sysconfig
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import Place, ProblemsError, shown
+from drcli.base.errors import Place, ProblemsError, SettingsError, shown
+from drcli.base.files import hand_out, only_writer, remedy_for, rewrite
 from drcli.config.editing import with_any_value
-from drcli.config.example_files import activate_script, model_file, settings_file
+from drcli.config.fields import file_problem, setting_problem
 from drcli.config.loading import load_settings
-from drcli.config.presets import MODEL_FILES, Preset
-from drcli.config.setting_problems import setting_problem
+from drcli.config.presets import MODEL_FILES, Preset, activate_script, model_file, settings_file
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT, content_of, parse_env
 from drcli.config.track_names import to_fetch, track_problem
 from drcli.config.value_types import FOLDER_NAME
-from drcli.config.write_folder import FolderPlan, NewFile
+
+# Writes a planned working folder: all of it or nothing.
+
+
+@dataclass(frozen=True)
+class NewFile:
+    """Its name is a path below the working folder."""
+
+    name: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class FolderPlan:
+    """What is about to be written; `missing_track` has to be fetched first."""
+
+    folder: Path
+    files: tuple[NewFile, ...]
+    folders: tuple[str, ...]
+    missing_track: str | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def clashes(self) -> list[str]:
+        """Files that exist with other content."""
+        return [file.name for file in self.files if _differs(self.folder / file.name, file.data)]
+
+
+@dataclass(frozen=True)
+class FolderReport:
+    """What was written.
+
+    Attributes:
+        folder: The working folder.
+        written: Files, by their path below it.
+        unchanged: Files that were as they should be.
+        backups: Copies of files that were replaced.
+        warnings: Things that are allowed but may surprise you.
+        model: Address in the bucket of the ready-made model; empty without one.
+        checkpoint: Name of its checkpoint.
+    """
+
+    folder: str
+    written: list[str]
+    unchanged: list[str]
+    backups: list[str]
+    warnings: list[str]
+    model: str = ""
+    checkpoint: str = ""
+
+
+def write(plan: FolderPlan) -> FolderReport:
+    """Write what was planned. A file that is replaced is kept as .bak.
+
+    Raises:
+        ProblemsError: Something is in the way; nothing was written.
+        SettingsError: Something cannot be written; all is as it was.
+    """
+    _refuse_obstacles(plan)
+    written, unchanged, backups = [], [], []
+    with ExitStack() as undo:
+        _make_folders(plan.folder, undo)
+        with only_writer(plan.folder):
+            for name in plan.folders:
+                _make_folders(plan.folder / name, undo)
+            for file in plan.files:
+                path = plan.folder / file.name
+                before = _content(path)
+                if before == file.data:
+                    unchanged.append(file.name)
+                    continue
+                _make_folders(path.parent, undo)
+                if _differs(path, file.data):
+                    copy = _free_name(path)
+                    undo.callback(_try, copy.unlink)
+                    rewrite(copy, before or b"")
+                    backups.append(str(copy.relative_to(plan.folder)))
+                if before is None:
+                    undo.callback(_try, path.unlink)
+                else:
+                    undo.callback(_try, rewrite, path, before)
+                rewrite(path, file.data)
+                written.append(file.name)
+        undo.pop_all()  # everything was written
+    return FolderReport(str(plan.folder), written, unchanged, backups, list(plan.warnings))
+
+
+def _refuse_obstacles(plan: FolderPlan) -> None:
+    found: dict[Path, str] = {}
+    for name in ("", *plan.folders):
+        if not (plan.folder / name).is_dir():
+            found |= _obstacle(plan.folder / name)
+    for file in plan.files:
+        path = Path(os.path.realpath(plan.folder / file.name))
+        if path.exists() and not path.is_file():
+            found[path] = "is not a file, and one has to be written there"
+        elif _content(path) == file.data:
+            continue
+        elif path.is_file() and not os.access(path, os.W_OK):
+            found[path] = "is write-protected"
+        else:
+            found |= _obstacle(path.parent)
+    if found:
+        remedy = "Move it away or change its rights, or choose another folder."
+        raise ProblemsError(
+            file_problem(Place(str(path)), f"{what}.", remedy) for path, what in found.items()
+        )
+
+
+def _obstacle(folder: Path) -> dict[Path, str]:
+    nearest = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
+    if not nearest.is_dir():
+        return {nearest: "is not a folder, so nothing can be written in it"}
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        return {nearest: "is write-protected"}
+    return {}
+
+
+def _try(step: Callable[..., object], *args: object) -> None:
+    with suppress(OSError, SettingsError):
+        step(*args)
+
+
+def _differs(path: Path, data: bytes) -> bool:
+    if path.name == ".gitignore":  # its lines are kept
+        return False
+    return _content(path) not in (None, data)
+
+
+def _content(path: Path) -> bytes | None:
+    return content_of(path, str(path)) if path.is_file() else None
+
+
+def _free_name(path: Path) -> Path:
+    names = (f"{path.name}.bak{number or ''}" for number in range(1000))
+    return next(path.with_name(name) for name in names if not path.with_name(name).exists())
+
+
+def _make_folders(path: Path, undo: ExitStack) -> None:
+    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
+    for folder in reversed(missing):
+        try:
+            folder.mkdir(exist_ok=True)
+            hand_out(folder)
+        except OSError as e:
+            raise SettingsError(
+                f"{folder}: this folder cannot be created ({e.strerror or e}).",
+                remedy=remedy_for(
+                    e, folder, "Choose another folder, or check that you can write there."
+                ),
+            ) from e
+        undo.callback(_try, folder.rmdir)
+
 
 CURRICULUM = "curriculum.yaml"
 OVERTAKE = "overtake.py"

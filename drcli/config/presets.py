@@ -1,14 +1,46 @@
 """Presets: files and settings for a purpose."""
 
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import one_of, shown
-from drcli.config.example_files import model_file, presets_folder
+from drcli.base.errors import SettingsError, one_of, shown
 from drcli.config.fields import Setting
 from drcli.config.settings import Settings, catalogue
 from drcli.config.settings_files import parse_env
+
+# The example files for new working folders, installed or in a checkout.
+
+
+READY_MADE = ("safe", "fast", "car")
+
+
+def settings_file(name: str) -> Path:
+    return _found(name, ".")
+
+
+def model_file(name: str) -> Path:
+    return _found(name, "defaults")
+
+
+def presets_folder() -> Path:
+    return _found("presets", "defaults")
+
+
+def ready_made() -> tuple[str, ...]:
+    """Names of the ready-made models that are shipped."""
+    return tuple(name for name in READY_MADE if model_file(f"models/{name}/card.json").is_file())
+
+
+def activate_script() -> Path:
+    return _found("activate.sh", "scripts")
+
+
+def _found(name: str, folder_in_checkout: str) -> Path:
+    package = Path(str(resources.files("drcli")))
+    installed = package / "_defaults" / name
+    return installed if installed.exists() else package.parent / folder_in_checkout / name
+
 
 PRESET_SETTINGS = "preset.env"
 MODEL_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")

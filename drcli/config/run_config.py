@@ -3,35 +3,130 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
+from urllib.parse import urlsplit
 
+from drcli.base.errors import Place, Problem
 from drcli.base.json_record import from_json
-from drcli.base.problems import Place, Problem
-from drcli.config.bucket_config import (
-    ModelConfig,
-    StorageConfig,
-)
-from drcli.config.fields import FrozenGroups, declared
-from drcli.config.groups.failures import FailureSettings
-from drcli.config.groups.figures import FigureSettings
-from drcli.config.groups.log_settings import LogSettings
-from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
-from drcli.config.groups.processor import ProcessorSettings
+from drcli.config.fields import FrozenGroups, declared, setting_problem
 from drcli.config.groups.race import (
+    BotSettings,
     EpisodeSettings,
     EvaluationSettings,
+    ObstacleSettings,
+    OpponentSettings,
+    OwnCarSettings,
     RaceSettings,
+    RealismSettings,
 )
-from drcli.config.groups.realism import OwnCarSettings, RealismSettings
-from drcli.config.groups.train_settings import TrainSettings
-from drcli.config.groups.unattended import (
+from drcli.config.groups.services import LogSettings, ProcessorSettings
+from drcli.config.groups.train_settings import (
     CostSettings,
+    FailureSettings,
+    FigureSettings,
     InterruptionSettings,
     MessageSettings,
     TimedWorkSettings,
+    TrainSettings,
     WatchSettings,
 )
-from drcli.config.setting_problems import setting_problem
+from drcli.config.value_types import CheckpointChoice
+
+# What the parts of a run are told about buckets.
+
+
+Cloud = Literal["local", "remote", "aws", "azure"]
+Engine = Literal["rclone", "minio", "moto"]
+
+
+@dataclass(frozen=True)
+class StorageConfig:
+    """Where the bucket is.
+
+    Attributes:
+        cloud: `local` is served by ourselves, `remote` and `azure` by an S3 address.
+        data_dir: Objects of the local server are in `<data_dir>/<bucket>/`.
+        port: None: the first start chooses a free one, which is kept.
+        profile: Ignored for `local`. None leaves the search for keys to boto3.
+    """
+
+    cloud: Cloud
+    bucket: str
+    data_dir: Path
+    engine: Engine = "rclone"
+    port: int | None = None
+    endpoint_url: str | None = None
+    profile: str | None = None
+    region: str = "us-east-1"
+    idle_minutes: int = 10
+
+    @property
+    def at_amazon(self) -> bool:
+        """Whether Amazon bills the requests."""
+        host = urlsplit(self.endpoint_url or "").hostname or ""
+        return self.cloud == "aws" or (self.cloud != "local" and host.endswith(".amazonaws.com"))
+
+    @property
+    def aws_profile(self) -> str | None:
+        return self.profile if self.cloud == "aws" else None
+
+
+@dataclass(frozen=True)
+class UploadConfig:
+    """The second bucket."""
+
+    bucket: str
+    profile: str | None
+    endpoint_url: str
+    region: str
+
+
+@dataclass(frozen=True)
+class TransferConfig:
+    own: StorageConfig
+    upload: UploadConfig
+
+
+@dataclass(frozen=True)
+class DroaConfig:
+    """DeepRacer on AWS; texts are empty if not set."""
+
+    url: str
+    username: str
+    debug: bool
+    aws_endpoint_url: str
+
+
+@dataclass(frozen=True)
+class CustomFilesConfig:
+    """The racer's three files."""
+
+    folder: Path
+    prefix: str
+    reward_key: str
+    hyperparameters_key: str
+    metadata_key: str
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    prefix: str
+    metrics_prefix: str
+    metric: str
+    workers: int
+    reward_key: str
+    parameters_file: str
+
+
+@dataclass(frozen=True)
+class PretrainedConfig:
+    """The model whose weights a new model begins with."""
+
+    prefix: str
+    checkpoint: CheckpointChoice
+    place: Place
+    checkpoint_place: Place
+
 
 SUPERVISOR_ONLY = frozenset({*declared(MessageSettings), "DR_ON_END"})
 """Addresses and a command that no copy of a model tells."""

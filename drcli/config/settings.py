@@ -5,32 +5,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drcli.base.problems import Place, Problem, few
-from drcli.config.bucket_config import (
-    CustomFilesConfig,
-    DroaConfig,
-    ModelConfig,
-    PretrainedConfig,
-    StorageConfig,
-    TransferConfig,
-    UploadConfig,
-)
-from drcli.config.checkpoint_words import parse_checkpoint
-from drcli.config.fields import FrozenGroups, Setting
-from drcli.config.groups.failures import FailureSettings
-from drcli.config.groups.figures import FigureSettings
-from drcli.config.groups.live_settings import LiveSettings
-from drcli.config.groups.log_settings import LogSettings
-from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
-from drcli.config.groups.physical_car import PhysicalCarSettings
-from drcli.config.groups.processor import ProcessorSettings
+from drcli.base.errors import Place, Problem, few
+from drcli.config.fields import FrozenGroups, Setting, hidden
 from drcli.config.groups.race import (
+    BotSettings,
     EpisodeSettings,
     EvaluationSettings,
+    ObstacleSettings,
+    OpponentSettings,
+    OwnCarSettings,
     RaceSettings,
+    RealismSettings,
 )
-from drcli.config.groups.realism import OwnCarSettings, RealismSettings
-from drcli.config.groups.storage import BucketSettings, KeySettings
+from drcli.config.groups.services import (
+    BucketSettings,
+    KeySettings,
+    LiveSettings,
+    LogSettings,
+    PhysicalCarSettings,
+    ProcessorSettings,
+    WebSettings,
+)
 from drcli.config.groups.system import (
     ContainerSettings,
     DerivedSettings,
@@ -38,28 +33,36 @@ from drcli.config.groups.system import (
     ScreenSettings,
     ServiceSettings,
 )
-from drcli.config.groups.train_settings import TrainSettings
-from drcli.config.groups.unattended import (
+from drcli.config.groups.train_settings import (
     CostSettings,
+    FailureSettings,
+    FigureSettings,
     InterruptionSettings,
     MessageSettings,
     TimedWorkSettings,
+    TrainSettings,
     WatchSettings,
 )
-from drcli.config.groups.web import WebSettings
 from drcli.config.run_config import (
     SUPERVISOR_ONLY,
+    CustomFilesConfig,
+    DroaConfig,
     EvaluationConfig,
     FigureConfig,
     LogConfig,
+    ModelConfig,
     PlacedSettings,
+    PretrainedConfig,
     RaceConfig,
     RunConfig,
+    StorageConfig,
     TrainConfig,
+    TransferConfig,
     UnattendedConfig,
+    UploadConfig,
     WebConfig,
 )
-from drcli.config.setting_problems import hidden
+from drcli.config.value_types import parse_checkpoint
 
 
 @dataclass(frozen=True)

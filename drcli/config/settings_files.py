@@ -15,11 +15,10 @@ from pathlib import Path
 
 from dotenv.parser import Binding, parse_stream
 
-from drcli.base.problems import Place, Problem, ProblemsError, one_of, shown
-from drcli.base.regular_file import read_regular
-from drcli.base.text_file import decode
+from drcli.base.errors import Place, Problem, ProblemsError, one_of, shown
+from drcli.base.files import decode, read_regular
 from drcli.config import activation
-from drcli.config.setting_problems import GENERAL_RULE, file_problem, hidden, setting_problem
+from drcli.config.fields import GENERAL_RULE, file_problem, hidden, setting_problem
 from drcli.config.value_types import FOLDER_NAME
 
 EXPERIMENT = activation.EXPERIMENT

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drcli.base.problems import Problem, ProblemsError, closest, few
-from drcli.config.fields import Effect, Setting
+from drcli.base.errors import Problem, ProblemsError, closest, few
+from drcli.config.fields import Effect, Setting, hidden
 from drcli.config.loading import load_settings
-from drcli.config.setting_problems import hidden
 from drcli.config.settings import Settings, catalogue
 from drcli.config.settings_files import Layers, given
 from drcli.config.track_names import track_problems

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.problems import ProblemsError
+from drcli.base.errors import ProblemsError
 from drcli.config import activation
 from drcli.config.settings import catalogue
 from drcli.config.settings_files import EXPERIMENT, Layers, SettingsFiles, given

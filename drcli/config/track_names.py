@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from drcli.base.left_behind import is_left_behind
-from drcli.base.problems import Problem, Severity, closest, shown
+from drcli.base.errors import Problem, Severity, closest, shown
+from drcli.base.files import is_left_behind
+from drcli.config.fields import setting_problem
 from drcli.config.run_config import RaceConfig
-from drcli.config.setting_problems import setting_problem
 
 ROUTE_FILES = (".npy", ".csv")
 

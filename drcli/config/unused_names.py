@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from drcli.base.problems import Place, Problem, closest, shown
+from drcli.base.errors import Place, Problem, closest, shown
+from drcli.config.fields import file_problem, hidden, setting_problem
 from drcli.config.groups.system import DERIVED, DOCKER, WINDOW
-from drcli.config.setting_problems import file_problem, hidden, setting_problem
 from drcli.config.settings import Settings, catalogue
 from drcli.config.settings_files import Entry, Layers
 

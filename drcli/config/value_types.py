@@ -1,16 +1,17 @@
 """Checks of texts for settings."""
 
 import re
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 from urllib.parse import urlsplit
 
-from drcli.base.problems import BadValue
+from drcli.base.errors import BadValue, closest
 
 CarName = Literal["release-6", "low-grip", "2022"]
-"""Sets of `drsim.car.car_sets`."""
+"""Sets of `drsim.car.car_parameters`."""
 
 USUAL_CAR: CarName = "release-6"
 
@@ -285,3 +286,275 @@ StartOffset = Annotated[
     Check(_start_offset),
     Shape("left, centre or right, or metres to the left of the centre line"),
 ]
+
+
+# The words that choose a checkpoint.
+
+
+CheckpointWord = Literal["last", "best", "first-lap", "three-laps", "best-lap"]
+CheckpointChoice = CheckpointWord | int
+WORDS: tuple[CheckpointWord, ...] = get_args(CheckpointWord)
+
+MOST_NUMBER = 10**9
+_NAME = re.compile(r"(\d{1,12})(?:_Step-\d{1,18}(?:\.ckpt)?)?")
+
+
+def parse_checkpoint(text: str) -> CheckpointChoice:
+    """Read a word, a number, or the name of a checkpoint such as `12_Step-7824.ckpt`.
+
+    Raises:
+        BadValue: It is none of these.
+    """
+    word = text.strip().casefold().replace("_", "-")
+    for known in WORDS:
+        if word == known:
+            return known
+    found = _NAME.fullmatch(text.strip())
+    if found is not None and found[1].isascii() and int(found[1]) <= MOST_NUMBER:
+        return int(found[1])
+    likely = closest(word, WORDS)
+    start = f"Did you mean {likely}? " if likely is not None else ""
+    raise BadValue(
+        "is neither the number of a checkpoint nor a word for one",
+        f"{start}Write a number such as 12, or one of {', '.join(WORDS)}.",
+    )
+
+
+CheckpointText = Annotated[
+    str,
+    Check(lambda text: str(parse_checkpoint(text))),
+    Shape(f"one of {', '.join(WORDS)}, or the number of a checkpoint"),
+]
+OptionalCheckpointText = Annotated[
+    str,
+    Check(lambda text: str(parse_checkpoint(text)) if text.strip() else ""),
+    Shape(f"one of {', '.join(WORDS)}, the number of a checkpoint, or nothing"),
+]
+
+
+# Checks of settings of live figures.
+
+
+THIS_MACHINE = "127.0.0.1"
+"""An empty address would let everybody read the figures."""
+
+LOOPBACK_HOSTS = frozenset({THIS_MACHINE, "::1", "localhost"})
+
+
+def _host(value: str) -> str:
+    host = value.strip()
+    named = re.fullmatch(r"[A-Za-z0-9_]([A-Za-z0-9._-]{0,252}[A-Za-z0-9])?\.?", host)
+    address = re.fullmatch(r"[0-9a-fA-F:.]*:[0-9a-fA-F:.]*", host)  # IPv6
+    if host and named is None and address is None:
+        raise BadValue(
+            "is not the name or address of a host",
+            "Write it without a scheme or port, as in telegraf or 192.168.1.5.",
+        )
+    return host
+
+
+def _tracking_url(value: str) -> str:
+    if value and not is_address(value, "http", "https"):
+        raise BadValue(
+            "is not a web address",
+            "Write the address of an MLflow server, as in http://192.168.1.5:5000.",
+        )
+    if value and "@" in urlsplit(value).netloc:
+        raise BadValue(
+            "contains a user or password, which logs and files would show",
+            "Leave it out, and set MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD, or "
+            "MLFLOW_TRACKING_TOKEN, in the environment.",
+        )
+    return value
+
+
+def _trackio_url(value: str) -> str:
+    if value and not is_address(value, "http", "https"):
+        raise BadValue(
+            "is not a web address",
+            "Write the address of a trackio server, as in http://192.168.1.5:7860.",
+        )
+    if value and (urlsplit(value).query or "@" in urlsplit(value).netloc):
+        raise BadValue(
+            "contains a token or password, which logs and files would show",
+            "Write the address up to the question mark, and set TRACKIO_WRITE_TOKEN in the "
+            "environment.",
+        )
+    return value
+
+
+def _trackio_project(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,100}", value) or value.startswith("registry-"):
+        raise BadValue(
+            "is not the name of a trackio project",
+            "Use letters, digits, - and _, and another beginning than registry-.",
+        )
+    return value
+
+
+HostName = Annotated[
+    str, Check(_host), Shape("the name or address of a host, without a port, or nothing")
+]
+ListenHost = Annotated[
+    str, Check(lambda text: _host(text) or THIS_MACHINE), Shape("the name or address of a host")
+]
+TrackingUrl = Annotated[
+    str, Check(_tracking_url), Shape("an http or https address without a password, or nothing")
+]
+TrackioUrl = Annotated[
+    str, Check(_trackio_url), Shape("an http or https address without a token, or nothing")
+]
+TrackioProject = Annotated[str, Check(_trackio_project), Shape("letters, digits, - and _")]
+
+
+# Checks of settings of trainings that nobody watches.
+
+
+_HIGHEST_PRICE = 10_000.0
+"""USD per hour; the dearest machines cost some hundreds."""
+
+MESSAGE_EVENTS = (
+    "start",
+    "resume",
+    "interruption",
+    "end",
+    "failure",
+    "stall",
+    "stop",
+    "fault",
+    "recovery",
+    "stage",
+    "best",
+    "upload",
+)
+_RULE = re.compile(r"last(?:-[1-9]\d{0,6})?|best|every-[1-9]\d{0,6}")
+
+
+def _price(value: str) -> str:
+    text = value.strip().removeprefix("$")
+    if text.casefold() in ("", "auto"):
+        return text.casefold()
+    try:
+        price = float(text)
+    except ValueError:
+        price = -1.0
+    if not (isfinite(price) and 0.0 <= price <= _HIGHEST_PRICE):
+        raise BadValue(
+            "is not a price per hour", "Write USD per hour as in 0.25, or auto to ask EC2."
+        )
+    return text
+
+
+def _command(value: str) -> str:
+    try:
+        shlex.split(value)
+    except ValueError as error:
+        raise BadValue(
+            f"cannot be read: {error}",
+            "Close every quotation mark, as in: sh -c 'wait-for-notice --json'.",
+        ) from error
+    return value
+
+
+def _topic(value: str) -> str:
+    if value and not re.fullmatch(
+        r"arn:aws[a-z-]*:sns:[a-z0-9-]+:\d{12}:[\w-]{1,256}(\.fifo)?", value
+    ):
+        raise BadValue(
+            "is not the ARN of an SNS topic",
+            "Write it as in arn:aws:sns:us-east-1:123456789012:my-topic.",
+        )
+    return value
+
+
+def _mail_addresses(value: str) -> str:
+    for part in filter(None, re.split(r"[,;\s]+", value)):
+        if not re.fullmatch(r"[^@\s<>\"(),:;\\]+@[A-Za-z0-9.-]*[A-Za-z0-9]", part):
+            raise BadValue(
+                "is not a list of mail addresses", "Write addresses as in me@example.com."
+            )
+    return value
+
+
+def _smtp_url(value: str) -> str:
+    if value and not is_address(value, "smtp", "smtps"):
+        raise BadValue(
+            "is not the address of a mail server",
+            "Write smtps://user:password@mail.example.com:465, or smtp:// for STARTTLS on port "
+            "587.",
+        )
+    return value
+
+
+def _message_events(value: str) -> str:
+    words = [word.casefold() for word in re.split(r"[,;\s]+", value) if word]
+    for word in words:
+        if word not in (*MESSAGE_EVENTS, "all", "none"):
+            raise BadValue(
+                f"names {word!a}, which is not an event",
+                f"Write some of {', '.join(MESSAGE_EVENTS)}, separated by commas, or all.",
+            )
+    return ",".join(words)
+
+
+def retention_rules(value: str) -> tuple[str, ...]:
+    """The rules in a text such as `last-3,best,every-50`.
+
+    Raises:
+        BadValue: One of them is none.
+    """
+    rules = tuple(word.casefold() for word in re.split(r"[,;\s]+", value) if word)
+    for rule in rules:
+        if not _RULE.fullmatch(rule):
+            raise BadValue(
+                f"names {rule!a}, which is not a rule",
+                "Write last or last-N, best, every-N, or several with commas between them, as in "
+                "last-3,best,every-50.",
+            )
+    return rules
+
+
+Price = Annotated[str, Check(_price), Shape("USD per hour, auto, or nothing")]
+Command = Annotated[str, Check(_command), Shape("a program and its arguments, or nothing")]
+TopicArn = Annotated[str, Check(_topic), Shape("the ARN of an SNS topic, or nothing")]
+MailAddresses = Annotated[
+    str, Check(_mail_addresses), Shape("mail addresses separated by commas, or nothing")
+]
+SmtpUrl = Annotated[str, Check(_smtp_url), Shape("an smtp or smtps address, or nothing")]
+MessageEvents = Annotated[
+    str, Check(_message_events), Shape(f"some of {', '.join(MESSAGE_EVENTS)}, or all or none")
+]
+Retention = Annotated[
+    str,
+    Check(lambda text: ",".join(retention_rules(text))),
+    Shape("some of last, last-N, best, every-N, separated by commas, or nothing"),
+]
+
+
+# The colours of DR_CAR_COLOR.
+
+
+RGB = tuple[float, float, float]
+
+_COLORS: dict[str, RGB] = {
+    "Black": (0.1, 0.1, 0.1),
+    "Grey": (0.529, 0.584, 0.588),
+    "Blue": (0.266, 0.372, 0.898),
+    "Red": (0.878, 0.101, 0.145),
+    "Orange": (1.0, 0.627, 0.039),
+    "White": (1.0, 1.0, 1.0),
+    "Purple": (0.611, 0.164, 0.764),
+}
+"""Source: the reference simulator's materials."""
+
+_HEX = re.compile(r"f1_car_#?([0-9a-fA-F]{6})")
+
+
+def shell_color(name: str) -> RGB:
+    """RGB, 0 to 255; red for a colour without a number."""
+    match = _HEX.fullmatch(name)
+    if match is not None:
+        red, green, blue = bytes.fromhex(match[1])
+        return float(red), float(green), float(blue)
+    red_, green_, blue_ = _COLORS.get(name.capitalize(), _COLORS["Red"])
+    return 255.0 * red_, 255.0 * green_, 255.0 * blue_

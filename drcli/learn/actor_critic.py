@@ -6,9 +6,9 @@ import torch
 from torch import Tensor, nn
 
 from drcli.learn import distributions
+from drcli.learn.advantages import ReturnScale
 from drcli.learn.encoders import Dense, Encoder
 from drcli.learn.policy import Observation, PolicySpec
-from drcli.learn.return_scale import ReturnScale
 
 LOG_STD_RANGE = (-20.0, 3.0)
 """Source: the reference's PPO head."""

@@ -13,11 +13,9 @@ from drcli.learn.actor_critic import PolicyAndValue
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import explained_variance, gae, normalized
 from drcli.learn.algorithm_config import PPOConfig
-from drcli.learn.captured_step import CapturedStep
 from drcli.learn.compute import Compute
-from drcli.learn.data_parallel import DataParallel
-from drcli.learn.gradient_group import GradientGroup
-from drcli.learn.reused_memory import ReusedMemory
+from drcli.learn.cuda import CapturedStep, ReusedMemory
+from drcli.learn.data_parallel import DataParallel, GradientGroup
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
     NonFiniteLossError,

@@ -10,9 +10,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from drcli.learn.cuda import ReusedMemory
 from drcli.learn.encoders import in_blocks
 from drcli.learn.policy import Float32s, Float64s, Observation
-from drcli.learn.reused_memory import ReusedMemory
 
 Ints = NDArray[np.int64]
 

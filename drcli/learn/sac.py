@@ -12,10 +12,9 @@ from torch.nn import functional
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import gae
 from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
-from drcli.learn.captured_step import CapturedStep
 from drcli.learn.compute import Compute
-from drcli.learn.data_parallel import DataParallel
-from drcli.learn.gradient_group import GradientGroup
+from drcli.learn.cuda import CapturedStep
+from drcli.learn.data_parallel import DataParallel, GradientGroup
 from drcli.learn.policy import Observation
 from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout

@@ -8,10 +8,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from drcli.learn.advantages import ReturnScale
 from drcli.learn.distributions import log_prob_gaussian
 from drcli.learn.encoders import Dense, Encoder
 from drcli.learn.policy import Observation, PolicySpec
-from drcli.learn.return_scale import ReturnScale
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Source: the reference's SAC head."""

@@ -7,8 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from drcli.exchange.race_rules import Ranking
-from drcli.exchange.race_submission import DrivenLap
+from drcli.races.race_records import DrivenLap, Ranking
 
 
 @dataclass(frozen=True)

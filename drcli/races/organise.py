@@ -5,17 +5,25 @@ import time
 from dataclasses import dataclass, replace
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
+from drcli.model import race_keys
 from drcli.races.queue_lease import live_lease, runner_of
+from drcli.races.race_records import RaceRules
 from drcli.races.race_report import RaceEntry, RaceList, RaceReport
-from drcli.races.race_runs import moment
 from drcli.races.race_settings import check_track, settings_of_rules
-from drcli.races.race_wish import RaceWish, rules_of
-from drcli.races.standings import report_of
-from drcli.races.stored_race import is_race_id, put, race_id, race_ids, read_race, read_rules
-from drcli.races.unchanged_objects import RaceObjects
-from drcli.store import race_keys
-from drcli.store.bucket import Bucket
+from drcli.races.race_wish import RaceWish, least_laps, rules_of, usual_average
+from drcli.races.standings import moment, report_of
+from drcli.races.stored_race import (
+    RaceObjects,
+    StoredRace,
+    is_race_id,
+    put,
+    race_id,
+    race_ids,
+    read_race,
+    read_rules,
+)
 
 
 @dataclass(frozen=True)
@@ -155,3 +163,94 @@ def delete_race(bucket: Bucket, race: str, *, dry_run: bool = False) -> DeletedR
         bucket.delete([info.key for info in found if info.key != rules])
     size = sum(info.size_bytes for info in found)
     return DeletedRace(bucket.name, race, len(found), size, dry_run)
+
+
+# Changes a race's rules before anybody has driven.
+
+
+def wish_of(rules: RaceRules) -> RaceWish:
+    """Without derived rules, and settings, which `change_rules` keeps."""
+    average = usual_average(rules.max_laps)
+    least = least_laps(rules.ranking, rules.max_laps, rules.average_laps)
+    return RaceWish(
+        name=rules.name,
+        world=rules.world,
+        reverse=rules.reverse,
+        race_type=rules.race_type,
+        ranking=rules.ranking,
+        max_laps=rules.max_laps,
+        min_laps=None if rules.min_laps == least else rules.min_laps,
+        average_laps=None if rules.average_laps == average else rules.average_laps,
+        off_track_penalty_s=rules.off_track_penalty_s,
+        collision_penalty_s=rules.collision_penalty_s,
+        max_submissions=rules.max_submissions,
+        opens_at=rules.opens_at,
+        closes_at=rules.closes_at,
+        seed=rules.seed,
+        pairing=rules.pairing,
+        sensors=tuple(rules.sensors),
+    )
+
+
+def change_rules(
+    settings: Settings, bucket: Bucket, race: str, wish: RaceWish, *, now_s: float | None = None
+) -> RaceReport:
+    """Give a race other rules, from `wish_of`; its id stays.
+
+    Raises:
+        SettingsError: No such race, somebody has driven, or rules or submissions do not fit.
+    """
+    now = time.time() if now_s is None else now_s
+    stored = read_race(bucket, race)
+    _refuse_driven(stored)
+    before = stored.rules
+    new = rules_of(settings, wish, now)
+    # What was frozen stays, even if run.env is different now; other kinds need other objects.
+    frozen = before.settings if new.race_type == before.race_type else new.settings
+    rules = replace(
+        new,
+        created_at=before.created_at,
+        settings={**frozen, **dict(wish.settings)},
+        changes=before.changes + 1,
+    )
+    check_track(settings_of_rules(settings, rules))
+    if stored.submissions and rules.sensors and set(rules.sensors) != set(before.sensors):
+        raise SettingsError(
+            f"Race {race} has submissions, so the allowed sensors cannot be restricted.",
+            remedy="Withdraw the submissions, or leave the sensors as they are.",
+        )
+    put(bucket, race_keys.rules(race), rules)
+    return show_race(bucket, race, now_s=now)
+
+
+def _refuse_driven(stored: StoredRace) -> None:
+    if stored.results or stored.draw is not None:
+        raise SettingsError(
+            f"Race {stored.race} is being driven or has results, so its rules are fixed.",
+            remedy="Make another race with `dr-race create NAME`; `dr-race open` and `dr-race "
+            "close` still say until when it takes submissions.",
+        )
+
+
+# The race that `dr-start-tournament` means without a name.
+
+
+def only_tournament(bucket: Bucket) -> str:
+    """Raises SettingsError for no or several unfinished races in pairs."""
+    found = [
+        entry.race
+        for entry in list_races(bucket).races
+        if entry.race_type == "HEAD_TO_MODEL" and entry.state != "finished"
+    ]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise SettingsError(
+            f"s3://{bucket.name} has several races in pairs: {', '.join(found)}.",
+            remedy=f"Name one of them, as in `dr-start-tournament {found[0]}`.",
+        )
+    raise SettingsError(
+        f"s3://{bucket.name} has no race in pairs that is not finished.",
+        remedy="Make one with `dr-race create NAME --type HEAD_TO_MODEL`, and submit models with "
+        "`dr-race submit`.",
+    )

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from drcli.exchange.race_submission import DrivenLap
 from drcli.races.lap_ranking import figures_of, milliseconds
+from drcli.races.race_records import DrivenLap
 
 WIN, DRAW = 1.0, 0.5
 

@@ -14,12 +14,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from drcli.base.errors import OwnershipLost, SettingsError, StorageError
-from drcli.base.process_identity import started_s, this_machine
-from drcli.exchange.run_state import Lease
-from drcli.races.race_runs import NOBODY, Runner
-from drcli.store import race_keys
-from drcli.store.bucket import Bucket
-from drcli.store.lease import STALE_S, is_owner_alive, read_lease_at
+from drcli.base.processes import started_s, this_machine
+from drcli.bucket.bucket import Bucket
+from drcli.model import race_keys
+from drcli.model.lease import STALE_S, is_owner_alive, read_lease_at
+from drcli.races.standings import NOBODY, Runner
+from drcli.records.run_record import Lease
 
 RENEW_S = 10.0
 

@@ -9,18 +9,18 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.backoff import wait_until
+from drcli.base.clock import wait_until
 from drcli.base.errors import Absent, DrError, SettingsError
 from drcli.base.log import LogFile, get_logger
-from drcli.base.process_identity import is_alive, this_machine
+from drcli.base.processes import is_alive, this_machine
+from drcli.bucket.bucket import Bucket
+from drcli.bucket.connect import open_bucket
 from drcli.config import secret_environment
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.races.queue_lease import live_lease, read_queue_lease
 from drcli.races.race_queue import check_queue, run_queue
-from drcli.runs.failed_start import READY_TIMEOUT_S, failed_start, log_bytes
-from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket
+from drcli.run.worker_processes import READY_TIMEOUT_S, failed_start, log_bytes
 
 STOPPED_S = 10.0
 
@@ -68,7 +68,7 @@ def launch_queue(
     """
     check_queue(settings, bucket, race)
     if video:
-        from drcli.video.encode import require_encoder
+        from drcli.view.video.encode import require_encoder
 
         require_encoder()
     log = queue_log(settings, race)

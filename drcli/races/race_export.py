@@ -1,14 +1,239 @@
 """Writes a race as CSV and HTML."""
 
+import base64
 import csv
 import io
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
+from html import escape
 from pathlib import Path
 
-from drcli.base.atomic_file import rewrite
-from drcli.races.race_page import race_page
-from drcli.races.race_report import LeaderboardRow, RaceReport
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.base.files import rewrite
+from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.races import race_words as words
+from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
+from drcli.races.standings import moment
+
+# A race as one HTML file without scripts and network.
+
+
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; media-src data:; img-src data:"
+"""Against what names may contain."""
+
+_CAPTION = "Times in minutes:seconds, penalties included."
+
+_STYLE = """
+:root{color-scheme:light dark;--line:light-dark(#c9ced6,#4a515c);--card:light-dark(#fff,#1b1f26);
+--soft:light-dark(#5a6472,#a3adba);--first:light-dark(#8a5b00,#ffc94d)}
+*{box-sizing:border-box}
+body{font:16px/1.5 system-ui,sans-serif;max-width:75rem;margin:0 auto;padding:1rem;
+background:light-dark(#f5f6f8,#12151a);color:light-dark(#1d2229,#e6e9ee);overflow-wrap:anywhere}
+h1{font-size:1.6rem;margin:.2rem 0}h2{font-size:1.2rem;margin:1.6rem 0 .4rem}
+p{margin:.3rem 0}.soft{color:var(--soft)}.state{font-weight:600}
+table{border-collapse:collapse;width:100%;background:var(--card);font-variant-numeric:tabular-nums}
+caption{text-align:left;color:var(--soft);padding:.3rem 0}
+th,td{padding:.45rem .6rem;border:1px solid var(--line);text-align:right;vertical-align:top}
+th{font-weight:600}.name{text-align:left}.first td{font-weight:600}
+.first .rank{color:var(--first)}
+video{width:100%;max-width:40rem;display:block}
+figure{margin:1rem 0}figcaption{font-weight:600}
+details{margin:.6rem 0}summary{cursor:pointer;padding:.3rem 0}
+@media(max-width:700px){
+thead{position:absolute;width:1px;height:1px;overflow:hidden;clip-path:inset(50%)}
+table,caption,tbody,tr,td{display:block;width:100%}tr{border:1px solid var(--line);margin:0 0 .7rem}
+td{border:0;display:flex;justify-content:space-between;gap:1rem;padding:.25rem .6rem}
+td::before{content:attr(data-label);flex:none;color:var(--soft);font-weight:400;text-align:left}
+.name{text-align:right}}
+"""
+
+
+def race_page(report: RaceReport, videos: Mapping[str, bytes]) -> str:
+    rules = report.rules
+    title = escape(rules.name)
+    facts = [words.decides(rules), words.penalties(rules)]
+    if rules.closes_at is not None:
+        facts.append(f"Closes: {moment(rules.closes_at)}.")
+    different = words.conditions(rules)
+    if different:
+        facts.append(f"Settings: {different}.")
+    board = _pair_board(report) if rules.in_pairs else _board(report)
+    empty = '<p class="soft">Nobody has driven yet.</p>'
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title><style>{_STYLE}</style></head><body><main>"
+        f"<h1>{title}</h1><p>{escape(words.place(report))}</p>"
+        f'<p class="state">{escape(words.standing(report))}</p>'
+        f'<p class="soft">{escape(" ".join(facts))}</p>'
+        f"<h2>Leaderboard</h2>{board if report.leaderboard else empty}"
+        f"{_pairs(report.pairs)}{_laps(report)}{_films(report, videos)}"
+        "</main></body></html>\n"
+    )
+
+
+def _board(report: RaceReport) -> str:
+    average = f"Best average of {report.rules.average_laps}"
+    names = (
+        "Rank",
+        "Racer",
+        "Model",
+        "Time",
+        "Gap",
+        "Best lap",
+        average,
+        "Total",
+        "Laps",
+        "Off track",
+        "Crashes",
+    )
+    rows = [
+        (
+            row,
+            (
+                _rank(row),
+                row.racer,
+                row.model,
+                row.score_text,
+                words.gap(row),
+                row.best_lap_text,
+                row.best_average_text,
+                row.total_text,
+                *_driven(row),
+            ),
+        )
+        for row in report.leaderboard
+    ]
+    return _table(_CAPTION, names, rows)
+
+
+def _pair_board(report: RaceReport) -> str:
+    names = (
+        "Rank",
+        "Racer",
+        "Model",
+        "Points",
+        "Won",
+        "Drawn",
+        "Lost",
+        "Best lap",
+        "Laps",
+        "Off track",
+        "Crashes",
+    )
+    rows = [
+        (
+            row,
+            (
+                _rank(row),
+                row.racer,
+                row.model,
+                f"{row.points or 0:g}",
+                str(row.wins),
+                str(row.draws),
+                str(row.losses),
+                row.best_lap_text,
+                *_driven(row),
+            ),
+        )
+        for row in report.leaderboard
+    ]
+    return _table(_CAPTION, names, rows)
+
+
+def _driven(row: LeaderboardRow) -> tuple[str, str, str]:
+    return row.laps_text, str(row.off_track), str(row.crashes)
+
+
+def _rank(row: LeaderboardRow) -> str:
+    return "not qualified" if row.rank is None else str(row.rank)
+
+
+def _table(
+    caption: str,
+    names: tuple[str, ...],
+    rows: Iterable[tuple[LeaderboardRow | None, tuple[str, ...]]],
+) -> str:
+    # With roles, because a table that is laid out as blocks on a phone is no table to a reader.
+    head = "".join(
+        f'<th scope="col" role="columnheader"{_class(name)}>{escape(name)}</th>' for name in names
+    )
+    body = "".join(
+        f'<tr role="row"{_first(row)}>{"".join(map(_data, names, cells))}</tr>'
+        for row, cells in rows
+    )
+    return (
+        f'<table role="table"><caption>{escape(caption)}</caption><thead role="rowgroup">'
+        f'<tr role="row">{head}</tr></thead><tbody role="rowgroup">{body}</tbody></table>'
+    )
+
+
+def _data(name: str, cell: str) -> str:
+    label = escape(name)
+    return f'<td role="cell"{_class(name)} data-label="{label}"><span>{escape(cell)}</span></td>'
+
+
+def _class(name: str) -> str:
+    if name == "Rank":
+        return ' class="rank"'
+    return ' class="name"' if name in ("Racer", "Model", "First", "Second", "Result") else ""
+
+
+def _first(row: LeaderboardRow | None) -> str:
+    return ' class="first"' if row is not None and row.rank == 1 else ""
+
+
+def _pairs(pairs: list[PairEntry]) -> str:
+    if not pairs:
+        return ""
+    names = ("Round", "First", "Second", "Result")
+    rows = [
+        (
+            None,
+            (
+                str(p.round),
+                p.first_racer or words.NONE,
+                p.second_racer or words.NONE,
+                words.pair_result(p),
+            ),
+        )
+        for p in pairs
+    ]
+    return f"<h2>Pairs</h2>{_table('Complete laps and the time for them.', names, rows)}"
+
+
+def _laps(report: RaceReport) -> str:
+    found = []
+    for entry in report.submissions:
+        laps = "; ".join(entry.lap_text)
+        text = laps or entry.message or entry.state
+        notes = "".join(f'<p class="soft">{escape(note)}</p>' for note in entry.notes)
+        found.append(
+            f"<details><summary>{escape(entry.racer)}, {escape(entry.model)} "
+            f'({entry.submission})</summary><p>{escape(text)}</p><p class="soft">Checkpoint '
+            f"{escape(entry.checkpoint)}, submitted {entry.submitted_at}.</p>{notes}</details>"
+        )
+    return f"<h2>Submissions</h2>{''.join(found)}" if found else ""
+
+
+def _films(report: RaceReport, videos: Mapping[str, bytes]) -> str:
+    found = []
+    for row in report.leaderboard:
+        if not row.video:
+            continue
+        caption = f"<figcaption>{escape(row.racer)}, {escape(row.model)}</figcaption>"
+        if row.video in videos:
+            data = base64.b64encode(videos[row.video]).decode()
+            label = escape(f"Laps of {row.racer}")
+            film = (
+                f'<video controls preload="metadata" aria-label="{label}" '
+                f'src="data:video/mp4;base64,{data}"></video>'
+            )
+        else:
+            film = f'<p class="soft">s3://{escape(report.bucket)}/{escape(row.video)}</p>'
+        found.append(f"<figure>{caption}{film}</figure>")
+    return f"<h2>Videos</h2>{''.join(found)}" if found else ""
+
 
 COLUMNS = tuple(each.name for each in fields(LeaderboardRow))
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")

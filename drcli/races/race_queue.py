@@ -1,29 +1,61 @@
 """Drives a race's queue, each run as `dr-evaluate` does."""
 
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 from drcli.base.errors import DrError, NotAvailable, OwnershipLost, SettingsError, StorageError
-from drcli.base.termination import Stopped, until_sigterm
+from drcli.base.processes import Stopped, until_sigterm
+from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
-from drcli.exchange.race_submission import BracketDraw, DrivenCar, DrivenLap, RaceResult
+from drcli.model import race_keys
 from drcli.races import race_words as words
 from drcli.races.lap_ranking import figures_of
 from drcli.races.organise import show_race
 from drcli.races.queue_lease import QueueLease, held, runner_of
-from drcli.races.race_film import film_car
+from drcli.races.race_records import BracketDraw, DrivenCar, DrivenLap, RaceResult
 from drcli.races.race_report import RaceReport
-from drcli.races.race_runs import Runner, counted
 from drcli.races.race_settings import check_track, settings_of_rules, settings_of_run
-from drcli.races.standings import queue_of
+from drcli.races.standings import Runner, counted, queue_of
 from drcli.races.stored_race import StoredRace, put, read_race, read_rules, submission_id
 from drcli.races.submissions import video_names
-from drcli.runs.evaluation import run_evaluation
-from drcli.runs.evaluation_plan import prepare_evaluation
-from drcli.runs.evaluation_report import TrialReport
-from drcli.store import race_keys
-from drcli.store.bucket import Bucket
+from drcli.run.evaluation import run_evaluation
+from drcli.run.evaluation_plan import EvaluationPlan, prepare_evaluation
+from drcli.run.evaluation_report import EvaluationReport, TrialReport
+
+# Films a race as `dr-evaluate --video` does, in one view.
+
+
+def film_car(
+    plan: EvaluationPlan, bucket: Bucket, report: EvaluationReport, key: str
+) -> tuple[str, list[str]]:
+    """Film a car; returns the key (or "") and notes, also on failures."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="drcli-race-") as temporary:
+            path = Path(temporary) / "race.mp4"
+            notes = _film(plan, bucket, report, path)
+            bucket.put(key, path.read_bytes())
+    except (DrError, OSError) as error:
+        remedy = getattr(error, "remedy", "")
+        return "", [f"{report.prefix} has no video: {error} {remedy}".strip()]
+    return key, notes
+
+
+def _film(plan: EvaluationPlan, bucket: Bucket, report: EvaluationReport, path: Path) -> list[str]:
+    # Here, because a queue without videos must not load what draws.
+    from drcli.view.video.make_video import Wish
+    from drcli.view.video.trace_source import trace_of_key
+    from drcli.view.video.video_job import Defaults, make_video
+
+    config = plan.job.config
+    origin = f"evaluation {plan.stamp}"
+    trace = trace_of_key(bucket, report.prefix, report.simtrace, origin, "")
+    wish = Wish(episode="all", size=config.evaluation.eval_video_size, racer="", color="")
+    defaults = Defaults.of(config.model, config.race())
+    return make_video(defaults, lambda: bucket, trace, wish, [("film", path)]).notes
+
 
 Say = Callable[[str], None]
 
@@ -99,7 +131,7 @@ def run_queue(
 def _no_video(video: bool | None) -> str:
     if video is False:
         return ""
-    from drcli.video.encode import require_encoder
+    from drcli.view.video.encode import require_encoder
 
     try:
         require_encoder()

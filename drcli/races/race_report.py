@@ -1,9 +1,13 @@
 """What is shown of a race, as frozen records."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal
 
-from drcli.exchange.race_rules import RaceRules
+from drcli.config.value_types import USUAL_CAR
+from drcli.races.race_records import RaceRules
+from drcli.races.race_settings import shown_settings
+from drcli.tracks.track_limit import limit_of, limit_text
 
 RaceState = Literal["scheduled", "open", "closed", "finished"]
 """Before opening, taking submissions, taking no more, and completely driven."""
@@ -238,3 +242,17 @@ class RaceList:
     bucket: str
     races: list[RaceEntry]
     damaged: list[str] = field(default_factory=list)
+
+
+# Compares a race's best lap with the track's limit.
+
+
+def with_limit(report: RaceReport, tracks_folder: Path, directory: Path) -> RaceReport:
+    rules = report.rules
+    own_car = any(name.startswith("DR_CAR_") for name in shown_settings(rules))
+    laps = [row.best_lap_s for row in report.leaderboard if row.best_lap_s is not None]
+    if own_car or not laps:
+        return report
+    car = rules.settings.get("DR_SIM_CAR", USUAL_CAR)
+    stored = limit_of(rules.world, tracks_folder, directory, reverse=rules.reverse, car=car)
+    return replace(report, limit=limit_text(min(laps), stored))

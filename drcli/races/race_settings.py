@@ -4,14 +4,14 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-from drcli.base.problems import BadValue, Place, ProblemsError
-from drcli.config.checkpoint_words import parse_checkpoint
-from drcli.config.setting_problems import setting_problem
+from drcli.base.errors import BadValue, Place, ProblemsError
+from drcli.config.fields import setting_problem
 from drcli.config.settings import Settings, catalogue
 from drcli.config.track_names import track_problem
-from drcli.exchange.race_rules import RaceRules
+from drcli.config.value_types import parse_checkpoint
+from drcli.model import keys, race_keys
+from drcli.races.race_records import RaceRules
 from drcli.races.stored_race import StoredRace
-from drcli.store import keys, race_keys
 
 _ALWAYS = (
     "DR_SIM_",
@@ -87,7 +87,7 @@ def check_track(settings: Settings) -> None:
     if problem is not None:  # also one that could be fetched: a race needs it now
         raise ProblemsError([replace(problem, severity="error")])
     if settings.race_type in _OBJECTS:
-        from drcli.workers.build_race import load_race, load_world
+        from drcli.drive.build_race import load_race, load_world
 
         load_race(settings.race, load_world(settings.race))
 

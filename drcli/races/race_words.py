@@ -3,13 +3,12 @@
 import math
 from collections.abc import Sequence
 
-from drcli.exchange.laps import counted_resets
-from drcli.exchange.laps import lap_time as time_with_penalty
-from drcli.exchange.race_rules import RaceRules
-from drcli.exchange.race_submission import DrivenLap
 from drcli.races.lap_ranking import LapFigures, sum_s
+from drcli.races.race_records import DrivenLap, RaceRules
 from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
 from drcli.races.race_settings import shown_settings
+from drcli.records.iteration import counted_resets
+from drcli.records.iteration import lap_time as time_with_penalty
 
 NONE = "\N{EN DASH}"
 _KINDS = {

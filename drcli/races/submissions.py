@@ -8,30 +8,27 @@ import socket
 import time
 from dataclasses import dataclass, replace
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import BadValue, ProblemsError, SettingsError, shown
 from drcli.base.json_record import RecordError
-from drcli.base.problems import BadValue, ProblemsError, shown
-from drcli.config.checkpoint_words import parse_checkpoint
+from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.race_rules import RaceRules
-from drcli.exchange.race_submission import QueueOrder, RaceSubmission
-from drcli.exchange.scores import Score, encode_single
-from drcli.modelfiles.model_metadata import SINGLE_CAMERAS, ModelMetadata
-from drcli.modelfiles.network_shape import own_files
-from drcli.models.checkpoint_choice import OUR_PARTS, take_choice
+from drcli.config.value_types import parse_checkpoint
+from drcli.model import keys, race_keys
+from drcli.model.checkpoint_choice import OUR_PARTS, take_choice
+from drcli.model.files.model_metadata import SINGLE_CAMERAS, ModelMetadata
+from drcli.model.files.network_shape import own_files
+from drcli.model.model_prefix import what_helps
+from drcli.model.repair import Model
 from drcli.races.lap_ranking import same_racer
 from drcli.races.organise import show_race
 from drcli.races.queue_lease import runner_of
+from drcli.races.race_records import QueueOrder, RaceRules, RaceSubmission
 from drcli.races.race_report import RaceReport
-from drcli.races.race_runs import moment
 from drcli.races.race_wish import checked_name
-from drcli.races.standings import queue_of, state_of
+from drcli.races.standings import moment, queue_of, state_of
 from drcli.races.stored_race import StoredRace, new_name, put, read_race, submission_id
-from drcli.store import keys, race_keys
-from drcli.store.bucket import Bucket
-from drcli.store.model_kind import what_helps
-from drcli.store.repair import Model
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.scores import Score, encode_single
 
 _PARTS = (*OUR_PARTS, *keys.TENSORFLOW_PARTS)
 

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.base.atomic_file import rewrite
-from drcli.base.problems import refuse
-from drcli.base.replaceable import refuse_replacing
+from drcli.base.errors import refuse
+from drcli.base.files import refuse_replacing, rewrite
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, TriedReward, position, scaled, try_rewards
 from drcli.rewards.pictures import draw_comparison

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from drcli.base.problems import Problem, Severity
+from drcli.base.errors import Problem, Severity
 from drcli.rewards.reward_rules import Source, likely_parameter, review_source
-from drcli.rewards.sandbox.sandbox_records import (
+from drcli.rewards.sandbox.run_sandbox import (
     REMEDIES,
     EffectKind,
     Failure,

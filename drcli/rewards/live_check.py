@@ -12,17 +12,16 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.base.problems import Problem
+from drcli.base.errors import Problem
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
-from drcli.modelfiles.custom_files import InputFile
+from drcli.model.files.custom_files import InputFile
 from drcli.rewards.check import RewardReport, report_of, try_in_each_race
-from drcli.rewards.course import Course, TriedReward, as_array
+from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array
 from drcli.rewards.pictures import cell_edges
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.scripted_drive import drive
 from drcli.rewards.source import display_name
-from drcli.rewards.track_grid import SPEED_MPS
 
 MOST_COURSES = 6
 CURVE_POINTS = 150

@@ -3,16 +3,19 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drcli.base.errors import refuse
+from drcli.base.files import refuse_replacing, rewrite
 from drcli.base.png_picture import INK, LINES, png
-from drcli.rewards.course import TriedReward, as_array, scaled
-from drcli.rewards.drivers import FAST, STEADY
-from drcli.rewards.scripted_drive import Trip
-from drcli.rewards.track_grid import SPEED_MPS
+from drcli.config.settings import Settings
+from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array, scaled, try_rewards
+from drcli.rewards.scripted_drive import FAST, STEADY, Trip, drive
+from drcli.rewards.source import read_racers_file
 from drsim.track.track import Track
 
 if TYPE_CHECKING:
@@ -272,3 +275,57 @@ def cell_edges(xy: Floats) -> Floats:
 
 def _is_outside(track: Track, point: Floats) -> bool:
     return bool(np.hypot(*(track.outer - point).T).min() < np.hypot(*(track.inner - point).T).min())
+
+
+# Plots a reward function.
+
+
+@dataclass(frozen=True)
+class PlotReport:
+    """A picture that was drawn.
+
+    Attributes:
+        file: The reward function.
+        world: The track.
+        picture: File of the picture.
+        replaced: Whether it replaced an older file.
+        least: Least reward on the map.
+        greatest: Greatest reward on the map.
+        laps: The sum of the rewards of each driver, by name.
+    """
+
+    file: str
+    world: str
+    picture: str
+    replaced: bool
+    least: float
+    greatest: float
+    laps: dict[str, float]
+
+
+def plot(
+    settings: Settings, file: Path | None, out: Path, directory: Path, *, force: bool = False
+) -> PlotReport:
+    """As a PNG file.
+
+    Raises:
+        SettingsError: The function fails, or track or picture does.
+    """
+    read = read_racers_file(settings, file, directory)
+    refuse_replacing(out, force=force)
+    course = Course.of(drive(settings.race))
+    [tried] = try_rewards([read], course, directory)
+    refuse(tried.problems)
+    replaced = out.exists()
+    rewrite(out, draw_reward(tried))
+    values = tried.grid_values
+    totals = {trip.driver.name: tried.total(trip.driver) for trip in course.drive.trips}
+    return PlotReport(
+        tried.name,
+        course.drive.world,
+        str(out),
+        replaced,
+        float(np.nanmin(values)),
+        float(np.nanmax(values)),
+        {name: total for name, total in totals.items() if total is not None},
+    )

@@ -4,7 +4,7 @@ import ast
 import re
 from collections.abc import Iterator
 
-from drcli.base.problems import Problem, Severity
+from drcli.base.errors import Problem, Severity
 from drcli.rewards.reward_rules import Source
 
 FUNCTION = "reward_function"

@@ -1,31 +1,170 @@
 """Records reward parameters of scripted drivers."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
 from drcli.config.run_config import RaceConfig
-from drcli.rewards.drivers import (
-    FAST,
-    LEAVING,
-    RAMMING,
-    STANDING,
-    STEADY,
-    TURNED,
-    WEAVING,
-    Navigator,
-    ScriptedDriver,
-)
-from drcli.workers.build_race import car_parameters_of, load_race, load_world, race_of
-from drsim.car.car import CONTROL_HZ
+from drcli.drive.build_race import car_parameters_of, load_race, load_world, race_of
+from drsim.car.car import CONTROL_HZ, REAR_AXLE_BEHIND_M, WHEELBASE_M
 from drsim.car.car_parameters import CarParameters
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, RewardParams
 from drsim.episode.simulation import Simulation
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.track.track import Track
+
+# Scripted drivers: steering and speed.
+
+
+Floats = NDArray[np.float64]
+
+Manner = Literal["along", "weave", "leave", "ram"]
+
+_LOOK_AHEAD_M, _LOOK_AHEAD_S = 0.45, 0.18
+_BRAKING_MPS2 = 2.0
+_PROFILE_M = 0.1
+_BEND_M = 0.5
+_WEAVE_M = 4.0
+_LEAVE_AFTER_M = 1.0
+
+_SEES_M, _PASSED_M = 2.2, 0.5
+_PASSING_MPS = 1.5
+_FIRST_STEP_MPS = 1.0
+
+
+@dataclass(frozen=True)
+class ScriptedDriver:
+    """A way to drive.
+
+    Attributes:
+        manner: Along the centre line, from border to border, off the road, or into the next object.
+        grip_mps2: Sideways in bends; None keeps the speed.
+        laps: Otherwise it ends off the road, at a hit or after `steps`.
+        start: From the common start, 0 .. 1 of a lap.
+        turned: Drives against the others.
+    """
+
+    name: str
+    about: str
+    manner: Manner
+    speed_mps: float
+    grip_mps2: float | None = None
+    laps: bool = True
+    steps: int = 10_000
+    start: float = 0.0
+    turned: bool = False
+
+
+STEADY = ScriptedDriver("steady", "follows the centre line at 1.2 m/s", "along", 1.2)
+FAST = ScriptedDriver("fast", "follows the centre line at up to 3 m/s", "along", 3.0, grip_mps2=2.0)
+WEAVING = ScriptedDriver("weaving", "swings from border to border at 1 m/s", "weave", 1.0)
+LEAVING = ScriptedDriver("leaving", "leaves the road", "leave", 1.2, laps=False, start=0.3)
+STANDING = ScriptedDriver(
+    "standing", "asks for no speed and creeps", "along", 0.0, laps=False, steps=60, start=0.5
+)
+RAMMING = ScriptedDriver("ramming", "drives into what is on the road", "ram", 1.5, laps=False)
+_OTHER_WAY = "follows the centre line the other way"
+TURNED = ScriptedDriver("turned", _OTHER_WAY, "along", 1.2, laps=False, steps=60, turned=True)
+
+
+class Navigator:
+    """On a track in its driving direction."""
+
+    def __init__(self, driver: ScriptedDriver, track: Track) -> None:
+        self.driver = driver
+        self._track = track
+        self._speeds_mps = _speed_profile(track, driver)
+        self._begun_m: float | None = None
+
+    def first(self) -> tuple[float, float]:
+        """Degrees and m/s of the first step, without parameters."""
+        return 0.0, min(self.driver.speed_mps, _FIRST_STEP_MPS)
+
+    def act(self, params: RewardParams) -> tuple[float, float]:
+        """Degrees and m/s, from the last step's parameters."""
+        along_m = params["projection_distance"]
+        if self._begun_m is None:
+            self._begun_m = along_m
+        side = self._blocked_side(params)
+        last = len(self._speeds_mps) - 1
+        speed_mps = float(self._speeds_mps[min(int(along_m / _PROFILE_M), last)])
+        ahead_m = _LOOK_AHEAD_M + _LOOK_AHEAD_S * speed_mps
+        if side:
+            speed_mps, ahead_m = min(speed_mps, _PASSING_MPS), _LOOK_AHEAD_M
+        x, y, yaw_rad = self._track.pose_at(np.array([along_m + ahead_m]))[0].tolist()
+        aside_m = self._aside_m(params, along_m + ahead_m, side)
+        x, y = x - aside_m * math.sin(yaw_rad), y + aside_m * math.cos(yaw_rad)
+        return _steering_deg(params, x, y), speed_mps
+
+    def _aside_m(self, params: RewardParams, target_m: float, side: int) -> float:
+        width_m = float(params["track_width"])
+        manner = self.driver.manner
+        if manner == "leave":
+            gone_m = self._gap_m(params["projection_distance"], self._begun_m or 0.0)
+            return (-side or 1) * 1.5 * width_m if gone_m > _LEAVE_AFTER_M else 0.0
+        if side and manner == "ram":
+            return side * width_m / 4
+        if side:
+            return -side * width_m / 3
+        if manner == "weave":
+            return 0.37 * width_m * math.sin(2 * math.pi * target_m / _WEAVE_M)
+        return 0.0
+
+    def _blocked_side(self, params: RewardParams) -> int:
+        """1 left, -1 right, 0 none."""
+        gaps_m = [
+            self._gap_m(there_m, params["projection_distance"])
+            for there_m in params["objects_distance"]
+        ]
+        near = [k for k, gap_m in enumerate(gaps_m) if -_PASSED_M < gap_m < _SEES_M]
+        if not near:
+            return 0
+        nearest = min(near, key=lambda k: abs(gaps_m[k]))
+        return 1 if params["objects_left_of_center"][nearest] else -1
+
+    def _gap_m(self, there_m: float, here_m: float) -> float:
+        gap_m = there_m - here_m
+        if not self._track.closed:
+            return gap_m
+        half_m = self._track.length_m / 2
+        return (gap_m + half_m) % (2 * half_m) - half_m
+
+
+def _steering_deg(params: RewardParams, x: float, y: float) -> float:
+    """To reach a point in an arc (pure pursuit)."""
+    yaw_rad = math.radians(params["heading"])
+    rear_x = params["x"] - REAR_AXLE_BEHIND_M * math.cos(yaw_rad)
+    rear_y = params["y"] - REAR_AXLE_BEHIND_M * math.sin(yaw_rad)
+    away_m = max(math.hypot(x - rear_x, y - rear_y), 0.1)
+    turn_rad = math.atan2(y - rear_y, x - rear_x) - yaw_rad
+    angle_deg = math.degrees(math.atan2(2 * WHEELBASE_M * math.sin(turn_rad), away_m))
+    return max(-30.0, min(30.0, angle_deg))
+
+
+def _speed_profile(track: Track, driver: ScriptedDriver) -> Floats:
+    """Every 0.1 m."""
+    along_m = np.arange(0.0, track.length_m + _PROFILE_M, _PROFILE_M)
+    if driver.grip_mps2 is None:
+        return np.full(len(along_m), driver.speed_mps)
+    yaw_before, yaw_after = (
+        track.pose_at(along_m + aside_m)[:, 2] for aside_m in (-_BEND_M / 2, _BEND_M / 2)
+    )
+    turn_rad = np.abs((yaw_after - yaw_before + np.pi) % (2 * np.pi) - np.pi)
+    bend_mps = np.sqrt(driver.grip_mps2 * _BEND_M / np.maximum(turn_rad, 1e-6))
+    speeds_mps = np.minimum(bend_mps, driver.speed_mps)
+    rounds = 2 if track.closed else 1  # the braking before a bend may begin before the finish
+    for k in range(rounds * len(speeds_mps) - 1, 0, -1):
+        here, after = (k - 1) % len(speeds_mps), k % len(speeds_mps)
+        reached = math.sqrt(speeds_mps[after] ** 2 + 2 * _BRAKING_MPS2 * _PROFILE_M)
+        speeds_mps[here] = min(speeds_mps[here], reached)
+    return speeds_mps
+
 
 _FORGIVEN = 1_000
 _SLOWEST_LAP_MPS = 0.4

@@ -5,12 +5,11 @@ from pathlib import Path
 from threading import Event
 
 from drcli.base import installation
-from drcli.base.problems import Problem
+from drcli.base.errors import Problem
 from drcli.config.run_config import RaceConfig, RunConfig
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import Source
-from drcli.rewards.sandbox.run_sandbox import Sandbox
-from drcli.rewards.sandbox.sandbox_records import SandboxRequest
+from drcli.rewards.sandbox.run_sandbox import Sandbox, SandboxRequest
 
 
 def try_inputs(

@@ -12,21 +12,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from drcli.base.atomic_file import rewrite
 from drcli.base.errors import BudgetUsedUp, DrError, StorageError, TrainedElsewhere
+from drcli.base.files import rewrite
+from drcli.bucket.bucket import Bucket
+from drcli.bucket.connect import open_bucket
 from drcli.config import secret_environment
 from drcli.config.loading import load_settings
 from drcli.config.settings_files import EXPERIMENT
-from drcli.exchange.sweep_record import Metric, TrialRecord, TrialState
-from drcli.modelfiles.curriculum_file import merged_hyperparameters
-from drcli.runs.wait_for_owner import LONG_LOOK_S
-from drcli.store import keys
-from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket
-from drcli.store.lease import STALE_S
-from drcli.sweeps.early_stopping import share_at
+from drcli.model import keys
+from drcli.model.files.curriculum_file import merged_hyperparameters
+from drcli.model.lease import STALE_S
+from drcli.run.take_model import LONG_LOOK_S
 from drcli.sweeps.stored_sweep import copy_of
 from drcli.sweeps.sweep_file import Budget, EarlyStopping
+from drcli.sweeps.sweep_record import Metric, TrialRecord, TrialState
 from drcli.sweeps.trial_files import settings_of_model
 from drcli.sweeps.trial_run import (
     Ended,
@@ -37,7 +36,7 @@ from drcli.sweeps.trial_run import (
     nothing_to_do,
     refused_start,
 )
-from drcli.sweeps.trial_score import amount_of, number_of, score_of, until
+from drcli.sweeps.trial_score import amount_of, number_of, score_of, share_at, until
 
 STEP_S = 2.0
 """Ray can end a training only between steps."""

@@ -7,23 +7,20 @@ from pathlib import Path
 
 import psutil
 
-from drcli.base.errors import DrError, NotAvailable, SettingsError
-from drcli.base.problems import Problem, ProblemsError
-from drcli.base.process_identity import started_s
-from drcli.base.termination import NotedSignals
+from drcli.base.errors import DrError, NotAvailable, Problem, ProblemsError, SettingsError
+from drcli.base.processes import NotedSignals, started_s
+from drcli.bucket.bucket import Bucket
+from drcli.bucket.connect import open_bucket
 from drcli.checks.machine_rules import TRAINER_BYTES, WORKER_BYTES
 from drcli.checks.validate import validate
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT
-from drcli.exchange.run_record import WaitingStart, run_folder
-from drcli.exchange.sweep_record import SweepRecord
-from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket
-from drcli.store.lease import live_holder
+from drcli.model.lease import live_holder
+from drcli.records.run_record import WaitingStart, run_folder
 from drcli.sweeps.stored_sweep import read_sweep, refuse_used_models, wipe_sweep
 from drcli.sweeps.sweep_file import SweepFile, read_sweep_file
-from drcli.sweeps.sweep_progress import SweepProgress
-from drcli.sweeps.sweep_report import SweepReport, report_of
+from drcli.sweeps.sweep_record import SweepRecord
+from drcli.sweeps.sweep_report import SweepProgress, SweepReport, report_of
 from drcli.sweeps.sweep_run import Pace, SweepRun
 from drcli.sweeps.trial_files import TrialFiles
 from drcli.sweeps.trial_run import TrialRun

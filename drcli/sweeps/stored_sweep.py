@@ -2,24 +2,22 @@
 
 from collections.abc import Mapping
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import refuse
-from drcli.exchange.sweep_record import SweepRecord, TrialRecord
-from drcli.store import sweep_keys
-from drcli.store.bucket import Bucket, ObjectMissing, read_record
-from drcli.store.model_prefix import is_used, wipe
-from drcli.store.remedies import remedy_of
+from drcli.base.errors import SettingsError, refuse
+from drcli.bucket.bucket import Bucket, ObjectMissing, read_record, remedy_of
+from drcli.model.model_prefix import is_used, wipe
+from drcli.sweeps import sweep_record
 from drcli.sweeps.sweep_file import SweepFile
+from drcli.sweeps.sweep_record import SweepRecord, TrialRecord
 from drcli.sweeps.trials import Trial
 
 
 def put_sweep(bucket: Bucket, record: SweepRecord) -> None:
-    bucket.put(sweep_keys.sweep(record.name), record.encode())
+    bucket.put(sweep_record.sweep_key(record.name), record.encode())
 
 
 def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
     """None without a record; raises StorageError for an unreadable one."""
-    key = sweep_keys.sweep(name)
+    key = sweep_record.sweep_key(name)
     try:
         return read_record(bucket, key, SweepRecord.decode, remedy_of(key))
     except ObjectMissing:
@@ -62,7 +60,7 @@ def wipe_sweep(bucket: Bucket, record: SweepRecord) -> None:
             *(copy_of(trial, check) for check in range(1, 1 + record.checks)),
         ]:
             wipe(bucket, prefix)
-    bucket.delete([sweep_keys.sweep(record.name)])
+    bucket.delete([sweep_record.sweep_key(record.name)])
 
 
 def copy_of(trial: TrialRecord, check: int) -> str:

@@ -8,14 +8,20 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import BadValue, Problem, closest, refuse, shown
-from drcli.config.setting_problems import GENERAL_RULE as RULE
+from drcli.base.errors import BadValue, Problem, SettingsError, closest, refuse, shown
+from drcli.config.fields import GENERAL_RULE as RULE
 from drcli.config.settings import catalogue
-from drcli.exchange.sweep_record import Metric, Resource
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.json_file import JsonFile, KeyPath, Number, Whole, dotted, problems_of
-from drcli.modelfiles.yaml_file import read_yaml_object
+from drcli.model.files.data_file import (
+    JsonFile,
+    KeyPath,
+    Number,
+    Whole,
+    dotted,
+    problems_of,
+    read_yaml_object,
+)
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.sweeps.sweep_record import Metric, Resource
 
 MOST_TRIALS = 200
 """More were probably not meant."""

@@ -11,24 +11,26 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from drcli.base.errors import BudgetUsedUp, DrError, StorageError, TrainedElsewhere
-from drcli.base.termination import NotedSignals
-from drcli.exchange.sweep_record import SweepRecord, TrialRecord
-from drcli.runs.wait_for_owner import LONG_LOOK_S
-from drcli.store.bucket import Bucket, ObjectDamaged
-from drcli.store.lease import STALE_S
-from drcli.sweeps.early_stopping import Replacement, comparable, kept_of, levels_of, replacements
+from drcli.base.processes import NotedSignals
+from drcli.bucket.bucket import Bucket, ObjectDamaged
+from drcli.model.lease import STALE_S
+from drcli.run.take_model import LONG_LOOK_S
 from drcli.sweeps.stored_sweep import copy_of
 from drcli.sweeps.sweep_file import Span, SweepFile
-from drcli.sweeps.sweep_progress import SweepProgress, text_of
-from drcli.sweeps.trial_run import (
-    Ended,
-    Limits,
-    Run,
-    how_it_ended,
-    nothing_to_do,
-    refused_start,
+from drcli.sweeps.sweep_record import SweepRecord, TrialRecord
+from drcli.sweeps.sweep_report import SweepProgress, text_of
+from drcli.sweeps.trial_run import Ended, Limits, Run, how_it_ended, nothing_to_do, refused_start
+from drcli.sweeps.trial_score import (
+    Replacement,
+    amount_of,
+    comparable,
+    kept_of,
+    levels_of,
+    rank,
+    replacements,
+    score_of,
+    until,
 )
-from drcli.sweeps.trial_score import amount_of, rank, score_of, until
 
 LOOK_S = 1.0
 MOST_STARTS = 3

@@ -2,18 +2,17 @@
 
 from collections.abc import Mapping
 
-from drcli.base.atomic_file import rewrite
-from drcli.base.problems import ProblemsError, refuse
-from drcli.config.new_folder import plan_experiment
+from drcli.base.errors import ProblemsError, refuse
+from drcli.base.files import rewrite
+from drcli.bucket.bucket import Bucket
+from drcli.config.new_folder import FolderPlan, plan_experiment, write
 from drcli.config.presets import MODEL_FILES
 from drcli.config.settings import Settings
 from drcli.config.settings_files import parse_env
-from drcli.config.write_folder import FolderPlan, write
-from drcli.modelfiles.curriculum_file import merged_hyperparameters
-from drcli.modelfiles.custom_files import find, missing_files
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.model import keys
+from drcli.model.files.curriculum_file import merged_hyperparameters
+from drcli.model.files.custom_files import find, missing_files
+from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.sweeps.sweep_file import Budget, SweepFile
 from drcli.sweeps.trials import Trial
 

@@ -8,20 +8,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from drcli.base.errors import DrError, StorageError, WorkerDied
-from drcli.base.problems import ProblemsError
+from drcli.base.errors import DrError, ProblemsError, StorageError, WorkerDied
+from drcli.bucket.bucket import Bucket
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT
-from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.exchange.sweep_record import TrialRecord, TrialState
-from drcli.runs import training
-from drcli.runs.plan import StartOptions
-from drcli.runs.resume_or_start import NothingToDo, prepare_next
-from drcli.store.bucket import Bucket
-from drcli.store.history import HistoryReader
-from drcli.store.last_outcome import read_outcome
+from drcli.model.history import HistoryReader
+from drcli.model.training_state import read_outcome
+from drcli.records.iteration import IterationRecord
+from drcli.records.run_record import RunRecord, run_folder
+from drcli.run import training
+from drcli.run.plan import StartOptions
+from drcli.run.resume_or_start import NothingToDo, prepare_next
+from drcli.sweeps.sweep_record import TrialRecord, TrialState
 
 _ALONE = {
     "DR_ON_END": "",  # such a command may switch off the machine

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
-from drcli.base.problems import refuse
+from drcli.base.errors import refuse
 from drcli.sweeps.sweep_file import MOST_TRIALS, Choices, Span, SweepFile, Vary
 
 Value = str | int | float

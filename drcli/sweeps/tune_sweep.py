@@ -27,24 +27,58 @@ from ray.tune.experiment import Trial
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from drcli.base.errors import BudgetUsedUp, DrError, WorkerDied
-from drcli.base.termination import NotedSignals
+from drcli.base.processes import NotedSignals
+from drcli.bucket.bucket import Bucket, ObjectDamaged
+from drcli.bucket.endpoint import DEFAULT, session_of
+from drcli.bucket.server import server
 from drcli.config import secret_environment
 from drcli.config.activation import PLACES, chosen
-from drcli.config.bucket_config import StorageConfig
-from drcli.exchange.sweep_record import OVER, SweepRecord, TrialRecord, TrialState
-from drcli.runs.outcome import CTRL_C, TERMINATED
-from drcli.store import sweep_keys
-from drcli.store.arrow_files import arrow_files
-from drcli.store.bucket import Bucket, ObjectDamaged
-from drcli.sweeps.early_stopping import comparable, levels_of
+from drcli.config.run_config import StorageConfig
+from drcli.run.outcome import CTRL_C, TERMINATED
+from drcli.sweeps import sweep_record
 from drcli.sweeps.node_trial import END_S, TrialTask, files_for_nodes
 from drcli.sweeps.sweep_file import Choices, Span, SweepFile
-from drcli.sweeps.sweep_progress import SweepProgress, text_of
+from drcli.sweeps.sweep_record import OVER, SweepRecord, TrialRecord, TrialState
+from drcli.sweeps.sweep_report import SweepProgress, text_of
 from drcli.sweeps.trial_run import Limits, TrialRun
-from drcli.sweeps.trial_score import amount_of, score_of
-from drcli.sweeps.tune_schedulers import METRIC, Halving, Unsaved, scheduler_of
-from drcli.sweeps.tune_trial import StopFlag, TuneTrial
-from drcli.workers.ray_cluster import connect, keys_for_nodes
+from drcli.sweeps.trial_score import amount_of, comparable, levels_of, score_of
+from drcli.sweeps.tune_schedulers import METRIC, Halving, StopFlag, TuneTrial, Unsaved, scheduler_of
+from drcli.train.ray_cluster import connect, keys_for_nodes
+
+# The bucket as an Apache Arrow file system, for Ray Tune.
+
+
+def arrow_files(storage: StorageConfig) -> Any:
+    """The file system; paths begin with the bucket's name.
+
+    Other machines get keys from the environment or a profile; without these, Arrow finds their own,
+    as those of a role.
+
+    Raises:
+        StorageError: The server does not answer, or the profile does not exist.
+    """
+    from pyarrow.fs import S3FileSystem
+
+    endpoint = server.ensure_running(storage)
+    options: dict[str, Any] = {"region": endpoint.region}
+    if endpoint.url is not None:
+        scheme, _, place = endpoint.url.partition("://")
+        options |= {"scheme": scheme, "endpoint_override": place}
+    known = secret_environment.all_secrets()
+    access, secret = endpoint.access_key, endpoint.secret_key
+    token = None
+    if access is None and "AWS_SECRET_ACCESS_KEY" in known:
+        access = known.get("AWS_ACCESS_KEY_ID")
+        secret, token = known["AWS_SECRET_ACCESS_KEY"], known.get("AWS_SESSION_TOKEN")
+    elif access is None and endpoint.profile not in (None, DEFAULT):
+        found = session_of(endpoint.profile, endpoint.names.profile).get_credentials()
+        if found is not None:
+            frozen = found.get_frozen_credentials()
+            access, secret, token = frozen.access_key, frozen.secret_key, frozen.token
+    if access is not None:
+        options |= {"access_key": access, "secret_key": secret, "session_token": token}
+    return S3FileSystem(**options)
+
 
 LOOK_S = 1.0
 MOST_FAILURES = 20
@@ -187,7 +221,7 @@ class TuneSweep:
                 ),
             ).fit()
             watch.update(watch.trials)
-        left = self._bucket.list(sweep_keys.of_tune(record.name))
+        left = self._bucket.list(sweep_record.of_tune(record.name))
         self._bucket.delete([item.key for item in left])
         return watch
 
@@ -461,6 +495,6 @@ def storage_for_tune(storage: StorageConfig, method: str, folder: str, name: str
     if storage.cloud == "local" or method != "population":
         return {"storage_path": folder}
     return {
-        "storage_path": f"{storage.bucket}/{sweep_keys.of_tune(name)}".rstrip("/"),
+        "storage_path": f"{storage.bucket}/{sweep_record.of_tune(name)}".rstrip("/"),
         "storage_filesystem": arrow_files(storage),
     }

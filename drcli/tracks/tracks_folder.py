@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
-from drcli.base.private_files import hand_out, make_folder
+from drcli.base.files import hand_out, make_folder, rewrite
 from drcli.tracks.track_facts import TrackFacts, TrackList
 from drsim.errors import TrackError
 from drsim.track.route_files import read_route, write_route

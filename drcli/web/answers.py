@@ -15,14 +15,15 @@ from drcli.base.errors import (
     DrError,
     NotAvailable,
     OwnershipLost,
+    Problem,
+    ProblemsError,
     SettingsError,
     StorageError,
     TrainedElsewhere,
 )
 from drcli.base.installation import import_error
+from drcli.base.json_record import keys_of, plain
 from drcli.base.log import get_logger
-from drcli.base.plain_json import keys_of, plain
-from drcli.base.problems import Problem, ProblemsError
 from drcli.config.editing import FilesChanged
 
 MOST_BYTES = 1 << 20

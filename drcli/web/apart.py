@@ -13,8 +13,8 @@ from multiprocessing.context import SpawnProcess
 from typing import Any
 
 from drcli.base.errors import DrError, WorkerDied
-from drcli.base.plain_json import plain
-from drcli.base.termination import Stopped, until_sigterm
+from drcli.base.json_record import plain
+from drcli.base.processes import Stopped, until_sigterm
 from drcli.config import secret_environment
 from drcli.web.tasks import Progress
 
@@ -96,8 +96,8 @@ def _work(
     arguments: tuple[Any, ...],
     heavy: bool,
 ) -> None:
-    from drcli.base import notices
-    from drcli.base.low_priority import lower_priority
+    from drcli.base import errors
+    from drcli.base.processes import lower_priority
     from drcli.web.answers import error_of
 
     secret_environment.keep(secrets)
@@ -116,7 +116,7 @@ def _work(
     def progress(text: str) -> None:
         tell("text", text)
 
-    notices.show = notices.warn = progress
+    errors.show = errors.warn = progress
     try:
         with until_sigterm("The console has ended.", "") if heavy else nullcontext():
             tell("done", plain(work(progress, *arguments)))

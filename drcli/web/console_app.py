@@ -3,24 +3,25 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from drcli.web import (
-    action_space_routes,
     apart,
     episode_routes,
-    episode_topics,
-    hyperparameter_routes,
+    file_routes,
     live_topics,
-    log_topic,
-    machine_topic,
     model_routes,
     race_routes,
     reward_routes,
@@ -29,32 +30,191 @@ from drcli.web import (
     start_routes,
     stream_route,
     task_routes,
-    track_list_routes,
     track_routes,
 )
+from drcli.web import episode_routes as episode_topics
+from drcli.web import run_topics as log_topic
+from drcli.web import run_topics as machine_topic
+from drcli.web import track_routes as track_list_routes
 from drcli.web.hub import Hub
-from drcli.web.page_files import page_routes
 from drcli.web.security import Guard
 from drcli.web.served_folder import ServedFolder
 from drcli.web.socket_route import SocketRoute
 from drcli.web.tasks import Tasks
 
+# Ends connections that stand still; uvicorn waits without an end.
+
+
+MOST_CONNECTIONS = 256
+"""For another, the oldest that has asked for nothing is ended."""
+
+REQUEST_S = 10.0
+"""From the moment of the connection."""
+
+STALLED_S = 20.0
+"""Without progress of a request or an answer."""
+
+LOOK_S = 2.0
+WAITING_BYTES = 4 << 20
+"""Answers to pings that nobody reads."""
+
+FAREWELL_S = 2.0
+
+
+class TimedHttp(H11Protocol):
+    """Ends waiting."""
+
+    _asked = False
+    _written_s: float | None = None
+    _read_s = 0.0
+    _began_s = 0.0
+    _look: asyncio.TimerHandle | None = None
+
+    # uvicorn asks for a narrower transport than asyncio's protocol does.
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Within `MOST_CONNECTIONS`."""
+        super().connection_made(transport)
+        self._began_s = self._read_s = self.loop.time()
+        if len(self.connections) > MOST_CONNECTIONS:
+            _idle_one(self.connections, self).transport.abort()
+        self._look = self.loop.call_later(LOOK_S, self._check)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._stop_looking()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        self._read_s = self.loop.time()
+        if self.timeout_keep_alive_task is not None:  # another request begins
+            self._began_s = self._read_s
+        super().data_received(data)
+        self._asked = self._asked or self.scope is not None
+
+    def pause_writing(self) -> None:
+        self._written_s = self.loop.time()
+        super().pause_writing()
+
+    def resume_writing(self) -> None:
+        self._written_s = None
+        super().resume_writing()
+
+    def handle_websocket_upgrade(self, event: Any) -> None:
+        self._stop_looking()
+        super().handle_websocket_upgrade(event)
+
+    def _stop_looking(self) -> None:
+        if self._look is not None:
+            self._look.cancel()
+            self._look = None
+
+    def _check(self) -> None:
+        now = self.loop.time()
+        cycle = self.cycle
+        waits_for_body = cycle is not None and cycle.more_body and not cycle.response_complete
+        between = (
+            cycle is None or cycle.response_complete
+        ) and self.timeout_keep_alive_task is None
+        if (
+            (between and now - self._began_s > REQUEST_S)
+            or (waits_for_body and now - self._read_s > STALLED_S)
+            or (self._written_s is not None and now - self._written_s > STALLED_S)
+        ):
+            self.transport.abort()
+            return
+        self._look = self.loop.call_later(LOOK_S, self._check)
+
+
+def _idle_one(connections: Any, newest: TimedHttp) -> TimedHttp:
+    idle = [each for each in connections if isinstance(each, TimedHttp) and not each._asked]
+    return min(idle, key=lambda each: each._began_s, default=newest)
+
+
+class TimedWebSocket(WebSocketsSansIOProtocol):
+    """Ends waiting."""
+
+    def data_received(self, data: bytes) -> None:
+        """Within `WAITING_BYTES`."""
+        if self.transport.get_write_buffer_size() > WAITING_BYTES:
+            self.transport.abort()
+            return
+        super().data_received(data)
+
+    def keepalive_timeout(self) -> None:
+        super().keepalive_timeout()
+        self.loop.call_later(FAREWELL_S, self._cut)
+
+    async def run_asgi(self) -> None:
+        try:
+            await super().run_asgi()
+        finally:
+            with suppress(RuntimeError):  # the loop has been closed
+                self.loop.call_later(FAREWELL_S, self._cut)
+
+    def _cut(self) -> None:
+        if not self.disconnected:
+            self.transport.abort()
+
+
+# The files of the page, some shared with the report of dr-analyze.
+
+
+_TYPES = {
+    "html": "text/html; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "svg": "image/svg+xml",
+    "png": "image/png",
+}
+
+
+def _collect(folder: Traversable, at: str) -> dict[str, Traversable]:
+    found: dict[str, Traversable] = {}
+    for item in folder.iterdir():
+        if item.is_dir():
+            found.update(_collect(item, f"{at}{item.name}/"))
+        elif item.name.rpartition(".")[2] in _TYPES:
+            found[f"{at}{item.name}"] = item
+    return found
+
+
+def page_routes() -> list[Route]:
+    """Only for files of the package, whatever the path says."""
+    known = _collect(files("drcli.web") / "pages", "/")
+    shared = files("drcli.analysis.report") / "assets"
+    known.update({f"/{name}": shared / name for name in ("colors.css", "graph_parts.js")})
+    known.update(_collect(shared / "uplot", "/vendor/uplot/"))
+
+    async def serve(request: Request) -> Response:
+        path = request.url.path
+        item = known.get("/index.html" if path == "/" else path)
+        if item is None:
+            return PlainTextResponse("There is no such page.", 404)
+        # No cache: after an update of the package, old and new modules must not be mixed.
+        return Response(
+            item.read_bytes(),
+            media_type=_TYPES[path.rpartition(".")[2] if path != "/" else "html"],
+            headers={"cache-control": "no-cache"},
+        )
+
+    return [Route("/{path:path}", serve, methods=["GET"])]
+
+
 MOST_READING = 32
 PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
-    machine_topic.routes,
+    machine_topic.machine_routes,
     run_topics.routes,
     model_routes.routes,
     race_routes.routes,
     task_routes.routes,
     stream_route.routes,
     live_topics.routes,
-    log_topic.routes,
-    episode_topics.routes,
+    log_topic.log_routes,
+    episode_topics.topics,
     track_routes.routes,
     settings_routes.routes,
-    track_list_routes.routes,
-    action_space_routes.routes,
-    hyperparameter_routes.routes,
+    track_list_routes.track_list_routes,
+    file_routes.action_space_routes,
+    file_routes.routes,
     reward_routes.routes,
     start_routes.routes,
     episode_routes.routes,

@@ -1,17 +1,26 @@
 """Answers of the episode player about stored episodes."""
 
+import re
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from drcli.playback.packed_answer import facts_of
-from drcli.playback.player_handle import PlayerHandle
-from drcli.playback.stored_traces import models_with_traces, stored_traces
+from drcli.base.errors import StorageError
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing
+from drcli.model.growing_file import combined_metrics
+from drcli.model.history import HistoryReader
+from drcli.model.repair import read_metrics, readable_history
+from drcli.records.episode_metrics import EpisodeMetrics
+from drcli.run.seen_in_bucket import SeenRun, distant_run, read_lap_lines, seen_run
+from drcli.view.playback.player_handle import PlayerHandle, facts_of
+from drcli.view.playback.stored_traces import models_with_traces, stored_traces
 from drcli.web.answers import BadRequest, answers
+from drcli.web.hub import Polled, Publish
 from drcli.web.served_folder import ServedFolder
+from drcli.web.topics import Rows, Snapshot, Value
 
 PACKED = "application/octet-stream"
 _NUMBER_LIMIT = 10**9
@@ -77,3 +86,184 @@ def _number(request: Request, name: str) -> int:
     if number > _NUMBER_LIMIT:
         raise BadRequest(f"The number {name} is too large.")
     return number
+
+
+# Reads a training's episodes again and again, but only changed objects.
+
+
+_METRICS = re.compile(r"(TrainingMetrics(?:_\d+)?\.json)(\.part-\d+)?")
+
+
+class DrivenEpisode(NamedTuple):
+    """An episode; `evaluation` is 1 or 0, `progress` percent."""
+
+    iteration: int
+    evaluation: int
+    reward: float
+    progress: float
+
+
+class MetricsReader:
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[ObjectInfo, list[EpisodeMetrics]]] = {}
+        self._episodes: list[DrivenEpisode] = []
+        self.damaged: list[str] = []
+
+    def read(self, bucket: Bucket, metrics_prefix: str) -> list[DrivenEpisode]:
+        """By iteration; the same list if nothing has changed.
+
+        Without damaged objects (noted in `damaged`) and without episodes of version 0.1.0, whose
+        iteration is unknown.
+
+        Raises:
+            StorageError: The bucket does not answer.
+        """
+        folder = metrics_prefix.rstrip("/") + "/"
+        infos = {
+            info.key: info
+            for info in bucket.list(folder)
+            if _METRICS.fullmatch(info.key.removeprefix(folder))
+        }
+        kept = {key: found for key, found in self._known.items() if found[0] == infos.get(key)}
+        if kept.keys() == infos.keys() == self._known.keys():
+            return self._episodes
+        self._known, self.damaged = kept, []
+        # A part comes before its whole object: a part that is deleted meanwhile is in that.
+        for key in sorted(infos, reverse=True):
+            if key not in kept:
+                try:
+                    kept[key] = infos[key], read_metrics(bucket, key)
+                except ObjectMissing:
+                    continue
+                except ObjectDamaged as error:
+                    self.damaged.append(str(error))
+        self._episodes = _sorted(kept, folder)
+        return self._episodes
+
+
+def _sorted(
+    known: dict[str, tuple[ObjectInfo, list[EpisodeMetrics]]], folder: str
+) -> list[DrivenEpisode]:
+    files: dict[str, tuple[list[EpisodeMetrics], list[list[EpisodeMetrics]]]] = {}
+    for key in sorted(known):
+        found = _METRICS.fullmatch(key.removeprefix(folder))
+        assert found is not None
+        whole, parts = files.setdefault(found[1], ([], []))
+        if found[2]:
+            parts.append(known[key][1])
+        else:
+            whole.extend(known[key][1])
+    records = [
+        record for whole, parts in files.values() for record in combined_metrics(whole, parts)
+    ]
+    numbered = [
+        (record.iteration, record.phase == "evaluation", record.episode, record)
+        for record in records
+        if record.iteration is not None
+    ]
+    numbered.sort(key=lambda each: each[:3])
+    return [
+        DrivenEpisode(iteration, int(evaluation), record.reward_score, record.completion_percentage)
+        for iteration, evaluation, _, record in numbered
+    ]
+
+
+# Topics of what was driven, from the bucket.
+#
+# `episodes:RUN` has a row for each episode, `laps:RUN:WORKER` the lines of a worker's last
+# iteration, `elsewhere:RUN` who trains the model on another machine. RUN is DR_RUN_ID, WORKER a
+# number.
+
+
+EPISODES_S = 2.0
+LAPS_S = 2.0
+
+ELSEWHERE_S = 4.0
+
+_RUN = re.compile(r"(?:episodes|elsewhere):(\d{1,2})")
+
+_LAPS = re.compile(r"laps:(\d{1,2}):(\d{1,3})")
+
+
+def _numbers(pattern: re.Pattern[str], topic: str) -> list[int]:
+    found = pattern.fullmatch(topic)
+    if found is None:
+        raise ValueError(topic)
+    return [int(text) for text in found.groups()]
+
+
+def _away(run: SeenRun) -> StorageError:
+    return StorageError(
+        f"The bucket of {run.prefix} is away: its server does not run.",
+        remedy="It starts with the next training or `dr-list-models`; this page goes on by itself.",
+    )
+
+
+class EpisodeRows:
+    """Of a run."""
+
+    def __init__(self, topic: str, look: Callable[[], SeenRun]) -> None:
+        self._look = look
+        self._reader = MetricsReader()
+        self._rows = Rows(topic)
+
+    def read(self) -> Value:
+        """Rows of iteration, 1 for an evaluation, reward, progress."""
+        run = self._look()
+        if run.model is None:
+            raise _away(run)
+        self._rows.update(self._reader.read(run.model.bucket, run.model.metrics_prefix))
+        return self._rows
+
+
+class LapReader:
+    """After each iteration."""
+
+    def __init__(self, topic: str, look: Callable[[], SeenRun], worker: int) -> None:
+        self._topic, self._look, self._worker = topic, look, worker
+        self._history = HistoryReader()
+        self._read: tuple[str, int] | None = None
+
+    def read(self) -> Value | None:
+        """None if they were read before."""
+        run = self._look()
+        if run.model is None:
+            self._read = None
+            raise _away(run)
+        history, _ = readable_history(run.model, self._history)
+        newest = history[-1].iteration if history else -1
+        if self._read == (run.prefix, newest):
+            return None
+        lines = []
+        if newest >= 0:
+            lines = read_lap_lines(run.model.bucket, run.prefix, newest, self._worker)
+        self._read = run.prefix, newest
+        iteration = newest if newest >= 0 else None
+        return Snapshot.of(self._topic, {"iteration": iteration, "lines": lines})
+
+
+def topics(folder: ServedFolder) -> Sequence[BaseRoute]:
+    def look_at(run_id: int) -> Callable[[], SeenRun]:
+        return lambda: seen_run(folder.settings(), run_id)
+
+    def open_episodes(topic: str, publish: Publish) -> Polled:
+        (run_id,) = _numbers(_RUN, topic)
+        return Polled(topic, publish, EpisodeRows(topic, look_at(run_id)).read, EPISODES_S)
+
+    def open_laps(topic: str, publish: Publish) -> Polled:
+        run_id, worker = _numbers(_LAPS, topic)
+        return Polled(topic, publish, LapReader(topic, look_at(run_id), worker).read, LAPS_S)
+
+    def open_elsewhere(topic: str, publish: Publish) -> Polled:
+        (run_id,) = _numbers(_RUN, topic)
+        look = look_at(run_id)
+
+        def read() -> Value:
+            return Snapshot.of(topic, distant_run(look()))
+
+        return Polled(topic, publish, read, ELSEWHERE_S)
+
+    folder.hub.add_kind("episodes", open_episodes)
+    folder.hub.add_kind("laps", open_laps)
+    folder.hub.add_kind("elsewhere", open_elsewhere)
+    return []

@@ -15,9 +15,9 @@ from typing import Any
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
-from drcli.exchange.live_record import LIVE_VIEWS, MOST_CAR, LiveMessage, LiveView
-from drcli.exchange.run_record import RunRecord
-from drcli.runs.live_feed import WorkerKey
+from drcli.live.live_feed import WorkerKey
+from drcli.live.live_record import LIVE_VIEWS, MOST_CAR, LiveMessage, LiveView
+from drcli.records.run_record import RunRecord
 from drcli.web.answers import BadRequest, accepts
 from drcli.web.hub import Polled, Publish
 from drcli.web.served_folder import ServedFolder

@@ -9,15 +9,15 @@ from pathlib import Path
 from starlette.requests import Request
 
 from drcli.base.errors import SettingsError
+from drcli.bucket.bucket import Bucket, Listing
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.exchange.training_record import TrainingRecord
-from drcli.models.model_list import ModelList, ModelListReader, Signature, signature_of
-from drcli.models.training_list import KnownTrainings, known_trainings
-from drcli.models.transfer_buckets import bucket_to_look_at
-from drcli.store import keys
-from drcli.store.bucket import Bucket, Listing
-from drcli.store.model_traces import models_in
+from drcli.model import keys
+from drcli.model.model_list import ModelList, ModelListReader, Signature, signature_of
+from drcli.model.traces import models_in
+from drcli.records.training_record import TrainingRecord
+from drcli.transfer.training_list import KnownTrainings, known_trainings
+from drcli.transfer.transfer_buckets import bucket_to_look_at
 from drcli.web.answers import BadRequest
 from drcli.web.served_folder import ServedFolder
 

@@ -1,18 +1,424 @@
 """Everything about models."""
 
+import math
+import re
+from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from starlette.routing import BaseRoute
+from starlette.requests import Request
+from starlette.responses import FileResponse
+from starlette.routing import BaseRoute, Route
 
-from drcli.web.download_folder import DownloadFolder
-from drcli.web.model_action_routes import action_routes
-from drcli.web.model_detail_routes import detail_routes
-from drcli.web.model_file_routes import file_routes
-from drcli.web.model_import_routes import import_routes
-from drcli.web.model_list_routes import list_routes
-from drcli.web.model_reader import ModelReader
+from drcli.base.files import safe_name
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.config.editing import raised
+from drcli.config.run_config import ModelConfig
+from drcli.model import keys, lease
+from drcli.model.checkpoint_list import list_checkpoints
+from drcli.model.model_list import signature_of
+from drcli.model.repair import Model, read_all_metrics, readable_history, readable_scores
+from drcli.model.traces import models_in
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.episode_metrics import EpisodeMetrics
+from drcli.records.iteration import IterationRecord
+from drcli.records.run_record import running_evaluations
+from drcli.run.evaluation_report import is_video, list_evaluations
+from drcli.run.stopping import running_trainings
+from drcli.transfer.family_tree import family_tree
+from drcli.transfer.model_notes import delete_note, notes_of, rewrite_note, write_note
+from drcli.transfer.record_training import files_of
+from drcli.transfer.report_place import report_file, report_folder
+from drcli.transfer.training_details import compare, compared
+from drcli.transfer.training_list import TrainingEntry, entry_of, settings_of
+from drcli.transfer.transfer_buckets import UNDEFINED
+from drcli.web.answers import BadRequest, accepts, answers, text_of
+from drcli.web.download_folder import DownloadFolder, ObjectCopies
+from drcli.web.hub import Polled, Publish
+from drcli.web.model_action_routes import action_routes, import_routes
+from drcli.web.model_reader import ModelReader, checked, prefix_of
 from drcli.web.served_folder import ServedFolder
+from drcli.web.topics import Snapshot
+
+# Topic `models`, and topic `model:PREFIX` about changes of one.
+
+
+MODELS_S = 3.0
+MODEL_S = 1.5
+_GROUPS = {
+    "model/": "checkpoints",
+    "metrics/evaluation/": "evaluations",
+    "metrics/EvaluationMetrics-": "evaluations",
+    "metrics/": "curve",
+    "ip/": "files",
+    "reward_function.py": "files",
+    "notes/": "notes",
+    "mp4/": "evaluations",
+    "evaluation-": "evaluations",
+    "logs/": "",
+    "training-simtrace/": "",
+}
+"""Beginnings of names; the first counts."""
+
+
+def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
+    def open_models(topic: str, publish: Publish) -> Polled:
+        return Polled(topic, publish, lambda: Snapshot.of(topic, all_models(reader)), MODELS_S)
+
+    def open_model(topic: str, publish: Publish) -> Polled:
+        prefix = topic.partition(":")[2]
+        if not keys.is_valid_prefix(prefix):
+            raise ValueError(topic)
+        return Polled(topic, publish, lambda: Snapshot.of(topic, changes(reader, prefix)), MODEL_S)
+
+    reader.folder.hub.add_kind("models", open_models)
+    reader.folder.hub.add_kind("model", open_model)
+
+    def family(request: Request) -> Any:
+        known = reader.known()
+        prefix = request.query_params.get("prefix")
+        return family_tree(known, None if not prefix else known.find(prefix))
+
+    return [
+        Route("/api/models", answers(lambda _: all_models(reader))),
+        Route("/api/models/family", answers(family)),
+    ]
+
+
+def all_models(reader: ModelReader) -> dict[str, Any]:
+    listed, known = reader.models()
+    newest: dict[str, TrainingEntry] = {}
+    laps: dict[str, int] = {}
+    for record in known.records:
+        if record.id in known.existing:
+            newest[record.prefix] = entry_of(record, exists=True)
+            laps[record.prefix] = record.results.full_laps + record.results.evaluated_laps
+    directory = reader.folder.directory
+    settings = reader.folder.settings()
+    return {
+        "bucket": listed.bucket,
+        "current": settings.model_prefix,
+        "models": [
+            {
+                "model": model,
+                "training": newest.get(model.prefix),
+                "laps": laps.get(model.prefix),
+            }
+            for model in listed.models
+        ],
+        "gone": len(known.records) - len(known.existing),
+        "trainings": [
+            {"prefix": each.prefix, "run_id": each.run_id, "state": each.state}
+            for each in running_trainings(directory)
+        ],
+        "evaluations": _evaluations(reader, None),
+    }
+
+
+def changes(reader: ModelReader, prefix: str) -> dict[str, Any]:
+    """A signature for each part of the page of a model."""
+    settings = reader.folder.settings()
+    bucket = reader.bucket(settings)
+    folder = keys.folder(prefix)
+    listed = bucket.list(folder)
+    inner = [keys.folder(other) for other in models_in(listed) if other != prefix]
+    parts = defaultdict(list)
+    for info in listed:
+        if any(info.key.startswith(other) for other in inner):
+            continue
+        name = info.key.removeprefix(folder)
+        found = next((part for start, part in _GROUPS.items() if name.startswith(start)), "")
+        if found:
+            parts[found].append(info)
+    holder = lease.live_holder(bucket, prefix)
+    here = [run for run in running_trainings(reader.folder.directory) if run.prefix == prefix]
+    return {
+        "exists": prefix in models_in(listed),
+        "parts": {name: list(signature_of(objects)) for name, objects in parts.items()},
+        "training": holder is not None,
+        "training_here": bool(here),
+        "state": here[0].state if here else "",
+        "evaluations": _evaluations(reader, prefix),
+        "current": settings.model_prefix == prefix,
+    }
+
+
+def _evaluations(reader: ModelReader, prefix: str | None) -> list[dict[str, Any]]:
+    return [
+        {
+            "prefix": each.prefix,
+            "stamp": each.stamp,
+            "world": each.world,
+            "checkpoint": each.checkpoint,
+            "started_at": each.started_at,
+        }
+        for each in running_evaluations(reader.folder.directory)
+        if prefix is None or prefix in (each.prefix, *each.others)
+    ]
+
+
+# Files of a model that a browser shows or keeps.
+
+
+REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; img-src data:; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""The report's own policy allows its scripts by hash. The sandbox has no origin, so a script in it
+could neither read nor ask anything of the console.
+"""
+
+
+def file_routes(
+    reader: ModelReader, downloads: DownloadFolder, analyses: dict[str, Any]
+) -> Sequence[BaseRoute]:
+    videos = ObjectCopies(reader.folder.directory / "data" / "viewer" / "videos")
+
+    def video(request: Request) -> Any:
+        prefix, name = prefix_of(request), request.query_params.get("name", "")
+        if not is_video(name):
+            raise BadRequest("This is not the name of a video of a model.", 404)
+        _, bucket = reader.open(prefix)
+        key = keys.folder(prefix) + name
+        file = ""
+        if "download" in request.query_params:
+            file = f"{safe_name(prefix)}-{safe_name(name.removesuffix('.mp4'))}.mp4"
+        return videos.answer(bucket, key, media_type="video/mp4", filename=file)
+
+    def report(request: Request) -> Any:
+        path = _report(reader.folder.directory, prefix_of(request))
+        if path is None:
+            raise BadRequest("There is no report of this model yet. Analyse it first.", 404)
+        headers = {"content-security-policy": REPORT_POLICY}
+        if "download" in request.query_params:
+            return FileResponse(path, media_type="text/html", filename=path.name, headers=headers)
+        return FileResponse(path, media_type="text/html; charset=utf-8", headers=headers)
+
+    def about(request: Request) -> Any:
+        prefix = prefix_of(request)
+        path = _report(reader.folder.directory, prefix)
+        written = None if path is None else path.stat().st_mtime
+        return {"written": written, "analysis": analyses.get(prefix)}
+
+    def download(request: Request) -> Any:
+        return downloads.answer(request.path_params["name"])
+
+    return [
+        Route("/api/model/video", answers(video)),
+        Route("/api/model/report", answers(report)),
+        Route("/api/model/report/about", answers(about)),
+        Route("/api/download/{name}", answers(download)),
+    ]
+
+
+def _report(directory: Path, prefix: str) -> Path | None:
+    """A link out of the folder is none."""
+    path = report_file(directory, prefix)
+    inside = path.resolve().is_relative_to(report_folder(directory).resolve())
+    return path if inside and path.is_file() else None
+
+
+# The reward graph of a training.
+
+
+MOST_EPISODES = 4_000
+"""Of more, every second one is left out, or two of three ..."""
+
+_METRICS = re.compile(r"TrainingMetrics(_\d+)?\.json")
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    iteration: int
+    reward: float | None
+    progress: float | None
+    evaluation_reward: float | None
+    evaluation_progress: float | None
+    evaluation_laps: int
+    entropy: float | None
+    evaluation_episodes: int = 0
+
+
+@dataclass(frozen=True)
+class EpisodePoint:
+    iteration: int
+    evaluation: bool
+    reward: float
+    progress: float
+
+
+@dataclass(frozen=True)
+class RewardCurve:
+    iterations: list[CurvePoint]
+    episodes: list[EpisodePoint]
+    all_episodes: int
+    best_iteration: int | None
+    damaged: list[str] = field(default_factory=list)
+
+
+def read_reward_curve(config: ModelConfig, bucket: Bucket, prefix: str) -> RewardCurve:
+    """Reconstructs damaged records; raises StorageError."""
+    model = Model.of(config, bucket, prefix)
+    history, damaged = readable_history(model)
+    scores, worse = readable_scores(model)
+    damaged += worse
+    records: list[EpisodeMetrics] = []
+    for key in _metrics_keys(bucket, model.metrics_prefix):
+        try:
+            records += read_all_metrics(bucket, key)
+        except ObjectMissing:
+            continue
+        except ObjectDamaged as error:
+            damaged.append(str(error))
+    numbered = [record for record in records if record.iteration is not None]
+    numbered.sort(key=lambda record: (record.iteration or 0, record.episode))
+    driven: dict[int, list[float]] = {}
+    for record in numbered:
+        if record.phase == "evaluation":
+            driven.setdefault(record.iteration or 0, []).append(record.reward_score)
+    best = None
+    if scores is not None:
+        name = CheckpointName.parse(scores.best_checkpoint.name)
+        best = None if name is None else name.number
+    every = max(1, math.ceil(len(numbered) / MOST_EPISODES))
+    return RewardCurve(
+        [_point(record, driven.get(record.iteration, [])) for record in history],
+        [_episode(record) for record in numbered[::every]],
+        len(records),
+        best,
+        damaged,
+    )
+
+
+def _metrics_keys(bucket: Bucket, metrics_prefix: str) -> list[str]:
+    folder = metrics_prefix.rstrip("/") + "/"
+    names = {info.key.removeprefix(folder).partition(".part-")[0] for info in bucket.list(folder)}
+    return sorted(folder + name for name in names if _METRICS.fullmatch(name))
+
+
+def _point(record: IterationRecord, rewards: Sequence[float]) -> CurvePoint:
+    return CurvePoint(
+        record.iteration,
+        record.mean_reward,
+        record.mean_progress,
+        _mean(rewards),
+        _mean(record.evaluation_progress),
+        len(record.evaluation_lap_s),
+        record.entropy,
+        len(record.evaluation_progress),
+    )
+
+
+def _episode(record: EpisodeMetrics) -> EpisodePoint:
+    return EpisodePoint(
+        record.iteration or 0,
+        record.phase == "evaluation",
+        record.reward_score,
+        record.completion_percentage,
+    )
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return sum(values) / len(values) if values else None
+
+
+# The page of one model.
+
+
+def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
+    def overview(request: Request) -> Any:
+        prefix = prefix_of(request)
+        settings, bucket = reader.open(prefix)
+        listed = next((m for m in reader.models()[0].models if m.prefix == prefix), None)
+        record = reader.record(prefix)
+        trainings = [r for r in reader.known().records if r.prefix == prefix]
+        upload = settings.upload_s3_bucket
+        return {
+            "model": listed,
+            "bucket": bucket.name,
+            "training": None
+            if record is None
+            else entry_of(record, exists=record.id in reader.known().existing),
+            "trainings": len(trainings),
+            "current": prefix == settings.model_prefix,
+            "next_name": raised(prefix, prefix)[1],
+            "upload_bucket": "" if upload in ("", UNDEFINED) else upload,
+            "upload_to": settings.upload_s3_prefix if prefix == settings.model_prefix else prefix,
+        }
+
+    def checkpoints(request: Request) -> Any:
+        prefix = prefix_of(request)
+        settings, bucket = reader.open(prefix)
+        return list_checkpoints(settings.model, bucket, prefix)
+
+    def curve(request: Request) -> Any:
+        prefix = prefix_of(request)
+        settings, bucket = reader.open(prefix)
+        return read_reward_curve(settings.model, bucket, prefix)
+
+    def evaluations(request: Request) -> Any:
+        prefix = prefix_of(request)
+        settings, bucket = reader.open(prefix)
+        return list_evaluations(settings.model, bucket, prefix)
+
+    def files(request: Request) -> Any:
+        prefix = prefix_of(request)
+        _, bucket = reader.open(prefix)
+        record = reader.record(prefix)
+        return {
+            "files": files_of(bucket, prefix),
+            "settings": {} if record is None else settings_of(record),
+            "given": [] if record is None else sorted(record.newest.settings or ()),
+            "versions": {} if record is None else record.newest.versions,
+            "machine": {} if record is None else record.newest.machine,
+            "parent": "" if record is None or record.parent is None else record.parent.prefix,
+        }
+
+    def difference(request: Request) -> Any:
+        known = reader.known()
+        bucket = reader.bucket(reader.folder.settings())
+        other = checked(request.query_params.get("other"), "other model")
+        mine = prefix_of(request)
+        return compare(compared(bucket, known, other), compared(bucket, known, mine))
+
+    def notes(request: Request) -> Any:
+        prefix = prefix_of(request)
+        _, bucket = reader.open(prefix)
+        return notes_of(bucket, prefix)
+
+    def add(request: Request, body: dict[str, Any]) -> Any:
+        return write_note(reader.folder.settings(), prefix_of(request), text_of(body, "text"))
+
+    def edit(request: Request, body: dict[str, Any]) -> Any:
+        prefix, number = prefix_of(request), _number(body.get("number"))
+        return rewrite_note(reader.folder.settings(), prefix, number, text_of(body, "text"))
+
+    def remove(request: Request) -> Any:
+        number = _number(request.query_params.get("number"))
+        return delete_note(reader.folder.settings(), prefix_of(request), number)
+
+    return [
+        Route("/api/model", answers(overview)),
+        Route("/api/model/checkpoints", answers(checkpoints)),
+        Route("/api/model/curve", answers(curve)),
+        Route("/api/model/evaluations", answers(evaluations)),
+        Route("/api/model/files", answers(files)),
+        Route("/api/model/difference", answers(difference)),
+        Route("/api/model/notes", answers(notes), methods=["GET"]),
+        Route("/api/model/notes", accepts(add), methods=["POST"]),
+        Route("/api/model/notes", accepts(edit), methods=["PUT"]),
+        Route("/api/model/notes", answers(remove), methods=["DELETE"]),
+    ]
+
+
+def _number(value: Any) -> int:
+    if isinstance(value, str) and value.isdecimal() and len(value) < 9:
+        value = int(value)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise BadRequest("The request needs the number of a note.")
+    return value
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:

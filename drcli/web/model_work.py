@@ -1,16 +1,148 @@
 """What tasks about models do in their own process."""
 
-from collections.abc import Iterator
+import io
+import tarfile
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from drcli.base.replaceable import safe_name
-from drcli.config.checkpoint_words import CheckpointChoice
-from drcli.store.bucket import Watch
-from drcli.web import start_work
+from drcli.base.errors import SettingsError
+from drcli.base.files import safe_name
+from drcli.bucket.bucket import Bucket, ObjectInfo, ObjectMissing, Watch
+from drcli.config.value_types import CheckpointChoice
+from drcli.model import keys
+from drcli.model.traces import traces_of
+from drcli.records.run_record import KINDS, log_folder
+from drcli.web import start_routes
 from drcli.web.model_reader import settings_for
 from drcli.web.tasks import Progress
+
+# Packs a model, or its logs, into one archive.
+
+
+_STEPS = ("-simtrace/", "/mp4/", "/video.mp4")
+"""Traces and videos are large, and no import reads them."""
+
+
+@dataclass(frozen=True)
+class PackedModel:
+    model: str
+    file: str
+    files: int
+    size_bytes: int
+
+
+def pack_model(
+    bucket: Bucket,
+    prefix: str,
+    path: Path,
+    *,
+    traces: bool = False,
+    progress: Callable[[str], None] = lambda text: None,
+) -> PackedModel:
+    """Write a model as `.tar.gz`, which `dr-import` and consoles read.
+
+    Raises:
+        SettingsError: There is none, or the file cannot be written.
+        StorageError: The bucket does not answer.
+    """
+    folder = keys.folder(prefix)
+    own = [info for info in traces_of(bucket, prefix).objects if info.key.startswith(folder)]
+    if not traces:
+        own = [info for info in own if not any(part in f"/{info.key}" for part in _STEPS)]
+    if not own:
+        raise _nothing(bucket, prefix, "files")
+    own.sort(key=lambda info: info.key)
+    with _archive(path) as archive:
+        count = _add_objects(archive, bucket, own, folder, progress)
+    return PackedModel(prefix, str(path), count, path.stat().st_size)
+
+
+def pack_logs(
+    bucket: Bucket,
+    directory: Path,
+    prefix: str,
+    path: Path,
+    progress: Callable[[str], None] = lambda text: None,
+) -> PackedModel:
+    """Pack the logs of this machine, else those in the bucket.
+
+    Raises:
+        SettingsError: There are none, or the file cannot be written.
+        StorageError: The bucket does not answer.
+    """
+    if not keys.is_valid_prefix(prefix):
+        raise _nothing(bucket, prefix, "logs")
+    here = {
+        f"{kind}/{file.name}": file
+        for kind in KINDS
+        for file in sorted(_files(log_folder(directory, prefix, kind)))
+    }
+    folder = f"{keys.folder(prefix)}logs/"
+    stored = [info for info in bucket.list(folder) if info.key.removeprefix(folder) not in here]
+    if not here and not stored:
+        raise _nothing(bucket, prefix, "logs")
+    with _archive(path) as archive:
+        for name, file in here.items():
+            archive.add(file, f"logs/{name}", recursive=False)
+        count = _add_objects(archive, bucket, stored, keys.folder(prefix), progress)
+    return PackedModel(prefix, str(path), len(here) + count, path.stat().st_size)
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    if folder.is_dir():
+        for path in folder.iterdir():
+            if path.is_file() and not path.is_symlink():
+                yield path
+
+
+@contextmanager
+def _archive(path: Path) -> Iterator[tarfile.TarFile]:
+    try:
+        with tarfile.open(path, "w:gz", compresslevel=1, dereference=False) as archive:
+            yield archive
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise SettingsError(
+            f"{path} cannot be written: {error.strerror or error}.",
+            remedy="Make room on the disk, then try again.",
+        ) from error
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def _add_objects(
+    archive: tarfile.TarFile,
+    bucket: Bucket,
+    objects: Iterable[ObjectInfo],
+    folder: str,
+    progress: Callable[[str], None],
+) -> int:
+    every = list(objects)
+    count = 0
+    for number, info in enumerate(every):
+        if number % 20 == 0:
+            progress(f"{number} of {len(every)} files")
+        try:
+            data = bucket.get(info.key)
+        except ObjectMissing:
+            continue  # a training deletes its older checkpoints
+        member = tarfile.TarInfo(info.key.removeprefix(folder))
+        member.size, member.mtime = len(data), int(info.modified.timestamp())
+        archive.addfile(member, io.BytesIO(data))
+        count += 1
+    return count
+
+
+def _nothing(bucket: Bucket, prefix: str, what: str) -> SettingsError:
+    return SettingsError(
+        f"s3://{bucket.name}/{prefix} has no {what}.",
+        remedy="`dr-list-models` lists all models.",
+    )
+
 
 DownloadKind = Literal["car", "onnx", "logs", "model", "everything"]
 """`onnx`: a policy; `model`: without traces and videos."""
@@ -28,9 +160,9 @@ def make_download(
     settings = settings_for(directory, prefix)
     name = safe_name(prefix)
     if kind == "car":
-        from drcli.models.export_car import archive_path, write_archive
-        from drcli.models.export_model import Selection, read_export_source
-        from drcli.runs.car_archive_on_drive import made_car_archive
+        from drcli.checks.compare_on_drive import made_car_archive
+        from drcli.transfer.export_car import archive_path, write_archive
+        from drcli.transfer.export_model import Selection, read_export_source
 
         source = read_export_source(settings, Selection(choice, prefix))
         path = archive_path(folder, source.file_name)
@@ -39,8 +171,7 @@ def make_download(
         return {"file": str(path), "report": report}
     if kind == "onnx":
         return _onnx(progress, settings, prefix, choice, folder)
-    from drcli.models.pack_model import pack_logs, pack_model
-    from drcli.models.transfer_buckets import bucket_to_look_at
+    from drcli.transfer.transfer_buckets import bucket_to_look_at
 
     bucket = bucket_to_look_at(settings.transfer, upload=False)
     if kind == "logs":
@@ -58,8 +189,8 @@ def _onnx(
     """With its metadata, which other programs need."""
     import zipfile
 
-    from drcli.models.export_forms import export_form, plan_form
-    from drcli.models.export_model import Selection
+    from drcli.transfer.export_forms import export_form, plan_form
+    from drcli.transfer.export_model import Selection
 
     planned = plan_form(settings, Selection(choice, prefix), "onnx", folder)
     progress("Writes the policy and compares it with PyTorch.")
@@ -76,7 +207,7 @@ def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str,
     from drcli.analysis.analysis import analyse
     from drcli.analysis.outputs import write_report
     from drcli.analysis.read_run import read_run
-    from drcli.analysis.report_place import report_file
+    from drcli.transfer.report_place import report_file
 
     settings = settings_for(directory, prefix)
     progress("Reads traces, metrics and evaluations.")
@@ -98,21 +229,21 @@ def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str,
 def start_training(
     progress: Progress, directory: Path, prefix: str, max_minutes: float | None
 ) -> dict[str, Any]:
-    from drcli.runs.plan import StartOptions
-    from drcli.runs.track_fetch import fetch_allowed
+    from drcli.run.plan import StartOptions
+    from drcli.run.track_fetch import fetch_allowed
 
     settings = settings_for(directory, prefix)
     fetch_allowed(settings)
     options = StartOptions(resume=True, max_minutes=max_minutes)
-    return start_work.start_training(progress, settings, options, fetches=False)
+    return start_routes.start_training(progress, settings, options, fetches=False)
 
 
 def start_evaluation(
     progress: Progress, directory: Path, prefix: str, flags: dict[str, str]
 ) -> dict[str, Any]:
-    from drcli.runs.evaluation import launch_evaluation
-    from drcli.runs.evaluation_plan import prepare_evaluation
-    from drcli.runs.track_fetch import fetch_allowed
+    from drcli.run.evaluation import launch_evaluation
+    from drcli.run.evaluation_plan import prepare_evaluation
+    from drcli.run.track_fetch import fetch_allowed
 
     settings = settings_for(directory, prefix, flags)
     fetch_allowed(settings)
@@ -138,17 +269,17 @@ def make_lap_video(
 ) -> dict[str, Any]:
     """Film an evaluation as dr-video does, and put the film beside its trace.
 
-    `wish` has fields of `drcli.video.make_video.Wish`; `path`: a film to download instead.
+    `wish` has fields of `drcli.view.video.make_video.Wish`; `path`: a film to download instead.
     """
     import tempfile
 
-    from drcli.models.transfer_buckets import bucket_to_look_at
-    from drcli.store import keys
-    from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
-    from drcli.video.encode import require_encoder
-    from drcli.video.make_video import USUAL_SECONDS, Wish, frames_of
-    from drcli.video.trace_source import trace_of_evaluation
-    from drcli.video.video_job import Defaults, make_video
+    from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
+    from drcli.model import keys
+    from drcli.transfer.transfer_buckets import bucket_to_look_at
+    from drcli.view.video.encode import require_encoder
+    from drcli.view.video.make_video import USUAL_SECONDS, Wish, frames_of
+    from drcli.view.video.trace_source import trace_of_evaluation
+    from drcli.view.video.video_job import Defaults, make_video
 
     require_encoder()
     settings = settings_for(directory, prefix)
@@ -179,7 +310,7 @@ def upload_model(
     to: str,
     local: bool,
 ) -> Any:
-    from drcli.models.upload import UploadOptions, plan_upload, upload
+    from drcli.transfer.upload import UploadOptions, plan_upload, upload
 
     settings = settings_for(directory, prefix)
     options = UploadOptions(choice, prefix=prefix, to=to or None, local=local)
@@ -191,10 +322,9 @@ def import_archive(
     progress: Progress, directory: Path, source: Path, prefix: str, world: str | None
 ) -> Any:
     from drcli.config.loading import load_settings
-    from drcli.models.download import download, plan_download
-    from drcli.models.find_checkpoint import OwnModel
-    from drcli.models.import_model import copy_of_own, import_model, plan_import
-    from drcli.models.imported_model import ImportOptions
+    from drcli.transfer.download import download, plan_download
+    from drcli.transfer.find_checkpoint import OwnModel
+    from drcli.transfer.import_model import ImportOptions, copy_of_own, import_model, plan_import
 
     settings = load_settings(directory)
     progress("Reads and compares the model.")
@@ -209,7 +339,7 @@ def import_archive(
 
 def delete_model(progress: Progress, directory: Path, prefix: str, forget: bool) -> Any:
     from drcli.config.loading import load_settings
-    from drcli.runs.model_removal import plan_removal, remove_models
+    from drcli.transfer.model_removal import plan_removal, remove_models
 
     settings = load_settings(directory)
     planned = plan_removal(settings, [prefix], forget=forget)

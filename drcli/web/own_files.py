@@ -3,17 +3,16 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from drcli.base.errors import DrError
-from drcli.base.file_lock import only_writer
-from drcli.base.problems import ProblemsError
+from drcli.base.errors import DrError, ProblemsError
+from drcli.base.files import only_writer
+from drcli.bucket.connect import open_running_bucket
 from drcli.config.editing import FilesChanged, version_of
-from drcli.config.example_files import model_file
+from drcli.config.presets import model_file
 from drcli.config.settings import Settings
-from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find, local_file
-from drcli.modelfiles.json_file import read_json_object
-from drcli.models.copy_custom_files import BACKUP, write_file
+from drcli.model.files.custom_files import FILE_RULES, InputFile, find, local_file
+from drcli.model.files.data_file import read_json_object
 from drcli.rewards.source import display_name
-from drcli.store.connect import open_running_bucket
+from drcli.transfer.copy_custom_files import BACKUP, write_file
 from drcli.web.answers import BadRequest
 
 

@@ -2,29 +2,121 @@
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from drcli.base.plain_json import keys_of, plain
-from drcli.base.process_identity import this_machine
-from drcli.config.bucket_config import StorageConfig
+from drcli.base.json_record import keys_of, plain
+from drcli.base.processes import this_machine
+from drcli.bucket.bucket import Bucket
+from drcli.bucket.connect import open_running_bucket
+from drcli.config.run_config import StorageConfig
 from drcli.config.settings import Settings
-from drcli.exchange.evaluation_record import running_evaluations
-from drcli.exchange.race_rules import RaceRules
+from drcli.model import race_keys
 from drcli.races import race_words
+from drcli.races import race_words as words
+from drcli.races.lap_ranking import figures_of
 from drcli.races.organise import list_races
 from drcli.races.queue_lease import live_lease
-from drcli.races.race_limit import with_limit
-from drcli.races.race_moments import moments_of
-from drcli.races.race_report import RaceList, RaceReport
-from drcli.races.race_runs import Runner
+from drcli.races.race_records import RaceResult, RaceRules
+from drcli.races.race_report import RaceList, RaceReport, with_limit
 from drcli.races.race_settings import shown_settings
-from drcli.races.standings import report_of
-from drcli.races.stored_race import is_race_id, no_race, read_race
-from drcli.races.unchanged_objects import RaceObjects
-from drcli.store import race_keys
-from drcli.store.bucket import Bucket
-from drcli.store.connect import open_running_bucket
+from drcli.races.standings import Runner, report_of, run_state
+from drcli.races.stored_race import (
+    RaceObjects,
+    StoredRace,
+    is_race_id,
+    no_race,
+    read_race,
+    submission_id,
+)
+from drcli.records.run_record import running_evaluations
 from drcli.web.served_folder import ServedFolder
+
+# What a race drives now, and drove last.
+
+
+@dataclass(frozen=True)
+class RunCar:
+    """Times are simulated seconds; `clean` laps have no reset or penalty."""
+
+    submission: str
+    racer: str
+    model: str
+    complete: int = 0
+    laps: int = 0
+    best_lap_s: float | None = None
+    total_s: float | None = None
+    clean: int = 0
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class RaceRun:
+    """A submission or pair; `key` is unique, state running, done or failed."""
+
+    key: str
+    state: str
+    began_at: float
+    ended_at: float | None
+    cars: list[RunCar] = field(default_factory=list)
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class RaceMoments:
+    driving: RaceRun | None
+    last: RaceRun | None
+
+
+def moments_of(stored: StoredRace, runner: Runner) -> RaceMoments:
+    driving: RaceRun | None = None
+    last: RaceRun | None = None
+    for name in sorted(stored.results):
+        names = name.split("_")
+        result = stored.result(*names)
+        if result is None or not all(each in stored.submissions for each in names):
+            continue
+        state = run_state(result, runner)
+        if state == "running":
+            driving = _run(stored, names, result, state)
+        elif state in ("done", "failed") and (
+            last is None or (result.ended_at or 0.0) > (last.ended_at or 0.0)
+        ):
+            last = _run(stored, names, result, state)
+    return RaceMoments(driving, last)
+
+
+def _run(stored: StoredRace, names: list[str], result: RaceResult, state: str) -> RaceRun:
+    laps = {car.submission: car.laps for car in result.cars}
+    cars = []
+    for name in [car.submission for car in result.cars] or names:
+        submission, driven = stored.submissions[name], laps.get(name, [])
+        times = [lap.lap_s for lap in driven if lap.complete]
+        figures = figures_of(driven, 1)
+        cars.append(
+            RunCar(
+                submission_id(name),
+                submission.racer,
+                submission.model,
+                len(times),
+                len(driven),
+                min(times, default=None),
+                sum(times) if times else None,
+                figures.clean,
+                f"{words.laps_of(figures)}, best {words.time_of(figures.best)}"
+                if times
+                else words.laps_of(figures),
+            )
+        )
+    return RaceRun(
+        f"{'+'.join(map(submission_id, names))}-{result.restarts}-{result.session}",
+        state,
+        result.began_at,
+        result.ended_at,
+        cars,
+        result.message,
+    )
+
 
 T = TypeVar("T")
 

@@ -12,7 +12,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from drcli.base.plain_json import plain
+from drcli.base.json_record import plain
 from drcli.config.loading import load_settings
 from drcli.web.answers import error_of, placed
 

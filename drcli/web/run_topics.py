@@ -1,25 +1,37 @@
 """Topics `run:N` (state) and `iterations:N` (learning curve); N is DR_RUN_ID."""
 
+import csv
+import io
 import math
+import os
+import platform
+import re
+import shutil
+import subprocess
 import threading
 import time
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import psutil
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
-from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.run_record import run_folder
-from drcli.runs.seen_in_bucket import seen_run
-from drcli.runs.status import RunReport, inspect
-from drcli.store.history import HistoryReader
-from drcli.store.repair import readable_history
+from drcli.base.memory import read_memory
+from drcli.model.history import HistoryReader
+from drcli.model.repair import readable_history
+from drcli.records.iteration import IterationRecord
+from drcli.records.run_record import RunRecord, log_file, run_folder
+from drcli.run.seen_in_bucket import seen_run
+from drcli.run.status import RunReport, inspect
 from drcli.web.answers import answers
 from drcli.web.hub import Polled, Publish
 from drcli.web.served_folder import ServedFolder
-from drcli.web.topics import Rows, Snapshot, Value
+from drcli.web.topics import Marker, Message, Rows, Snapshot, Value, text_message
 
 RUN_S = 1.0
 NEW_S = 0.8
@@ -111,3 +123,256 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         }
 
     return [Route("/api/folder", answers(about))]
+
+
+# Topics `log:RUN:NAME`: the newest lines of a log of a run.
+#
+# NAME is `supervisor`, `trainer`, `sim-0`, `reward-0` (prints of the reward function in sim-0) or
+# `evaluation`.
+
+
+LOG_S = 0.7
+KEPT_LINES = 300
+
+MOST_BYTES = 1 << 16
+LONGEST_LINE = 1_000
+_TOPIC = re.compile(r"log:(\d{1,2}):(supervisor|trainer|evaluation|(?:sim|reward)-\d{1,3})")
+
+
+@dataclass(frozen=True, eq=False)
+class LogLines:
+    """The newest lines of a log.
+
+    Attributes:
+        file: Another number when the log began anew.
+        total: Lines that were read of it.
+        note: Why there is no log.
+    """
+
+    topic: str
+    file: int
+    total: int
+    lines: tuple[str, ...]
+    note: str = ""
+
+    def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
+        """`{"anew", "lines", "note"}`: lines to add, or to show instead."""
+        marker = (self.file, self.total, self.note)
+        if since == marker:
+            return None, marker
+        known = since[1] if since is not None and since[0] == self.file else None
+        anew = known is None
+        new = len(self.lines) if known is None else min(self.total - known, len(self.lines))
+        lines = list(self.lines[len(self.lines) - new :])
+        data = {"anew": anew, "lines": lines, "note": self.note}
+        return text_message(self.topic, data), marker
+
+
+class LogReader:
+    """Of new lines."""
+
+    def __init__(self, topic: str) -> None:
+        self._topic = topic
+        self._path: Path | None = None
+        self._inode, self._offset = 0, 0
+        self._file, self._total = 0, 0
+        self._rest = b""
+        self._lines: deque[str] = deque(maxlen=KEPT_LINES)
+
+    def read(self, path: Path | None, missing: str) -> LogLines:
+        note = ""
+        try:
+            if path is None:
+                raise FileNotFoundError
+            self._add(path)
+        except FileNotFoundError:
+            note = missing
+            if self._total:
+                self._begin(None, 0)
+        except OSError as error:
+            note = f"{path} cannot be read: {error.strerror}."
+        return LogLines(self._topic, self._file, self._total, tuple(self._lines), note)
+
+    def _begin(self, path: Path | None, inode: int) -> None:
+        self._path, self._inode, self._offset = path, inode, 0
+        self._file += 1
+        self._total, self._rest = 0, b""
+        self._lines.clear()
+
+    def _add(self, path: Path) -> None:
+        with path.open("rb") as file:
+            status = os.fstat(file.fileno())
+            if (path, status.st_ino) != (self._path, self._inode) or status.st_size < self._offset:
+                self._begin(path, status.st_ino)
+            begin = max(self._offset, status.st_size - MOST_BYTES)
+            file.seek(begin)
+            data = file.read(MOST_BYTES)
+            end = file.tell()
+        if begin > self._offset:
+            # The first line would be a part of one, and so perhaps a part of a secret.
+            self._rest, data = b"", data.partition(b"\n")[2]
+        self._offset = end
+        *whole, self._rest = (self._rest + data).split(b"\n")
+        self._rest = self._rest[:MOST_BYTES]
+        for line in whole:
+            text = line.decode("utf-8", "replace").rstrip("\r")
+            self._lines.append(text[:LONGEST_LINE])
+        self._total += len(whole)
+
+
+def log_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    def open_log(topic: str, publish: Publish) -> Polled:
+        found = _TOPIC.fullmatch(topic)
+        if found is None:
+            raise ValueError(topic)
+        run_id, name = int(found[1]), found[2]
+        reader = LogReader(topic)
+
+        def read() -> Value:
+            record = RunRecord.read(run_folder(folder.directory, run_id))
+            prefix = record.prefix if record is not None else folder.settings().model_prefix
+            path = log_file(folder.directory, prefix, name)
+            return reader.read(path, _missing(name))
+
+        return Polled(topic, publish, read, LOG_S)
+
+    folder.hub.add_kind("log", open_log)
+    return []
+
+
+def _missing(name: str) -> str:
+    if name.startswith("reward-"):
+        return "The reward function has printed nothing yet. Use print() in it to see values here."
+    return f"There is no log of {name} on this machine yet. It begins when {name} starts."
+
+
+# Topic `machine`: processor, memory, disk and GPUs.
+
+
+MACHINE_S = 2.0
+NVIDIA_S = 5.0
+
+
+@dataclass(frozen=True)
+class Gpu:
+    """NVIDIA."""
+
+    name: str
+    percent: float | None
+    memory_bytes: float | None
+    memory_used_bytes: float | None
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What a machine has and uses.
+
+    Attributes:
+        processor_percent: Of all cores, since the last look.
+        load: Mean number of processes that run or wait, over a minute.
+        memory_bytes: RAM, or the limit of the container.
+        disk_bytes: Of the working folder's disk.
+    """
+
+    name: str
+    cores: int
+    processor_percent: float
+    load: float | None
+    memory_bytes: int
+    memory_used_bytes: int
+    disk_bytes: int
+    disk_used_bytes: int
+    gpus: list[Gpu] = field(default_factory=list)
+
+
+class ProcessorMeter:
+    """How busy all cores were since the last look, whichever thread looks.
+
+    psutil.cpu_percent looks per thread: in a pool it gives 0, or the mean of a long time.
+    """
+
+    def __init__(self) -> None:
+        self._total_s, self._idle_s = _processor_times()
+
+    def percent(self) -> float:
+        total_s, idle_s = _processor_times()
+        passed_s, unused_s = total_s - self._total_s, idle_s - self._idle_s
+        self._total_s, self._idle_s = total_s, idle_s
+        return min(100.0, max(0.0, 100.0 * (1.0 - unused_s / passed_s))) if passed_s > 0 else 0.0
+
+
+def _processor_times() -> tuple[float, float]:
+    """Seconds of all cores since the start, and idle ones."""
+    times = psutil.cpu_times()
+    # Linux counts guests in user and nice already.
+    counted = {name: s for name, s in times._asdict().items() if not name.startswith("guest")}
+    return sum(counted.values()), times.idle + counted.get("iowait", 0.0)
+
+
+def look(directory: Path, processor: ProcessorMeter) -> Machine:
+    memory, disk = read_memory(), psutil.disk_usage(str(directory))
+    return Machine(
+        name=_processor(),
+        cores=os.cpu_count() or 1,
+        processor_percent=processor.percent(),
+        load=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        memory_bytes=memory.total_bytes,
+        memory_used_bytes=memory.total_bytes - memory.available_bytes,
+        disk_bytes=disk.total,
+        disk_used_bytes=disk.total - disk.free,
+        gpus=_gpus(),
+    )
+
+
+@cache
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor()
+
+
+def _gpus() -> list[Gpu]:
+    program = shutil.which("nvidia-smi")
+    if program is None:
+        return []
+    question = "--query-gpu=name,utilization.gpu,memory.total,memory.used"
+    try:
+        said = subprocess.run(
+            [program, question, "--format=csv,noheader,nounits"],
+            capture_output=True,
+            text=True,
+            timeout=NVIDIA_S,
+            check=True,
+        ).stdout
+    except (OSError, subprocess.SubprocessError):
+        return []
+    rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(said))]
+    return [
+        Gpu(row[0], _number(row[1]), _number(row[2], 1 << 20), _number(row[3], 1 << 20))
+        for row in rows
+        if len(row) == 4
+    ]
+
+
+def _number(text: str, factor: float = 1.0) -> float | None:
+    try:
+        return float(text) * factor
+    except ValueError:
+        return None
+
+
+def machine_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    processor = ProcessorMeter()
+
+    def open_machine(topic: str, publish: Publish) -> Polled:
+        def read() -> Snapshot:
+            return Snapshot.of(topic, look(folder.directory, processor))
+
+        return Polled(topic, publish, read, MACHINE_S)
+
+    folder.hub.add_kind("machine", open_machine)
+    return []

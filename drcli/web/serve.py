@@ -11,9 +11,8 @@ from starlette.types import ASGIApp
 
 from drcli.base.log import LogFile
 from drcli.config import secret_environment
-from drcli.config.figure_types import LOOPBACK_HOSTS
-from drcli.web.connection_limits import TimedHttp, TimedWebSocket
-from drcli.web.console_app import build_app
+from drcli.config.value_types import LOOPBACK_HOSTS
+from drcli.web.console_app import TimedHttp, TimedWebSocket, build_app
 from drcli.web.listen import Listen
 from drcli.web.viewer_process import log_path
 

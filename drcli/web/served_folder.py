@@ -5,10 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from drcli.bucket.bucket import Bucket
+from drcli.bucket.connect import open_bucket
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket
 from drcli.web.hub import Hub
 from drcli.web.shared_feed import SharedFeed
 from drcli.web.tasks import Tasks

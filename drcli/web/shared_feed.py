@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
 
-from drcli.exchange.live_record import LiveMessage, LiveView
-from drcli.runs.live_feed import LiveFeed, LiveWorker, OnMessage, WorkerKey
+from drcli.live.live_feed import LiveFeed, LiveWorker, OnMessage, WorkerKey
+from drcli.live.live_record import LiveMessage, LiveView
 
 OnGone = Callable[[int, str], None]
 

@@ -7,21 +7,53 @@ from typing import TYPE_CHECKING, Any
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
-from drcli.base.errors import DrError
-from drcli.base.plain_json import plain
+from drcli.base.errors import DrError, WorkerDied
+from drcli.base.json_record import plain
+from drcli.bucket.connect import open_running_bucket
 from drcli.config.settings import Settings
-from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.runs.track_fetch import tracks_to_fetch
-from drcli.store.connect import open_running_bucket
-from drcli.store.model_prefix import is_used, newest_checkpoint
+from drcli.model.model_prefix import is_used, newest_checkpoint
+from drcli.records.run_record import RunRecord, run_folder
+from drcli.run.status import inspect
+from drcli.run.track_fetch import tracks_to_fetch
 from drcli.web.answers import BadRequest, accepts, answers, placed
 from drcli.web.apart import run_apart
 from drcli.web.served_folder import ServedFolder
-from drcli.web.start_work import start_training
 from drcli.web.tasks import Progress
 
 if TYPE_CHECKING:
-    from drcli.runs.plan import StartOptions
+    from drcli.run.plan import StartOptions
+
+# Starts trainings in a process of its own.
+
+
+def start_training(
+    progress: Progress, settings: Settings, options: "StartOptions", fetches: bool
+) -> dict[str, Any]:
+    """As `dr-start-training -q`; `fetches` missing community tracks."""
+    from drcli.run import plan, training
+    from drcli.run.track_fetch import fetch, missing_tracks
+
+    missing = missing_tracks(settings) if fetches else []
+    for name in missing:
+        progress(f"Fetching the track {name} ...")
+        fetch(settings, name)
+    progress("Checking settings, files and reward function ...")
+    planned = plan.prepare(settings, options)
+    progress("Starting the workers ...")
+    pid = training.launch(planned)
+    if inspect(settings.run).pid != pid:
+        raise WorkerDied(
+            "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
+        )
+    return {
+        "model": settings.model_prefix,
+        "bucket": settings.bucket,
+        "pid": pid,
+        "warnings": planned.warnings,
+        "resumes": planned.resumes,
+        "ends": planned.ends,
+    }
+
 
 LONGEST_MINUTES = 10_000_000
 LONGEST_LAP_S = 10_000.0
@@ -49,7 +81,7 @@ def _whole(body: dict[str, Any], key: str, low: int, high: int) -> int | None:
 
 def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
     """Deleting or continuing a model needs its name as confirmation."""
-    from drcli.runs.plan import StartOptions
+    from drcli.run.plan import StartOptions
 
     how = body.get("how", "new")
     if how not in ("new", "resume", "wipe"):

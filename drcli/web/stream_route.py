@@ -17,7 +17,7 @@ from starlette.routing import BaseRoute, Route
 from starlette.types import Receive, Scope, Send
 
 from drcli.config.settings import Settings
-from drcli.exchange.live_record import LiveMessage, LiveView
+from drcli.live.live_record import LiveMessage, LiveView
 from drcli.web.answers import BadRequest, error_of, status_of
 from drcli.web.listen import STREAM, TOPICS, USUAL_TOPIC
 from drcli.web.served_folder import ServedFolder

@@ -14,10 +14,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from drcli.base.atomic_file import load_record, write_private_json
+from drcli.base.files import load_record, write_private_json
+from drcli.base.json_record import plain
 from drcli.base.log import get_logger
-from drcli.base.plain_json import plain
-from drcli.base.termination import Stopped
+from drcli.base.processes import Stopped
 from drcli.web.answers import BadRequest, error_of
 from drcli.web.topics import Snapshot
 

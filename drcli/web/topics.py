@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from drcli.base.plain_json import plain
+from drcli.base.json_record import plain
 
 Marker = Any
 """What a client has got; only the topic's value reads it."""

@@ -1,6 +1,7 @@
 """Starts and stops the console of a working folder."""
 
 import http.client
+import importlib.util
 import os
 import secrets as random_secrets
 import signal
@@ -12,16 +13,30 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from drcli.base.atomic_file import load_record, write_private_json
-from drcli.base.backoff import wait_until
-from drcli.base.errors import SettingsError
-from drcli.base.file_lock import exclusive
-from drcli.base.process_identity import is_alive, started_s
+from drcli.base.clock import wait_until
+from drcli.base.errors import NotAvailable, SettingsError
+from drcli.base.files import exclusive, load_record, write_private_json
+from drcli.base.processes import is_alive, started_s
 from drcli.config import secret_environment
 from drcli.config.run_config import WebConfig
-from drcli.runs.text_tail import text_tail
+from drcli.run.read_logs import text_tail
 from drcli.web.listen import ENTER, Listen
-from drcli.web.web_extra import require_web
+
+# The libraries of the extra `web`, which may be missing.
+
+
+_NEEDED = ("starlette", "uvicorn", "websockets")
+
+
+def require_web() -> None:
+    """Raise NotAvailable if a library is missing."""
+    missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        raise NotAvailable(
+            f"The console needs {' and '.join(missing)}.",
+            remedy="Install the extra: `pip install 'drcli[web]'`.",
+        )
+
 
 READY_S = 60.0
 STOPPING_S = 10.0
@@ -32,7 +47,7 @@ _LEAST_TOKEN = 16
 
 @dataclass(frozen=True)
 class ViewerRecord:
-    """`began_s` as in `drcli.base.process_identity`."""
+    """`began_s` as in `drcli.base.processes`."""
 
     pid: int
     began_s: float

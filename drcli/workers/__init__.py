@@ -1,1 +1,1 @@
-"""The worker processes: simulation, trainer, evaluator; and how a race is built from files."""
+"""What every worker process has: signals, log, heartbeat, cores, limits of a racer's code."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from drcli.base.control_groups import ROOT, group_folders
+from drcli.base.memory import ROOT, group_folders
 from drcli.base.system_calls import cores_of_process
 from drcli.config.run_config import TrainConfig
 

@@ -3,6 +3,7 @@
 A thread writes it to a file, also during one long call of the main thread.
 """
 
+import errno
 import faulthandler
 import os
 import signal
@@ -12,10 +13,12 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from drcli.base.elapsed import elapsed_s
+from drcli.base.clock import elapsed_s
+from drcli.base.errors import WorkerDied
 from drcli.base.log import get_logger
 from drcli.base.system_calls import open_files
-from drcli.exchange.pulse_record import PulseRecord, open_pulse_file, pulse_file, short_activity
+from drcli.records.heartbeat import PulseRecord, open_pulse_file, pulse_file, short_activity
+from drcli.records.job import WorkerExit
 
 BEAT_S = 2.0
 STACKS_SIGNAL = getattr(signal, "SIGUSR2", None)
@@ -127,3 +130,46 @@ def own_memory_bytes() -> int:
         import psutil  # not needed on Linux
 
         return int(psutil.Process().memory_info().rss)
+
+
+# Recognises that a worker failed because memory ran out, which is not a bug.
+
+
+REMEDY = (
+    "Give the training more memory, end other programs, or lower DR_WORKERS, DR_TRAIN_LANES, "
+    "DR_TRAIN_MAX_STEPS_PER_ITERATION or (with sac) sac_replay_steps; then continue with "
+    "`dr-start-training --resume`."
+)
+_GPU_REMEDY = (
+    "End other programs on the GPU, lower batch_size, or learn on the processor with "
+    "DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env; then continue with `dr-start-training --resume`."
+)
+
+_WORDS = ("allocate memory", "bad_alloc")
+"""Of torch and C++ libraries."""
+
+_SHOWN_CHARACTERS = 200
+
+
+def memory_shortage(error: BaseException) -> WorkerExit | None:
+    """The failure of a worker if memory ran out; else None.
+
+    That of a GPU is not `memory`: fewer cars and workers would not help.
+    """
+    text = f"{type(error).__name__}: {' '.join(str(error).split())[:_SHOWN_CHARACTERS]}"
+    causes = (error, error.__cause__)
+    if any(type(cause).__name__ == "OutOfMemoryError" for cause in causes):  # torch's, of a GPU
+        return WorkerExit(f"ran out of GPU memory ({text}).", _GPU_REMEDY, WorkerDied.code)
+    if not any(map(_says_so, causes)):
+        return None
+    used = own_memory_bytes() / 1e6
+    what = f"ran out of memory: it uses {used:,.0f} MB and could not get more ({text})."
+    return WorkerExit(what, REMEDY, WorkerDied.code, memory=True)
+
+
+def _says_so(error: BaseException | None) -> bool:
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
+    if isinstance(error, RuntimeError):
+        return any(words in str(error) for words in _WORDS)
+    return isinstance(error, MemoryError)

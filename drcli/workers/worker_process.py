@@ -1,6 +1,7 @@
 """Runs a worker as a process: its signals, its log, and why it ends."""
 
 import gc
+import logging
 import os
 import socket
 import sys
@@ -12,24 +13,68 @@ from functools import partial
 from pathlib import Path
 from types import FrameType
 
-from drcli.base import log, log_files, notices
+from drcli.base import errors, log
+from drcli.base import log as log_files
 from drcli.base.errors import DrError
-from drcli.base.garbage import search_as_usual
 from drcli.base.installation import import_error
-from drcli.base.low_priority import lower_priority
-from drcli.base.termination import handle
-from drcli.exchange.job import Job, WorkerExit
-from drcli.exchange.run_state import ActivityRecord
-from drcli.store import keys
-from drcli.store.bucket import Bucket
-from drcli.store.connect import OUTAGE_PATIENCE_S, open_bucket
-from drcli.store.lease import OTHERS_TRUSTED_S, POINTER_TRUSTED_S, Ownership
-from drcli.store.request_count import CountFile
-from drcli.store.s3_bucket import S3Bucket
-from drcli.workers import print_limit
-from drcli.workers.memory_shortage import memory_shortage
-from drcli.workers.pulse import Pulse
-from drcli.workers.worker_logs import WorkerLogs
+from drcli.base.log import JsonLog, LogFile, RotatingFile, add_handler, record_text, remove_handler
+from drcli.base.processes import handle, lower_priority, search_as_usual
+from drcli.bucket.bucket import Bucket
+from drcli.bucket.connect import OUTAGE_PATIENCE_S, open_bucket
+from drcli.bucket.request_count import CountFile
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.model import keys
+from drcli.model.lease import OTHERS_TRUSTED_S, POINTER_TRUSTED_S, Ownership
+from drcli.records.job import Job, WorkerExit
+from drcli.records.run_record import ActivityRecord, json_log, log_file, reward_log
+from drcli.workers import reward_failures
+from drcli.workers.pulse import Pulse, memory_shortage
+
+# The logs of a worker: its own, as JSON lines, and what the racer's code prints.
+#
+# That is in its own log too, where other tools look for it.
+
+
+class WorkerLogs:
+    def __init__(self, job: Job, name: str, path: Path | None) -> None:
+        settings = job.config.logs
+        max_bytes = settings.log_max_mb << 20
+        self._json: JsonLog | None = None
+        self._prints: _RewardLog | None = None
+        copies: list[Callable[[str], None]] = []
+        if path is not None:
+            LogFile(path, max_bytes)
+            prints = log_file(job.directory, job.config.model.prefix, reward_log(name))
+            self._prints = _RewardLog(prints, max_bytes)
+            copies.append(self._prints.file.write)
+            if settings.log_json:
+                self._json = JsonLog(json_log(path), max_bytes, name)
+                copies.append(self._json.printed)
+        reward_failures.install(copies)
+
+    def end(self) -> None:
+        if self._prints is not None:
+            self._prints.end()
+        if self._json is not None:
+            self._json.end()
+
+
+class _RewardLog(logging.Handler):
+    """Our records between the reward function's prints."""
+
+    def __init__(self, path: Path, max_bytes: int) -> None:
+        super().__init__()
+        self.file = RotatingFile(path, max_bytes)
+        add_handler(self)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.name == reward_failures.reward_logger.name:
+            self.file.write(f"{record_text(record)}\n")
+
+    def end(self) -> None:
+        remove_handler(self)
+        self.file.close()
+
 
 FAR_READ_TIMEOUT_S = 20.0
 """For a joined worker: after an interruption old connections hang; a new one works at once."""
@@ -131,7 +176,7 @@ def run(
     path = os.environ.get(log_files.VARIABLE)
     logs = WorkerLogs(job, name, Path(path) if path else None)
     sys.excepthook = partial(_explain_unseen, job, name)
-    notices.show, notices.warn = _logger.info, _logger.warning
+    errors.show, errors.warn = _logger.info, _logger.warning
     _logger.info("%s started as process %d.", name, os.getpid())
     if job.config.train.priority == "low":
         _logger.info("DR_PRIORITY=low: %s.", lower_priority())
@@ -146,7 +191,7 @@ def run(
         raise SystemExit(_explain(error, job, name).code) from None
     finally:
         requests.end()
-        print_limit.end_limit()
+        reward_failures.end_limit()
         logs.end()
         # Otherwise Python searches all objects for garbage at exit, which takes nearly a second.
         gc.freeze()
@@ -158,14 +203,14 @@ def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace
 
 
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
-    print_limit.end_limit()
+    reward_failures.end_limit()
     memory = memory_shortage(error)
     logger = _logger
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
     if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
         from drcli.workers.reward_failures import reward_failure
 
-        error, logger = reward_failure(error), print_limit.reward_logger
+        error, logger = reward_failure(error), reward_failures.reward_logger
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)
         if memory:  # its own fault or not: a new process may have enough

@@ -2,18 +2,12 @@
 
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, CarBatch
-from drsim.car.car_parameters import CarParameters
-from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR, CarSet
+from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR, CarParameters, CarSet
 from drsim.car.conditions import Conditions
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.load_reward import load_reward_function
-from drsim.episode.reward import (
-    RewardFunction,
-    RewardParams,
-    centre_line_reward,
-    checked_reward,
-)
+from drsim.episode.reward import RewardFunction, RewardParams, centre_line_reward, checked_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
 from drsim.errors import DiscardEpisode, RewardError, TrackError

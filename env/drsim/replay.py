@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR
+from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR
 from drsim.errors import TrackError
 from drsim.fidelity.motion import Windows, compare_motion
 from drsim.fidelity.recordings import Recording, RecordingError, load_recordings

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from drcli.exchange.trace import CSV_HEADER
+from drcli.records.trace import CSV_HEADER
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 

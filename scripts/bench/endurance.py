@@ -38,7 +38,7 @@ from counting_proxy import CountingProxy
 from late_model import age
 from machine import print_json
 
-from drcli.store.server.engines import launch_of
+from drcli.bucket.server.server_process import launch_of
 
 PROJECT = Path(__file__).resolve().parents[2]
 PREFIX = "endurance"

@@ -28,8 +28,7 @@ from scipy.optimize import minimize
 
 from drsim.arrays import Floats
 from drsim.car.car import CONTROL_HZ, CarBatch
-from drsim.car.car_parameters import CarParameters
-from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR
+from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR, CarParameters
 from drsim.fidelity.motion import compare_motion
 from drsim.fidelity.recordings import Recording, RecordingError, load_recordings
 from drsim.replay import EXIT_SETTINGS, Fidelity, summary

@@ -17,12 +17,12 @@ from pathlib import Path
 
 from machine import print_json
 
-from drcli.config.bucket_config import StorageConfig
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.connect import open_bucket
-from drcli.store.s3_bucket import S3Bucket
-from drcli.store.server import server
+from drcli.bucket.connect import open_bucket
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.server import server
+from drcli.config.run_config import StorageConfig
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
 
 WEIGHTS_BYTES = 1_215_476
 """Of the shipped network; the optimizer state is twice as large."""

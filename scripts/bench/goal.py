@@ -35,7 +35,7 @@ from typing import Any
 from lap import PROJECT, command_of, stop_storage
 from machine import print_json
 
-from drcli.store.history import decode_history
+from drcli.model.history import decode_history
 
 FRESH_SEED = 1_000
 """Added to the seed of a training for the starts of its fresh laps."""

@@ -19,17 +19,16 @@ from learners import made_up_rollout
 from machine import facts, print_json
 from torch import nn
 
+from drcli.drive.driving import Driven, Driver, Plan, Racer
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute
+from drcli.learn.cuda import GpuPolicy
 from drcli.learn.data_parallel import DataParallelPolicy, parts_of
-from drcli.learn.gpu_policy import GpuPolicy
 from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO
 from drcli.learn.rollout_buffer import Rollout
 from drcli.workers.cores import cores
-from drcli.workers.driven_episode import Driven, Plan
-from drcli.workers.driving import Driver, Racer
 from drsim import Simulation, centre_line_reward, load_track
 from drsim.car.actions import DiscreteActions
 from drsim.sensing.camera import lens_parts, lens_pose, render

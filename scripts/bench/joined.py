@@ -26,11 +26,11 @@ from machine import facts
 from namespaces import Namespace, are_possible, delete_left_over
 from slow_link import SlowLink
 
+from drcli.bucket.connect import open_bucket
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.server import server
 from drcli.config.loading import load_settings
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.connect import open_bucket
-from drcli.store.s3_bucket import S3Bucket
-from drcli.store.server import server
+from drcli.model.checkpoints import CheckpointStore
 
 ROOT = Path(__file__).resolve().parents[2]
 PREFIX = "joined"

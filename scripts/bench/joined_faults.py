@@ -20,7 +20,7 @@ from typing import Any
 from joined import Machine, Training, kind_of_network
 from machine import facts
 
-from drcli.store.history import read_history
+from drcli.model.history import read_history
 
 ROUND_TRIPS_S = (0.001, 0.02, 0.1, 0.005)
 SLEEP_S = 0.1

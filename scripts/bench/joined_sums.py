@@ -16,11 +16,11 @@ from typing import Any
 import psutil
 from joined import PREFIX, ROUND_TRIPS_S, Machine, Training, kind_of_network
 
-from drcli.exchange.joined_worker import MemberRecord
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import read_history
-from drcli.store.members import read_shares_record
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import read_history
+from drcli.model.training_state import read_shares_record
+from drcli.records.job import MemberRecord
 
 EPISODES = 12
 ITERATIONS = 4

@@ -32,14 +32,13 @@ from learn_runs import SHIPPED_FILES, Work, become_like_a_worker
 from machine import print_json
 from steps_to_lap import TRIALS, add_options, append, records, settings_of
 
+from drcli.drive.driving import Driven, Driver, Plan, Racer, rollout_of
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.compute import driving_format
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import compute_in
 from drcli.learn.ppo import PPO
-from drcli.workers.driven_episode import Driven, Plan, rollout_of
-from drcli.workers.driving import Driver, Racer
-from drcli.workers.trainer import SEED_STRIDE
+from drcli.train.trainer import SEED_STRIDE
 
 LAPS = (1, 3)
 """Of the evaluation laps of a checkpoint, how many it completes."""

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.episode_metrics import decode_metrics, encode_metrics
-from drcli.exchange.iteration import IterationRecord, decode_history, encode_history
-from drcli.store.trace_retention import MOST_ITERATIONS, chosen
+from drcli.model.traces import MOST_ITERATIONS, chosen
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.episode_metrics import decode_metrics, encode_metrics
+from drcli.records.iteration import IterationRecord, decode_history, encode_history
 
 _CHECKPOINT = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
 

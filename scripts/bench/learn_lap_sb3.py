@@ -39,10 +39,10 @@ from learn_peers import STEPS, Choice, Training
 from learn_runs import SHIPPED_FILES, Work, become_like_a_worker
 from numpy.typing import NDArray
 
-from drcli.exchange.laps import CONFIRMING_CLEAN, CONFIRMING_LAPS, Laps
-from drcli.workers.driven_episode import Plan
-from drcli.workers.evaluation_starts import fresh_starts
-from drcli.workers.training_simulation import CONFIRMATION_STRIDE
+from drcli.drive.driving import Plan
+from drcli.drive.evaluator import fresh_starts
+from drcli.records.iteration import CONFIRMING_CLEAN, CONFIRMING_LAPS, Laps
+from drcli.train.training_simulation import CONFIRMATION_STRIDE
 from drsim import Simulation, Status
 from drsim.car.car import CONTROL_HZ
 

@@ -17,10 +17,10 @@ import torch
 from learn_runs import Pace, Work
 from torch import Tensor, nn
 
-from drcli.exchange.job import PROCESS_TUNING
 from drcli.learn.compute import flush_denormals
 from drcli.learn.encoders import MONO, Encoder
 from drcli.learn.policy import PolicySpec
+from drcli.records.job import PROCESS_TUNING
 
 STEPS = 1_024
 """Of an iteration, all cars together."""

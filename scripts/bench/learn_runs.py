@@ -15,10 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from drcli.bucket.server import server
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.exchange.job import PROCESS_TUNING
-from drcli.formats.build_network import policy_spec
+from drcli.convert.build_network import policy_spec
+from drcli.drive.build_race import actions_of, load_world, longest_episode
+from drcli.drive.driving import Driven, Driver, Plan, Racer, rollout_of
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute, choose_compute, driving_format, flush_denormals
@@ -27,14 +29,11 @@ from drcli.learn.encoders import compute_in
 from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO
 from drcli.learn.rollout_buffer import Rollout
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.store.server import server
-from drcli.workers.build_learner import algorithm_config
-from drcli.workers.build_race import actions_of, load_world, longest_episode
-from drcli.workers.driven_episode import Driven, Plan, rollout_of
-from drcli.workers.driving import Driver, Racer
-from drcli.workers.trainer import SEED_STRIDE
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.records.job import PROCESS_TUNING
+from drcli.train.build_learner import algorithm_config
+from drcli.train.trainer import SEED_STRIDE
 from drsim import Actions, EpisodeRules, RewardFunction, Simulation, Track, load_reward_function
 
 PROJECT = Path(__file__).resolve().parents[2]

@@ -17,12 +17,11 @@ from machine import facts
 from drcli.learn.compute import Compute, choose_compute
 from drcli.learn.learner import Learner
 from drcli.learn.rollout_buffer import Rollout
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.build_learner import build_learner
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.train.build_learner import build_learner
+from drcli.train.learner_group import Build, LearnerGroup, learner_group
 from drcli.workers.cores import cores
-from drcli.workers.learner_group import LearnerGroup, learner_group
-from drcli.workers.learner_messages import Build
 
 
 def main() -> None:

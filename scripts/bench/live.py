@@ -100,9 +100,9 @@ class Drive:
         import torch
         from learn_runs import Work
 
+        from drcli.drive.driving import Racer
         from drcli.learn.actor_critic import ActorCritic
         from drcli.learn.data_parallel import DataParallelPolicy
-        from drcli.workers.driving import Racer
 
         work = Work.load({}, "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW", threads)
         torch.manual_seed(1)
@@ -115,7 +115,7 @@ class Drive:
 
     def block(self, onlooker: Any, seconds: float) -> tuple[int, float, float]:
         """Drive equal episodes for a while: steps, wall time and processor time."""
-        from drcli.workers.driving import Driver, Plan
+        from drcli.drive.driving import Driver, Plan
 
         driver = Driver(self._simulation, [self._racer], 1, onlooker=onlooker)
         plans = [Plan(number, "training", number / self._cars) for number in range(self._cars)]
@@ -130,8 +130,8 @@ class Drive:
 
 def watch(folder: Path, count: int) -> None:
     """Be so many viewers until standard input ends; then print what they saw."""
-    from drcli.exchange.live_record import LiveMessage, LiveView
-    from drcli.runs.live_feed import LiveFeed
+    from drcli.live.live_feed import LiveFeed
+    from drcli.live.live_record import LiveMessage, LiveView
 
     views: tuple[LiveView, ...] = ("camera", "chase", "scene")
     ages: dict[str, list[float]] = {view: [] for view in views}
@@ -165,11 +165,11 @@ def measure(
     viewers: int, blocks: int, block_s: float, threads: int, warm_up_s: float = 15.0
 ) -> dict[str, Any]:
     """Drive in turns, and compare."""
-    from drcli.exchange.live_record import LiveAddress
-    from drcli.exchange.run_record import run_folder
-    from drcli.workers.live_pace import BUDGET_SHARE, SAVED_S, Pace, WorkTime
-    from drcli.workers.live_scene import facts_of
-    from drcli.workers.live_view import LiveShow
+    from drcli.live.live_record import LiveAddress
+    from drcli.live.live_scene import facts_of
+    from drcli.live.live_server import BUDGET_SHARE, SAVED_S, Pace, WorkTime
+    from drcli.live.live_view import LiveShow
+    from drcli.records.run_record import run_folder
 
     drive = Drive(threads)
     drive.block(None, 2.0)

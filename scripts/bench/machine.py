@@ -8,7 +8,7 @@ from typing import Any
 
 import psutil
 
-from drcli.models.run_metadata import processor_name
+from drcli.model.run_metadata import processor_name
 
 UNITS = ("amx_bf16", "avx512_bf16", "avx512f", "avx2", "asimd")
 """Instructions that decide speed, as Linux names them."""

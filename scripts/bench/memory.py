@@ -22,9 +22,9 @@ from typing import Any
 import psutil
 from machine import print_json
 
+from drcli.bucket.server import server
 from drcli.config.loading import load_settings
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH
-from drcli.store.server import server
 
 PROJECT = Path(__file__).resolve().parents[2]
 SPEED_MPS = 0.3

@@ -32,8 +32,7 @@ from typing import Any
 import numpy as np
 
 from drsim.car.car import CarBatch, car_model
-from drsim.car.mujoco_physics import MujocoPhysics
-from drsim.car.physics import Physics
+from drsim.car.physics import MujocoPhysics, Physics
 
 LEAST, MOST = (-30.0, 0.5), (30.0, 4.0)
 """Random actions: degrees and m/s."""

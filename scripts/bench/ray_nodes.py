@@ -19,8 +19,8 @@ from typing import Any
 
 from machine import facts
 
+from drcli.bucket.server import server
 from drcli.config.loading import load_settings
-from drcli.store.server import server
 
 ROOT = Path(__file__).resolve().parents[2]
 PREFIX = "ray-nodes"

@@ -11,14 +11,14 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.scores import EvaluationResult
-from drcli.exchange.trace import Episode, Row
-from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch
-from drcli.store.history import History
-from drcli.workers.episode_share import Share
-from drcli.workers.learner_metrics import LearnerMetrics, row_of
-from drcli.workers.metrics_file import TrainingMetrics
+from drcli.bucket.bucket import Listing, ObjectInfo, ObjectMissing, Watch
+from drcli.model.history import History
+from drcli.records.iteration import IterationRecord
+from drcli.records.scores import EvaluationResult
+from drcli.records.trace import Episode, Row
+from drcli.train.drive_results import TrainingMetrics
+from drcli.train.episode_share import Share
+from drcli.train.learner_metrics import LearnerMetrics, row_of
 
 EPISODES, TRIALS = 20, 20
 """Of an iteration and of an evaluation, as in the shipped files."""

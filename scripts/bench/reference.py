@@ -23,8 +23,8 @@ from typing import Any
 
 from machine import print_json
 
+from drcli.bucket.server import server
 from drcli.config.loading import load_settings
-from drcli.store.server import server
 
 PROJECT = Path(__file__).resolve().parents[2]
 

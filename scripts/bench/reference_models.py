@@ -25,13 +25,12 @@ import numpy as np
 from machine import print_json
 from numpy.typing import NDArray
 
-from drcli.base.errors import DrError, SettingsError
-from drcli.base.problems import one_of, shown
-from drcli.formats.tensorflow.graph import decode_graph
-from drcli.formats.tensorflow.interpreter import Graph
-from drcli.modelfiles.model_metadata import LIDARS, ModelMetadata
-from drcli.workers.build_race import actions_of, longest_episode, sensors_of_model
-from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR
+from drcli.base.errors import DrError, SettingsError, one_of, shown
+from drcli.convert.tensorflow.graph import decode_graph
+from drcli.convert.tensorflow.interpreter import Graph
+from drcli.drive.build_race import actions_of, longest_episode, sensors_of_model
+from drcli.model.files.model_metadata import LIDARS, ModelMetadata
+from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation

@@ -21,18 +21,17 @@ from pathlib import Path
 
 import numpy as np
 
+from drcli.bucket.connect import open_bucket
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.exchange.job import Job
-from drcli.exchange.robust_result import robust_score
-from drcli.runs.evaluation_plan import choose_checkpoint
-from drcli.runs.many_evaluations_plan import matching_models
-from drcli.store import keys
-from drcli.store.connect import open_bucket
+from drcli.drive.evaluate_many import Cell, drive_cells, grid
+from drcli.drive.evaluator import Entry
+from drcli.model import keys
+from drcli.records.evaluation_task import robust_score
+from drcli.records.job import Job
+from drcli.run.evaluation_plan import choose_checkpoint
+from drcli.run.many_evaluations import matching_models
 from drcli.workers.cores import cores
-from drcli.workers.evaluator import Entry
-from drcli.workers.robust_drive import drive_cells
-from drcli.workers.robust_grid import Cell, grid
 from drcli.workers.worker_process import Lifeline
 from drsim.car.conditions import Conditions
 from drsim.track.worlds import load_track

@@ -34,16 +34,16 @@ from machine import print_json
 from numpy.typing import NDArray
 
 import drsim
-from drcli.exchange.policy_source import Runtime
-from drcli.formats.runtimes import EnginePolicy, policy_of_model
-from drcli.formats.write_form import Network, compare_outputs, torch_outputs
+from drcli.convert.runtimes import EnginePolicy, policy_of_model
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.compute import bfloat16_units, driving_format
 from drcli.learn.encoders import compute_in
 from drcli.learn.policy import Observation, Policy, PolicySpec, decide
 from drcli.learn.sac_networks import SACAgent
-from drcli.modelfiles import model_metadata
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.model.files import model_metadata
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.records.evaluation_task import Runtime
+from drcli.transfer.export_forms import Network, compare_outputs, torch_outputs
 
 CARS = 20
 

@@ -25,8 +25,8 @@ from machine import facts
 from scale_fakes import EPISODE_SPREAD, EPISODE_STEPS, GET_S, LIST_S, PUT_S
 from scale_model import Costs, Outcome, Setup, predicted
 
-from drcli.store.history import read_history
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.model.history import read_history
 
 FIGURES = Path(__file__).with_name("scale_figures.json")
 

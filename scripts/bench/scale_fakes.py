@@ -21,21 +21,21 @@ from unittest.mock import patch
 
 import numpy as np
 
+from drcli.bucket.bucket import Listing, Watch
 from drcli.config.loading import load_settings
-from drcli.exchange.checkpoint import checkpoint_name
-from drcli.exchange.trace import STEP_S, Row
+from drcli.drive.driving import Driven, Plan
 from drcli.learn.ppo import PPO
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.update_result import PPOStats
-from drcli.runs.plan import StartOptions, prepare
-from drcli.store import lease
-from drcli.store.bucket import Listing, Watch
-from drcli.store.history import read_history
-from drcli.workers.driven_episode import Driven, Plan
+from drcli.model import lease
+from drcli.model.history import read_history
+from drcli.records.checkpoint import checkpoint_name
+from drcli.records.trace import STEP_S, Row
+from drcli.run.plan import StartOptions, prepare
+from drcli.train.sim import SimWorker
+from drcli.train.trainer import learn
+from drcli.train.training_simulation import TrainingSimulation
 from drcli.workers.pulse import Pulse
-from drcli.workers.sim import SimWorker
-from drcli.workers.trainer import learn
-from drcli.workers.training_simulation import TrainingSimulation
 from drcli.workers.worker_process import StopRequested
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))

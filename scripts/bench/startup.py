@@ -19,10 +19,9 @@ from pathlib import Path
 
 from machine import print_json
 
+from drcli.bucket.server import server
 from drcli.cli.completion import ASKS, LINE
-from drcli.config.new_folder import plan_folder
-from drcli.config.write_folder import write
-from drcli.store.server import server
+from drcli.config.new_folder import plan_folder, write
 
 BAR_S, HELP_BAR_S = 0.4, 0.3
 """Longest time for a command or an answer to the Tab key, and for help."""

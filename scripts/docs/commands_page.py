@@ -9,9 +9,9 @@ from commands_texts import HEAD, KEYS_HEAD, REFERENCE_HEAD, TOPICS
 from drfc_commands import REFERENCE, Row
 from report_keys import REPORTS, keys_of
 
+from drcli.checks.explain.explain_texts import EXIT_CODES
 from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS, program_names
-from drcli.explain.exit_code_texts import EXIT_CODES
 
 _PROGRAMS = {name: program for program, name in program_names().items()}
 """Name of the installed program of each command."""

@@ -6,13 +6,11 @@ All of them show what `dr-explain` says (drcli/explain).
 from collections.abc import Iterable
 from pathlib import Path
 
-from drcli.exchange.trace import CSV_HEADER
-from drcli.explain.error_texts import ERROR_TEXTS
-from drcli.explain.glossary_texts import GLOSSARY
-from drcli.explain.hyperparameter_texts import HYPERPARAMETER_TEXTS
-from drcli.explain.lookup import shipped_value, value_if_left_out
-from drcli.explain.trace_texts import TRACE_COLUMNS
-from drcli.modelfiles.hyperparameters import KEYS, REFERENCE_KEYS
+from drcli.checks.explain.explain_texts import ERROR_TEXTS, GLOSSARY, TRACE_COLUMNS
+from drcli.checks.explain.lookup import shipped_value, value_if_left_out
+from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
+from drcli.model.files.hyperparameters import KEYS, REFERENCE_KEYS
+from drcli.records.trace import CSV_HEADER
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

@@ -37,15 +37,14 @@ import torch
 from learn_runs import Work
 from numpy.typing import NDArray
 
-from drcli.formats.build_network import policy_spec
+from drcli.convert.build_network import policy_spec
+from drcli.drive.driving import Driven, Driver, Plan, Racer, rollout_of
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.compute import flush_denormals
 from drcli.learn.ppo import PPO
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.driven_episode import Driven, Plan, rollout_of
-from drcli.workers.driving import Driver, Racer
-from drcli.workers.trainer import SEED_STRIDE
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.train.trainer import SEED_STRIDE
 
 Floats = NDArray[np.float64]
 Change = Mapping[str, Any]

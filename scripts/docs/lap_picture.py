@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from safetensors.torch import load_file
 
-from drcli.formats.build_network import build_policy
+from drcli.convert.build_network import build_policy
+from drcli.drive.build_race import actions_of
 from drcli.learn.policy import Observation, decide
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.build_race import actions_of
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
 from drsim import CONTROL_HZ, RacerEnv
 
 SIZE_PX = (400, 300)

@@ -31,7 +31,7 @@ from drsim.sensing.scene import Scene, build_scene
 from drsim.track.appearance import LUMA
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
-from drsim.viewing.camera_paths import FollowingCamera, lens_above
+from drsim.viewing.car_eye import FollowingCamera, lens_above
 from drsim.viewing.placed_things import Thing
 from drsim.viewing.world_view import WorldView
 

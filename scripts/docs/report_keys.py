@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 from importlib import import_module
 from typing import Any, get_args, get_type_hints
 
-from drcli.base.problems import Problem
+from drcli.base.errors import Problem
 
 REPORTS: Mapping[str, tuple[str, ...]] = {
     "models.action_space_change:ActionSpaceReport": (

@@ -34,12 +34,12 @@ import psutil
 from drive_laps import drive_laps
 
 from drcli.base.json_record import json_default
-from drcli.config.example_files import READY_MADE
-from drcli.exchange.checkpoint import CheckpointRecord
-from drcli.exchange.iteration import decode_history
-from drcli.exchange.scores import Scores
-from drcli.formats.half_weights import halved
-from drcli.models.ready_made import (
+from drcli.config.presets import READY_MADE
+from drcli.model.run_metadata import processor_name
+from drcli.records.checkpoint import CheckpointRecord
+from drcli.records.iteration import decode_history
+from drcli.records.scores import Scores
+from drcli.transfer.ready_made import (
     CARD_FILE,
     MODEL_FILES,
     TRAINING_FILE,
@@ -47,10 +47,10 @@ from drcli.models.ready_made import (
     Card,
     DrivenLaps,
     Recipe,
+    halved,
     read_ready_made,
     read_recipe,
 )
-from drcli.models.run_metadata import processor_name
 
 PROJECT = Path(__file__).resolve().parents[2]
 MODELS = PROJECT / "defaults" / "models"

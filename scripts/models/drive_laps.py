@@ -4,18 +4,17 @@ from collections.abc import Mapping
 
 import torch
 
-from drcli.config.example_files import settings_file
 from drcli.config.loading import load_settings
+from drcli.config.presets import settings_file
 from drcli.config.settings import Settings
-from drcli.formats.build_network import build_policy, load_weights
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.models.ready_made import DrivenLaps, ReadyMadeModel
-from drcli.store import keys
-from drcli.workers.build_race import actions_of, build_simulation, load_world
-from drcli.workers.driven_episode import Driven, Plan
-from drcli.workers.driving import Driver, Racer
-from drcli.workers.evaluator import laps_of
+from drcli.convert.build_network import build_policy, load_weights
+from drcli.drive.build_race import actions_of, build_simulation, load_world
+from drcli.drive.driving import Driven, Driver, Plan, Racer
+from drcli.drive.evaluator import laps_of
+from drcli.model import keys
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.transfer.ready_made import DrivenLaps, ReadyMadeModel
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward

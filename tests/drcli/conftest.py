@@ -9,14 +9,13 @@ from typing import Any
 import pytest
 
 from drcli.base.log import LogFile
+from drcli.bucket.server import server
 from drcli.cli.app import main
-from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.laps import Laps
-from drcli.exchange.scores import Score
-from drcli.models.model_list import CheckpointEntry
-from drcli.runs.evaluation_report import EvaluationReport, TrialReport
-from drcli.runs.status import CheckpointLaps, RunReport, WorkerReport
-from drcli.store.server import server
+from drcli.model.model_list import CheckpointEntry
+from drcli.records.iteration import IterationRecord, Laps
+from drcli.records.scores import Score
+from drcli.run.evaluation_report import EvaluationReport, TrialReport
+from drcli.run.status import CheckpointLaps, RunReport, WorkerReport
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
 from racer import Racer
@@ -174,7 +173,7 @@ def logged(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], st
 def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Warnings that commands show while they work."""
     said: list[str] = []
-    monkeypatch.setattr("drcli.base.notices.warn", said.append)
+    monkeypatch.setattr("drcli.base.errors.warn", said.append)
     return said
 
 
@@ -183,7 +182,7 @@ def racer(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Racer:
     """A racer in an empty folder, the current one."""
     bucket = MemoryBucket()
     for module in ("plan", "increment", "resume_or_start"):
-        monkeypatch.setattr(f"drcli.runs.{module}.open_bucket", lambda *_, **__: bucket)
+        monkeypatch.setattr(f"drcli.run.{module}.open_bucket", lambda *_, **__: bucket)
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
     return Racer(working_folder, bucket)
 

@@ -14,29 +14,28 @@ import pytest
 from safetensors.numpy import save
 
 from drcli.base.errors import DrError
-from drcli.base.fingerprint import Fingerprint
+from drcli.base.json_record import Fingerprint
+from drcli.bucket.bucket import Watch, remedy_of
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.models.checkpoint_list import list_checkpoints
-from drcli.models.download import DownloadOptions, download, plan_download
-from drcli.models.model_list import list_models
-from drcli.models.upload import UploadOptions, plan_upload, upload
-from drcli.runs.evaluation_plan import prepare_evaluation
-from drcli.runs.increment import plan_increment
-from drcli.runs.plan import RunPlan, StartOptions, prepare
-from drcli.runs.status import inspect
-from drcli.store import keys, lease
-from drcli.store.best_checkpoint import read_scores
-from drcli.store.bucket import Watch
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import read_history
-from drcli.store.reconstruct import whole_checkpoints
-from drcli.store.remedies import remedy_of
-from drcli.store.repair import read_metrics
+from drcli.model import keys, lease
+from drcli.model.best_checkpoint import read_scores
+from drcli.model.checkpoint_list import list_checkpoints
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import read_history
+from drcli.model.model_list import list_models
+from drcli.model.reconstruct import whole_checkpoints
+from drcli.model.repair import read_metrics
+from drcli.records.run_record import RunRecord, run_folder
+from drcli.run.evaluation_plan import prepare_evaluation
+from drcli.run.increment import plan_increment
+from drcli.run.plan import RunPlan, StartOptions, prepare
+from drcli.run.status import inspect
+from drcli.train.sim import SimWorker
+from drcli.train.trainer import Trainer
+from drcli.transfer.download import DownloadOptions, download, plan_download
+from drcli.transfer.upload import UploadOptions, plan_upload, upload
 from drcli.workers.pulse import Pulse
-from drcli.workers.sim import SimWorker
-from drcli.workers.trainer import Trainer
 from drcli.workers.worker_process import StopRequested
 from memory_bucket import MemoryBucket
 
@@ -93,14 +92,14 @@ class World:
         )
         for module in places:
             patch.setattr(f"drcli.{module}.open_bucket", lambda *_, **__: self.here)
-        patch.setattr("drcli.runs.status.open_running_bucket", lambda *_: self.here)
-        patch.setattr("drcli.models.transfer_buckets.open_running_bucket", lambda *_: self.here)
+        patch.setattr("drcli.run.status.open_running_bucket", lambda *_: self.here)
+        patch.setattr("drcli.transfer.transfer_buckets.open_running_bucket", lambda *_: self.here)
         patch.setattr(
-            "drcli.models.transfer_buckets.open_upload_bucket", lambda *_, **__: self.there
+            "drcli.transfer.transfer_buckets.open_upload_bucket", lambda *_, **__: self.there
         )
         patch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
         patch.setattr(
-            "drcli.models.run_metadata._git", lambda *_: None
+            "drcli.model.run_metadata._git", lambda *_: None
         )  # six processes for each start
 
     @property
@@ -181,7 +180,7 @@ def world(working_folder: Path, trained: CopiedBucket, monkeypatch: pytest.Monke
         (working_folder / name).unlink()
     write_folder(working_folder)
     world = World(working_folder, monkeypatch, trained.copied())
-    monkeypatch.setattr("drcli.store.lease.is_owner_alive", lambda held: False)
+    monkeypatch.setattr("drcli.model.lease.is_owner_alive", lambda held: False)
     settings = world.settings
     RunRecord(
         run_id=0,

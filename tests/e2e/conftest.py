@@ -18,13 +18,13 @@ import psutil
 import pytest
 from moto.server import ThreadedMotoServer
 
+from drcli.bucket.connect import open_bucket
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.server import server
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.models.ready_made import put_ready_made, read_ready_made
-from drcli.store.connect import open_bucket
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
-from drcli.store.server import server
+from drcli.transfer.ready_made import put_ready_made, read_ready_made
 from forks import PATIENCE_S, Forks
 
 PREFIX = "model"

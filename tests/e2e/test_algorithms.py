@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model.checkpoints import CheckpointStore
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from drcli.store import race_keys
+from drcli.model import race_keys
 
 pytestmark = pytest.mark.slow
 

@@ -5,11 +5,11 @@ import json
 import pytest
 import torch
 
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import encode_policy
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import encode_policy
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
-from drsim.car.car_sets import CAR_SETS
+from drsim.car.car_parameters import CAR_SETS
 
 pytestmark = pytest.mark.slow
 

@@ -9,8 +9,8 @@ import psutil
 import pytest
 
 from counted_episodes import counted_episodes
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
 
 pytestmark = pytest.mark.slow
 

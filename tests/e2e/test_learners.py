@@ -37,6 +37,6 @@ def test_a_training_survives_the_end_of_a_learner_process(workspace):
 def _learns(process: "psutil.Process") -> bool:
     """Whether a process is one of the other learner processes."""
     try:
-        return "drcli.workers.learner_process" in process.cmdline()
+        return "drcli.train.learner_process" in process.cmdline()
     except psutil.Error:
         return False

@@ -5,8 +5,8 @@ import json
 import pytest
 from moto.server import ThreadedMotoServer
 
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
 from old_model import extract_old_model
 
 pytestmark = pytest.mark.slow

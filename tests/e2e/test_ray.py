@@ -100,7 +100,7 @@ def _shown(workspace) -> dict:
 def _trainer_on_a_node() -> "psutil.Process | None":
     """The trainer of an actor of Ray; None if there is none."""
     for process in psutil.process_iter(["cmdline"]):
-        if "drcli.workers.trainer" in (process.info["cmdline"] or []):
+        if "drcli.train.trainer" in (process.info["cmdline"] or []):
             parent = process.parent()
             if parent is not None and "ray::" in " ".join(parent.cmdline()):
                 return process

@@ -11,7 +11,7 @@ from typing import Any
 import psutil
 import pytest
 
-from drcli.store import lease
+from drcli.model import lease
 
 pytestmark = pytest.mark.slow
 
@@ -36,7 +36,7 @@ def test_killed_processes_are_replaced_and_the_training_ends_as_if_nothing_had_h
 
 
 def _assert_every_object_is_readable(workspace) -> None:
-    from drcli.store.checkpoints import CheckpointStore
+    from drcli.model.checkpoints import CheckpointStore
 
     bucket = workspace.bucket()
     names = [info.key for info in bucket.list("")]

@@ -21,8 +21,8 @@ from pathlib import Path
 import pyte
 import pytest
 
-from drcli.exchange.run_record import RunRecord, WorkerRecord
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.run_record import RunRecord, WorkerRecord
 
 pytestmark = pytest.mark.slow
 

@@ -16,8 +16,7 @@ from pathlib import Path
 import pyte
 import pytest
 
-from drcli.config.new_folder import plan_experiment, plan_folder
-from drcli.config.write_folder import write
+from drcli.config.new_folder import plan_experiment, plan_folder, write
 
 pytestmark = pytest.mark.slow
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.config.new_folder import plan_experiment
-from drcli.config.write_folder import write
+from drcli.config.new_folder import plan_experiment, write
 
 pytestmark = pytest.mark.slow
 
@@ -84,7 +83,7 @@ def test_a_read_only_installation_serves_a_folder_elsewhere_and_leaves_files_to_
         ["list-models"],
         ["status"],
     ]
-    stop = "from drcli.config.loading import *; from drcli.store.server import server; "
+    stop = "from drcli.config.loading import *; from drcli.bucket.server import server; "
     stop += "from pathlib import *; "
     stop += f"f = Path({str(folder)!r}); server.stop(load_settings(f).storage)"
 

@@ -128,7 +128,7 @@ class Amazon:
         settle = {"OMP_NUM_THREADS": "1", **kept}
         made = FakeMachine(root, facts, self.endpoint, keys, instance, settle)
         own = gzip.decompress(base64.b64decode(files["/opt/drcli/boot.py"]))
-        assert own == (ROOT / "drcli/spot/boot.py").read_bytes()
+        assert own == (ROOT / "drcli/outside/aws/boot.py").read_bytes()
         programs = root / "opt/drcli/venv/bin"
         programs.mkdir(parents=True)
         for name in ("dr-start-training", "dr-stop-training"):

@@ -44,7 +44,7 @@ def _is_of(process, workspace):
     words = process.info["cmdline"] or []
     try:
         trains = (
-            "drcli.base.start_module" in words and "drcli.store.server.moto_server" not in words
+            "drcli.base.start_module" in words and "drcli.bucket.server.moto_server" not in words
         )
         return trains and process.cwd() == str(workspace.folder)
     except psutil.Error:

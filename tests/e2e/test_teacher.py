@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model.checkpoints import CheckpointStore
 
 pytestmark = pytest.mark.slow
 

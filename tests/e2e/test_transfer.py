@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.model.checkpoints import CheckpointStore
 
 pytestmark = pytest.mark.slow
 

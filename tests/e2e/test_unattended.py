@@ -10,8 +10,8 @@ from typing import Any
 import psutil
 import pytest
 
-from drcli.store import keys, lease
-from drcli.store.last_outcome import read_outcome
+from drcli.model import keys, lease
+from drcli.model.training_state import read_outcome
 from metadata_server import MetadataServer
 
 pytestmark = pytest.mark.slow

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model.checkpoints import CheckpointStore
 from message_servers import hook
 
 pytestmark = pytest.mark.slow

@@ -65,7 +65,7 @@ def test_an_installed_wheel_trains_an_iteration_in_an_empty_folder(wheel, tmp_pa
     assert status["state"] == "finished"
     assert [record["episodes"] for record in status["history"]] == [20]
     stop = "from drcli.config.loading import load_settings as s; "
-    stop += "from drcli.store.server import server; "
+    stop += "from drcli.bucket.server import server; "
     stop += "from pathlib import Path; server.stop(s(Path.cwd()).storage)"
     subprocess.run([str(python), "-c", stop], cwd=folder, check=True)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.store.folder_bucket import FolderBucket
+from drcli.bucket.connect import FolderBucket
 from fault_machine import BUCKET
 from fault_run import FaultRun, Verdict
 from fault_schedule import SHORT, parse

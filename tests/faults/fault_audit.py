@@ -10,17 +10,17 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 from drcli.base.errors import DrError
-from drcli.exchange.episode_metrics import EpisodeMetrics
-from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.trace import STATUS_LABELS, TracedEpisode, read_csv
-from drcli.store import keys
-from drcli.store.best_checkpoint import read_scores
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.complete_files import read_complete
-from drcli.store.history import read_history
-from drcli.store.reconstruct import traced_iterations
-from drcli.store.repair import Model, find_damage, read_all_metrics
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.model import keys
+from drcli.model.best_checkpoint import read_scores
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.growing_file import read_complete
+from drcli.model.history import read_history
+from drcli.model.reconstruct import traced_iterations
+from drcli.model.repair import Model, find_damage, read_all_metrics
+from drcli.records.episode_metrics import EpisodeMetrics
+from drcli.records.iteration import IterationRecord
+from drcli.records.trace import STATUS_LABELS, TracedEpisode, read_csv
 
 LOOK_AGAIN_S = 1.5
 """When to look again at a model that is being trained: rclone deletes an old object a moment before

@@ -11,8 +11,8 @@ from functools import partial
 
 import psutil
 
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.checkpoint import CheckpointName
 from fault_machine import PREFIX, Machine, Storage, send
 from fault_proxy import Trap
 from fault_schedule import Fault

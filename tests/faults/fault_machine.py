@@ -14,11 +14,11 @@ from typing import Any, Literal
 
 import psutil
 
-from drcli.config.bucket_config import StorageConfig
-from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.store.folder_bucket import FolderBucket
-from drcli.store.server import server
-from drcli.store.server.state import ServerState, own_file
+from drcli.bucket.connect import FolderBucket
+from drcli.bucket.server import server
+from drcli.bucket.server.server_process import ServerState, own_file
+from drcli.config.run_config import StorageConfig
+from drcli.records.run_record import RunRecord, run_folder
 from fault_metadata import MetadataServer
 from fault_proxy import Proxy
 

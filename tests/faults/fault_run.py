@@ -12,11 +12,11 @@ from pathlib import Path
 import psutil
 
 from drcli.base.errors import DrError
-from drcli.exchange.run_state import Lease
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import read_history
-from drcli.store.lease import read_lease
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import read_history
+from drcli.model.lease import read_lease
+from drcli.records.run_record import Lease
 from fault_audit import Audit, audit_twice
 from fault_kinds import LOST, Effect, Place, inject
 from fault_machine import BUCKET, PREFIX, Machine, Storage, now_s

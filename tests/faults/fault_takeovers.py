@@ -16,9 +16,9 @@ from pathlib import Path
 import psutil
 
 from drcli.base.errors import DrError
-from drcli.store import keys
-from drcli.store.history import read_history
-from drcli.store.lease import STALE_S, read_lease
+from drcli.model import keys
+from drcli.model.history import read_history
+from drcli.model.lease import STALE_S, read_lease
 from fault_audit import Audit, audit_twice
 from fault_kinds import LOST
 from fault_machine import BUCKET, PREFIX, Machine, Storage, now_s, send

@@ -15,12 +15,12 @@ from pathlib import Path
 import psutil
 
 from drcli.base.errors import DrError
-from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
-from drcli.store.folder_bucket import FolderBucket
-from drcli.store.history import read_history
-from drcli.store.reconstruct import traced_iterations
-from drcli.store.server import idle
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
+from drcli.bucket.connect import FolderBucket
+from drcli.bucket.server import server
+from drcli.model.checkpoints import CheckpointStore, checkpoint_objects
+from drcli.model.history import read_history
+from drcli.model.reconstruct import traced_iterations
 from fault_audit import Audit
 from fault_machine import PREFIX, Machine, Storage, now_s, works_in
 
@@ -198,7 +198,7 @@ class PowerCuts:
 
     def close(self) -> None:
         """End everything."""
-        idle.not_in_use(self.storage.folder)
+        server.not_in_use(self.storage.folder)
         self.disk.close()
         self.machine.vanish()
 
@@ -229,7 +229,7 @@ class PowerCuts:
         unflushed = self.disk.folder / "unflushed"
         unflushed.write_text("lost")
         self.disk.cut()
-        idle.not_in_use(self.storage.folder)
+        server.not_in_use(self.storage.folder)
         self.disk.power_up()
         assert self.machine.process is not None
         self.machine.process.wait()

@@ -5,8 +5,8 @@ import time
 import pytest
 
 from drcli.base.errors import DiskFull, NoAnswer, StorageError
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
 from fault_machine import BUCKET, Storage
 from fault_proxy import Proxy
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from drcli.store import keys
-from drcli.store.folder_bucket import FolderBucket
+from drcli.bucket.connect import FolderBucket
+from drcli.model import keys
 from fault_audit import Audit
 from fault_machine import PREFIX
 from fault_schedule import SHORT, parse

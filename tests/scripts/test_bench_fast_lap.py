@@ -32,7 +32,7 @@ def test_the_last_third_tells_whether_laps_stay_fast(bench):
 
 
 def test_each_case_changes_a_hyperparameter_that_exists(bench):
-    from drcli.modelfiles.hyperparameters import Hyperparameters
+    from drcli.model.files.hyperparameters import Hyperparameters
 
     known = Hyperparameters.model_fields
     assert {key for change in bench.CASES.values() for key in change} <= set(known)

@@ -5,9 +5,7 @@ from types import ModuleType
 
 import pytest
 
-LOOP = (
-    "_code (<frozen runpy>);run (drcli/workers/worker_process.py);learn (drcli/workers/trainer.py)"
-)
+LOOP = "_code (<frozen runpy>);run (drcli/workers/worker_process.py);learn (drcli/train/trainer.py)"
 
 RECORDING = f"""\
 {LOOP};update (drcli/learn/ppo.py) 30

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import pytest
 
-from drcli.exchange.laps import Laps
+from drcli.records.iteration import Laps
 
 SEEDS = (7, 8)
 

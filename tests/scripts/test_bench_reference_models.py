@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drcli.formats.build_network import policy_spec, weights_of
-from drcli.formats.frozen_graph import encode_policy
+from drcli.convert.build_network import policy_spec, weights_of
+from drcli.convert.frozen_graph import encode_policy
 from drcli.learn.actor_critic import ActorCritic
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drsim.car.car_sets import CAR_SETS
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drsim.car.car_parameters import CAR_SETS
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared"

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from drcli.workers.robust_grid import grid
+from drcli.drive.evaluate_many import grid
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts" / "bench"
 

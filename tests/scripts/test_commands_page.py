@@ -7,9 +7,9 @@ import pytest
 from commands_page import document
 from drfc_commands import REFERENCE, SCRIPTS, missing
 
+from drcli.checks.explain.explain_texts import EXIT_CODES
 from drcli.cli.command_line import EPILOG
 from drcli.cli.command_table import COMMANDS, program_names
-from drcli.explain.exit_code_texts import EXIT_CODES
 
 ROOT = Path(__file__).resolve().parents[2]
 

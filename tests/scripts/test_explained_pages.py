@@ -6,8 +6,8 @@ from pathlib import Path
 import explained_pages
 import pytest
 
-from drcli.explain.lookup import explain
-from drcli.explain.reward_parameter_texts import REWARD_PARAMETERS
+from drcli.checks.explain.lookup import explain
+from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

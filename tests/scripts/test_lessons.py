@@ -16,8 +16,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.simulation import Simulation
 from drsim.track.worlds import load_track

@@ -6,8 +6,8 @@ from pathlib import Path
 from drcli.analysis.model_source import open_model
 from drcli.analysis.read_run import run_of
 from drcli.config.loading import load_settings
-from drcli.playback.stored_traces import parse_name
-from drcli.video.recorded_lap import read_laps
+from drcli.view.playback.stored_traces import parse_name
+from drcli.view.video.recorded_lap import read_laps
 
 
 def counted_episodes(model: Path) -> dict[str, int]:

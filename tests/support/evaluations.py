@@ -1,6 +1,6 @@
 """Evaluation results for tests of what is made of them."""
 
-from drcli.exchange.scores import EvaluationResult
+from drcli.records.scores import EvaluationResult
 
 
 def evaluated(checkpoint: str, progress: float, lap_ms: float | None = None) -> EvaluationResult:

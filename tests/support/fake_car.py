@@ -22,10 +22,10 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from werkzeug import Request, Response
 from werkzeug.serving import make_server
 
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import encode_policy
-from drcli.formats.write_form import Network
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import encode_policy
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.transfer.export_forms import Network
 from small_policies import metadata_json, small_metadata, small_network
 
 PASSWORD = "sticker"

@@ -10,10 +10,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import drcli.spot.boot
+import drcli.outside.aws.boot
 from metadata_server import MetadataServer
 
-BOOT = Path(drcli.spot.boot.__file__)
+BOOT = Path(drcli.outside.aws.boot.__file__)
 
 PROGRAMS = {
     "apt-get": 'echo "apt-get $*" >> "$CALLS"; [ ! -e "$DRCLI_SPOT_ROOT/no-packages" ]',

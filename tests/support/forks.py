@@ -14,7 +14,7 @@ PATIENCE_S = 90.0
 FORKING = """
 # FIRST
 import gc, importlib, json, os, sys
-import boto3, drcli.rewards.check, drcli.runs.plan, drcli.store.connect, drcli.checks.validate
+import boto3, drcli.rewards.check, drcli.run.plan, drcli.bucket.connect, drcli.checks.validate
 from drcli.cli.app import main
 from drcli.cli.command_line import load
 from drcli.cli.command_table import COMMANDS
@@ -47,12 +47,12 @@ for line in sys.stdin:
 """
 """Runs each command line in a process of its own that has everything loaded when it begins."""
 
-FORMATS = ("torch", "drcli.formats.policy_engines")
+FORMATS = ("torch", "drcli.convert.engines")
 REPORTS = ("drcli.analysis.analysis", "drcli.analysis.outputs", "matplotlib.figure", "pandas")
 MODULES = {
     "analyze": REPORTS,
     "start-loganalysis": REPORTS,
-    "saliency": ("torch", "drcli.saliency.explain_model", "drsim.episode.simulation"),
+    "saliency": ("torch", "drcli.view.saliency.explain_model", "drsim.episode.simulation"),
     "export": FORMATS,
     "import": FORMATS,
     "upload-car-zip": FORMATS,

@@ -15,9 +15,9 @@ from typing import Any
 
 import psutil
 
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.server import server
 from drcli.config.loading import load_settings
-from drcli.store.s3_bucket import S3Bucket
-from drcli.store.server import server
 from forks import Forks
 from old_model import extract_old_model
 
@@ -177,8 +177,7 @@ class FuzzSpace:
 
     def _write_records(self) -> None:
         """What a run that ended has left in the folder and in the bucket."""
-        from drcli.exchange.run_record import RunRecord
-        from drcli.exchange.run_state import Lease
+        from drcli.records.run_record import Lease, RunRecord
 
         run = RunRecord(
             run_id=0,
@@ -238,7 +237,7 @@ class FuzzSpace:
                     process.wait(10)
 
     def _storage(self) -> Any:
-        from drcli.config.bucket_config import StorageConfig
+        from drcli.config.run_config import StorageConfig
 
         return StorageConfig("local", "bucket", self.bucket.parent)
 

@@ -10,15 +10,15 @@ import pytest
 from drcli.base.errors import DrError
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.exchange.race_submission import DrivenLap
+from drcli.model import keys, race_keys
+from drcli.model.checkpoints import CheckpointStore
 from drcli.races.organise import create_race
 from drcli.races.race_queue import run_queue
+from drcli.races.race_records import DrivenLap
 from drcli.races.race_wish import RaceWish
 from drcli.races.submissions import submit
-from drcli.runs.evaluation_plan import EvaluationPlan
-from drcli.runs.evaluation_report import EvaluationReport, TrialReport
-from drcli.store import keys, race_keys
-from drcli.store.checkpoints import CheckpointStore
+from drcli.run.evaluation_plan import EvaluationPlan
+from drcli.run.evaluation_report import EvaluationReport, TrialReport
 from memory_bucket import MemoryBucket
 from racer import ACTIONS
 
@@ -123,6 +123,6 @@ def home_in(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
     found = Home(working_folder, MemoryBucket())
     for name in ("ann", "bob", "cem"):
         found.put_model(name)
-    monkeypatch.setattr("drcli.runs.evaluation_plan.open_bucket", lambda *_, **__: found.bucket)
+    monkeypatch.setattr("drcli.run.evaluation_plan.open_bucket", lambda *_, **__: found.bucket)
     monkeypatch.setattr("drcli.races.race_queue.run_evaluation", found.drive)
     return found

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from drcli.exchange.iteration import IterationRecord
+from drcli.records.iteration import IterationRecord
 
 
 def iteration_record(iteration: int = 0, **changes: Any) -> IterationRecord:

@@ -10,16 +10,16 @@ from typing import Any
 
 import torch
 
-from drcli.exchange.live_record import LiveAddress, LiveMessage, LiveView
-from drcli.exchange.run_record import run_folder
-from drcli.formats.build_network import TEACHER_DIMS
+from drcli.convert.build_network import TEACHER_DIMS
+from drcli.drive.driving import Driven, Driver, Plan, Racer
 from drcli.learn.actor_critic import ActorCritic, Teacher
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.policy import PolicySpec
-from drcli.workers.driving import Driven, Driver, Plan, Racer
-from drcli.workers.live_pace import Pace
-from drcli.workers.live_scene import LiveFacts, live_racer
-from drcli.workers.live_view import LiveShow
+from drcli.live.live_record import LiveAddress, LiveMessage, LiveView
+from drcli.live.live_scene import LiveFacts, live_racer
+from drcli.live.live_server import Pace
+from drcli.live.live_view import LiveShow
+from drcli.records.run_record import run_folder
 from drsim.car.actions import ContinuousActions, DiscreteActions
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from typing import Self
 
-from drcli.store.bucket import (
+from drcli.bucket.bucket import (
     Listing,
     ObjectInfo,
     ObjectMissing,

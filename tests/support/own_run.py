@@ -6,7 +6,7 @@ from typing import Any
 
 import psutil
 
-from drcli.exchange.run_record import RunRecord
+from drcli.records.run_record import RunRecord
 
 
 def own_run(**changes: Any) -> RunRecord:

@@ -4,8 +4,13 @@ import hashlib
 from dataclasses import replace
 from typing import Any
 
-from drcli.exchange.training_record import RecordedStart, TrainingRecord, TrainingResults
-from drcli.exchange.training_start import GitState, Pretrained
+from drcli.records.training_record import (
+    GitState,
+    Pretrained,
+    RecordedStart,
+    TrainingRecord,
+    TrainingResults,
+)
 
 DAY_S = 86_400.0
 FIRST_S = 1_795_000_000.0

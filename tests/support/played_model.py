@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from drcli.exchange.race_recording import RaceRecording
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.evaluation_task import RaceRecording
 from drsim.track.worlds import load_track
 from memory_bucket import MemoryBucket
 from recorded_drives import trace_csv, trace_rows

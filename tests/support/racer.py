@@ -6,9 +6,9 @@ from typing import Any
 
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.runs.plan import RunPlan, StartOptions, prepare
-from drcli.store import lease
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model import lease
+from drcli.model.checkpoints import CheckpointStore
+from drcli.run.plan import RunPlan, StartOptions, prepare
 from memory_bucket import MemoryBucket
 
 ACTIONS = [{"steering_angle": angle, "speed": 2.0} for angle in (-20.0, 0.0, 20.0)]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drcli.exchange.trace import CSV_HEADER
+from drcli.records.trace import CSV_HEADER
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.track.track import Track
 

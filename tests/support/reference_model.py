@@ -11,10 +11,10 @@ from typing import Any
 import torch
 from safetensors.torch import save
 
-from drcli.formats.build_network import build_policy
-from drcli.formats.training_checkpoint import TrainingCheckpoint, encode_training_checkpoint
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.convert.build_network import build_policy
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.transfer.export_forms import TrainingCheckpoint, encode_training_checkpoint
 
 BEST, LAST, NEWEST = "2_Step-4630.ckpt", "3_Step-7105.ckpt", "4_Step-9500.ckpt"
 """The index trails the pointer by one iteration, as the reference writes them."""

@@ -11,8 +11,8 @@ from moto.server import DomainDispatcherApplication, create_backend_app
 from werkzeug import Request, Response
 from werkzeug.serving import make_server
 
-from drcli.store.endpoint import UPLOADS, Endpoint
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket.endpoint import UPLOADS, Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
 
 ACTIONS = {"PUT": "s3:PutObject", "GET": "s3:GetObject", "POST": "s3:DeleteObject"}
 USER = "arn:aws:iam::123456789012:user/racer"

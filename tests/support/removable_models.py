@@ -1,6 +1,6 @@
 """Whole models in a bucket in memory, for tests of what deletes them."""
 
-from drcli.store import keys
+from drcli.model import keys
 from memory_bucket import MemoryBucket
 
 OTHERS = ("model-10", "model-1/inner", "model-1-old")

@@ -12,7 +12,7 @@ from typing import Any
 
 from websockets.sync.client import ClientConnection, connect
 
-from drcli.base.backoff import wait_until
+from drcli.base.clock import wait_until
 from drcli.web.console_app import build_app
 from drcli.web.serve import server_of
 

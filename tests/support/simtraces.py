@@ -5,9 +5,9 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from drcli.exchange.episode_metrics import EpisodeMetrics, encode_metrics
-from drcli.exchange.trace import Episode, Phase, Row, csv_text
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
+from drcli.records.trace import Episode, Phase, Row, csv_text
 from drsim.track.worlds import load_track
 
 WORLD = "reinvent_base"

@@ -6,12 +6,12 @@ from typing import Any
 import torch
 from safetensors.torch import save
 
-from drcli.exchange.checkpoint import Counters
-from drcli.formats.build_network import build_policy
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
+from drcli.convert.build_network import build_policy
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.records.checkpoint import Counters
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
 

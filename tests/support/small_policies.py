@@ -5,11 +5,11 @@ from typing import Any
 
 import torch
 
-from drcli.formats.write_form import Network
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
 from drcli.learn.sac_networks import SACAgent
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.transfer.export_forms import Network
 
 ACTIONS = [{"steering_angle": angle, "speed": 2.0} for angle in (-20.0, -10.0, 0.0, 10.0, 20.0)]
 RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 3}}

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from drcli.exchange.episode_metrics import TrialMetrics, encode_metrics_file
-from drcli.exchange.iteration import IterationRecord, encode_history
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.episode_metrics import TrialMetrics, encode_metrics_file
+from drcli.records.iteration import IterationRecord, encode_history
 
 STAMP = "20260102030405"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from drcli.analysis.run import Run
-from drcli.modelfiles.action_space import ActionSpace
+from drcli.model.files.action_space import ActionSpace
 from synthetic_plans import Plan
 
 

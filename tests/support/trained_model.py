@@ -6,14 +6,14 @@ from typing import Any
 import torch
 from safetensors.torch import save
 
-from drcli.exchange.checkpoint import Counters
-from drcli.exchange.episode_metrics import EpisodeMetrics, encode_metrics
-from drcli.formats.build_network import build_policy
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.store import keys
-from drcli.store.bucket import Bucket
-from drcli.store.checkpoints import CheckpointStore
+from drcli.bucket.bucket import Bucket
+from drcli.convert.build_network import build_policy
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.records.checkpoint import Counters
+from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from evaluations import evaluated
 
 DISCRETE = [{"steering_angle": angle, "speed": 1.5} for angle in (-20, 0, 20)]

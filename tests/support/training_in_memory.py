@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.runs.plan import StartOptions, prepare
-from drcli.store import lease
+from drcli.model import lease
+from drcli.records.job import Job
+from drcli.run.plan import StartOptions, prepare
+from drcli.train.sim import SimWorker
+from drcli.train.trainer import learn
 from drcli.workers.pulse import Pulse
-from drcli.workers.sim import SimWorker
-from drcli.workers.trainer import learn
 from drcli.workers.worker_process import StopRequested
 from memory_bucket import MemoryBucket
 
@@ -79,7 +79,7 @@ class TrainingInMemory:
         for module in ("runs.plan", "workers.worker_process"):
             patch.setattr(f"drcli.{module}.open_bucket", lambda *_, **__: self.bucket)
         patch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
-        patch.setattr("drcli.models.run_metadata._git", lambda *_: None)
+        patch.setattr("drcli.model.run_metadata._git", lambda *_: None)
 
     def write(self, name: str, text: str) -> None:
         """Write a file of the folder."""

@@ -5,14 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from drcli.bucket.bucket import Bucket
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.runs.checkpoint_watch import CheckpointWatch
-from drcli.runs.command_process import CommandEnd
-from drcli.runs.duty import RunningTraining
-from drcli.runs.journal import Journal
-from drcli.runs.outcome import Ending, Outcome
-from drcli.store.bucket import Bucket
+from drcli.records.job import Job
+from drcli.run.checkpoint_watch import CheckpointWatch
+from drcli.run.command_process import CommandEnd
+from drcli.run.duty import RunningTraining
+from drcli.run.journal import Journal
+from drcli.run.outcome import Ending, Outcome
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
 
@@ -56,7 +56,7 @@ class Watched(CheckpointWatch):
 
     def has(self, last: int, best: int | None = None) -> None:
         """Let the training have these checkpoints."""
-        from drcli.exchange.scores import Score
+        from drcli.records.scores import Score
 
         self.last = Score(f"{last}_Step-{last}00.ckpt")
         if best is not None:
@@ -134,7 +134,7 @@ def ending(code: int = 0, left_s: float | None = None, message: str = "It is ove
 
 def put_scores(bucket: Bucket, prefix: str, *numbers: int) -> None:
     """Lay down a model whose checkpoints get better."""
-    from drcli.store.checkpoints import CheckpointStore
+    from drcli.model.checkpoints import CheckpointStore
 
     store = CheckpointStore(bucket, prefix)
     for number in numbers:

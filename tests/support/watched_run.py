@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.exchange.pulse_record import PulseRecord, open_pulse_file
-from drcli.exchange.watch_record import WatchRecord
-from drcli.runs.duty import RunningTraining
-from drcli.runs.journal import Journal
-from drcli.runs.worker_processes import Child
+from drcli.records.heartbeat import PulseRecord, WatchRecord, open_pulse_file
+from drcli.records.job import Job
+from drcli.run.duty import RunningTraining
+from drcli.run.journal import Journal
+from drcli.run.worker_processes import Child
 from memory_bucket import MemoryBucket
 
 

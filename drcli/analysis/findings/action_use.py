@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drcli.analysis.findings.driven_steps import DrivenSteps
-from drcli.modelfiles.action_space import ActionSpace
+from drcli.model.files.action_space import ActionSpace
 from drsim.arrays import Bools, Floats, Ints
 
 PLACES = 40

@@ -141,3 +141,141 @@ def _moving(frame: "pd.DataFrame") -> Bools:
     if "episode_status" not in frame:
         return np.ones(len(frame), dtype=bool)
     return ~np.asarray(frame["episode_status"].isin(STANDING), dtype=bool)
+
+
+# Where episodes end.
+
+
+PARTS = 20
+
+
+@dataclass(frozen=True)
+class EndsInPart:
+    first: int
+    last: int
+    ends: int
+    passes: int
+
+    @property
+    def share(self) -> float:
+        return self.ends / self.passes if self.passes else 0.0
+
+
+@dataclass(frozen=True)
+class EpisodeEnds:
+    """Ends of the episodes late in a training.
+
+    Attributes:
+        parts: Twenty, by waypoints.
+        densest: The stretch of a part's length with the most ends. It may begin in the middle of a
+            part, so that a place on a border is not cut in half.
+    """
+
+    episodes: int
+    complete: int
+    parts: tuple[EndsInPart, ...]
+    worst: int | None
+    densest: EndsInPart | None
+
+
+def episode_ends(late: DrivenSteps) -> EpisodeEnds | None:
+    if not len(late):
+        return None
+    complete = late.progress[late.last] >= 100.0
+    places = int(max(late.waypoint.max(), 0)) + 1
+    size = min(PARTS, places)
+    parts = _stretches(late, complete, places, size, width=1)
+    worst = max(range(size), key=lambda n: parts[n].ends)
+    shifted = parts if 2 * size > places else _stretches(late, complete, places, 2 * size, width=2)
+    densest = max(shifted, key=lambda part: part.ends)
+    return EpisodeEnds(
+        episodes=int(late.last.sum()),
+        complete=int(complete.sum()),
+        parts=parts,
+        worst=worst if parts[worst].ends else None,
+        densest=densest if densest.ends else None,
+    )
+
+
+def _stretches(
+    late: DrivenSteps, complete: Bools, places: int, cells: int, width: int
+) -> tuple[EndsInPart, ...]:
+    cell = np.maximum(late.waypoint, 0) * cells // places
+    ends = np.bincount(cell[late.last][~complete], minlength=cells)
+    seen = np.zeros((int(late.episode[-1] - late.episode[0]) + 1, cells), dtype=bool)
+    seen[late.episode - late.episode[0], cell] = True  # far faster than to sort the pairs
+    count = cells - width + 1
+    passes = np.any([seen[:, n : n + count] for n in range(width)], axis=0).sum(axis=0)
+    return tuple(
+        EndsInPart(
+            first=-(-n * places // cells),
+            last=-(-(n + width) * places // cells) - 1,
+            ends=int(ends[n : n + width].sum()),
+            passes=int(passes[n]),
+        )
+        for n in range(count)
+    )
+
+
+# Episodes by start, and by fifths of the training.
+
+
+START_GROUPS = 10
+
+
+@dataclass(frozen=True)
+class EpisodeGroup:
+    """Named by quintile, such as 1st, or waypoints, such as 0-11."""
+
+    name: str
+    episodes: int
+    mean_progress: float
+    complete_share: float
+    mean_reward: float
+    best_lap_s: float | None
+
+
+def by_quintile(run: Run) -> tuple[EpisodeGroup, ...]:
+    table = run.episodes
+    if not len(table) or "quintile" not in table:
+        return ()
+    names = sorted(set(table["quintile"].dropna().astype(str)))
+    quintile = table["quintile"].astype(str)
+    return tuple(_group(name, table[quintile == name]) for name in names)
+
+
+def by_start(run: Run) -> tuple[EpisodeGroup, ...]:
+    """The episodes of the last third, by where they start."""
+    table = run.episodes
+    if not len(table) or "start_at" not in table:
+        return ()
+    first, last = int(table["iteration"].min()), int(table["iteration"].max())
+    late = table[table["iteration"] > last - (last - first + 1) / 3]
+    start = np.maximum(np.asarray(late["start_at"].fillna(0), dtype=np.int64), 0)
+    places = max(_last_waypoint(run.steps), int(start.max())) + 1
+    size = min(START_GROUPS, places)
+    group = start * size // places
+    return tuple(
+        _group(f"{-(-n * places // size)}-{-(-(n + 1) * places // size) - 1}", late[group == n])
+        for n in np.unique(group).tolist()
+    )
+
+
+def _last_waypoint(steps: "pd.DataFrame") -> int:
+    if "closest_waypoint" not in steps:
+        return 0
+    highest = steps["closest_waypoint"].max()
+    return int(highest) if np.isfinite(highest) else 0
+
+
+def _group(name: str, rows: "pd.DataFrame") -> EpisodeGroup:
+    done = rows["complete"].astype(bool)
+    times = rows["time"][done]
+    return EpisodeGroup(
+        name=name,
+        episodes=len(rows),
+        mean_progress=float(rows["progress"].mean()),
+        complete_share=float(done.mean()),
+        mean_reward=float(rows["reward"].mean()),
+        best_lap_s=float(times.min()) if len(times) else None,
+    )

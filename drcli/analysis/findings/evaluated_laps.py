@@ -9,10 +9,10 @@ import numpy as np
 from drcli.analysis.findings.action_use import ActionUse, action_use
 from drcli.analysis.findings.driven_steps import driven_steps
 from drcli.analysis.findings.learning_curve import LearningCurve
-from drcli.analysis.findings.steering_balance import SteeringBalance, steering_balance
+from drcli.analysis.findings.steering import SteeringBalance, steering_balance
 from drcli.analysis.run import Run, StoredEvaluation
-from drcli.exchange.laps import Laps
-from drcli.exchange.trace import VIOLATIONS
+from drcli.records.iteration import Laps
+from drcli.records.trace import VIOLATIONS
 
 if TYPE_CHECKING:
     import pandas as pd

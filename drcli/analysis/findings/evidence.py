@@ -10,37 +10,267 @@ import numpy as np
 
 from drcli.analysis.findings.action_use import ActionUse, action_use
 from drcli.analysis.findings.discount_horizon import DiscountHorizon, discount_horizon
-from drcli.analysis.findings.driven_steps import DrivenSteps, driven_steps
-from drcli.analysis.findings.episode_ends import EpisodeEnds, episode_ends
-from drcli.analysis.findings.episode_groups import EpisodeGroup, by_quintile, by_start
+from drcli.analysis.findings.driven_steps import (
+    DrivenSteps,
+    EpisodeEnds,
+    EpisodeGroup,
+    by_quintile,
+    by_start,
+    driven_steps,
+    episode_ends,
+)
 from drcli.analysis.findings.evaluated_laps import (
     EvaluatedLaps,
     evaluated_alone,
     evaluated_in_training,
 )
-from drcli.analysis.findings.evaluation_gap import EvaluationGap, evaluation_gap
 from drcli.analysis.findings.lap_slowing import change_t, lap_slowing
-from drcli.analysis.findings.lap_times import LapTimes, lap_times
-from drcli.analysis.findings.learner_health import LearnerHealth, learner_health
 from drcli.analysis.findings.learning_curve import (
     TREND_T,
     Fall,
     LearningCurve,
     lasting_fall,
     learning_curve,
+    rolling,
 )
 from drcli.analysis.findings.reward_rate import RewardRate, reward_rate
-from drcli.analysis.findings.snaking import Snaking, snaking
-from drcli.analysis.findings.steering_balance import SteeringBalance, steering_balance
-from drcli.analysis.findings.wheels_off import WheelsOff, wheels_off
-from drcli.analysis.findings.window import early_steps, late_steps, learned_steps
+from drcli.analysis.findings.steering import (
+    Snaking,
+    SteeringBalance,
+    WheelsOff,
+    snaking,
+    steering_balance,
+    wheels_off,
+)
 from drcli.analysis.run import Run
 from drcli.base.json_record import RecordError, parse_json
-from drcli.modelfiles.action_space import ActionSpace
-from drcli.store.keys import MODEL_METADATA_FILE
+from drcli.model.alarms import ENTROPY_NEAR, ENTROPY_RISE, ENTROPY_SINCE, ENTROPY_WINDOW
+from drcli.model.files.action_space import ActionSpace
+from drcli.model.keys import MODEL_METADATA_FILE
+from drsim.arrays import Bools, Floats
 
 if TYPE_CHECKING:
     import pandas as pd
+
+# Which steps show how the car drives now.
+
+
+LATE_SHARE = 3
+LEAST_STEPS = 1500
+
+
+def late_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> DrivenSteps:
+    """The last third of the iterations, or the third before a collapse."""
+    return steps.where(_mask(steps, curve, fall))
+
+
+def learned_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> DrivenSteps:
+    """All steps on the present track before a collapse."""
+    if not len(curve):
+        return steps
+    kept = steps.iteration >= curve.iteration[0]
+    if fall is not None:
+        kept &= steps.iteration < curve.iteration[fall.at]
+    return steps.where(kept)
+
+
+def early_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> DrivenSteps:
+    numbers = curve.iteration if fall is None else curve.iteration[: fall.at]
+    if not len(numbers):
+        return steps.where(np.zeros(len(steps), dtype=bool))
+    last = numbers[max(0, -(-len(numbers) // LATE_SHARE) - 1)]
+    return steps.where((steps.iteration >= numbers[0]) & (steps.iteration <= last))
+
+
+def _mask(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> Bools:
+    numbers = curve.iteration if fall is None else curve.iteration[: fall.at]
+    if not len(numbers):
+        return np.ones(len(steps), dtype=bool)
+    counts = np.bincount(np.maximum(steps.iteration, 0), minlength=int(numbers[-1]) + 1)
+    counts = counts[numbers[::-1]]
+    enough = int(np.searchsorted(np.cumsum(counts), LEAST_STEPS)) + 1
+    count = min(len(numbers), max(-(-len(numbers) // LATE_SHARE), enough))
+    first, last = numbers[-count], numbers[-1]
+    return np.asarray((steps.iteration >= first) & (steps.iteration <= last))
+
+
+# Complete laps: number, times, records.
+
+
+PERCENTILES = (1, 10, 25, 50, 75)
+"""As in the tables of deepracer-on-the-spot."""
+
+
+@dataclass(frozen=True)
+class BestLap:
+    iteration: int
+    unique_episode: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class LapTimes:
+    """The complete laps; `median_s` is of the last third."""
+
+    laps: int
+    first_iteration: int | None
+    best_s: float | None
+    median_s: float | None
+    percentiles: dict[int, float]
+    best_laps: tuple[BestLap, ...]
+
+
+def lap_times(run: Run) -> LapTimes:
+    table = run.episodes
+    if not len(table):
+        return LapTimes(0, None, None, None, {}, ())
+    done = table[table["complete"].astype(bool) & (table["time"] > 0)]
+    if not len(done):
+        return LapTimes(0, None, None, None, {}, ())
+    time_s = np.asarray(done["time"], dtype=np.float64)
+    iteration = np.asarray(done["iteration"], dtype=np.int64)
+    names = np.asarray(done.index, dtype=np.int64)
+    best: list[BestLap] = []
+    for n in np.argsort(iteration, kind="stable"):
+        if not best or time_s[n] < best[-1].seconds:
+            best.append(BestLap(int(iteration[n]), int(names[n]), float(time_s[n])))
+    first, last = int(table["iteration"].min()), int(table["iteration"].max())
+    late = time_s[iteration > last - (last - first + 1) / 3]
+    return LapTimes(
+        laps=len(done),
+        first_iteration=int(iteration.min()),
+        best_s=float(time_s.min()),
+        median_s=float(np.median(late)) if len(late) else None,
+        percentiles={p: float(np.percentile(time_s, p)) for p in PERCENTILES},
+        best_laps=tuple(best),
+    )
+
+
+# What entropy, KL divergence and losses say about the updates.
+
+
+@dataclass(frozen=True)
+class LearnerHealth:
+    """The updates of a training; None where nothing was recorded.
+
+    Attributes:
+        lowest_entropy: Nats; mean over five updates.
+        spread: `last_entropy` as a share of that of equal probabilities.
+        rising_since: Updates since it was lowest, if it rises as `dr-status` warns of.
+        clip_fraction: Share of the steps whose probability ratio was clipped.
+    """
+
+    updates: int
+    first_entropy: float | None
+    last_entropy: float | None
+    lowest_entropy: float | None
+    spread: float | None
+    rising_since: int | None
+    median_kl: float | None
+    last_value_loss: float | None
+    clip_fraction: float | None
+
+
+def learner_health(learner: "pd.DataFrame", *, sac: bool, actions: int = 0) -> LearnerHealth | None:
+    """Judge the updates in `Run.learner`.
+
+    SAC's temperature steers the entropy: then a rise is not a warning.
+    """
+    if not len(learner):
+        return None
+    entropy, kl = _known(learner, "entropy"), _known(learner, "kl")
+    means = rolling(entropy, ENTROPY_WINDOW)[ENTROPY_WINDOW - 1 :]
+    last = _mean(entropy[-ENTROPY_WINDOW:])
+    return LearnerHealth(
+        updates=len(learner),
+        first_entropy=_mean(entropy[:ENTROPY_WINDOW]),
+        last_entropy=last,
+        lowest_entropy=float(means.min()) if len(means) else None,
+        spread=None if last is None or actions < 2 else last / math.log(actions),
+        rising_since=None if sac else _rising_since(means),
+        median_kl=float(np.median(kl)) if len(kl) else None,
+        last_value_loss=_mean(_known(learner, "value_loss")[-ENTROPY_WINDOW:]),
+        clip_fraction=_mean(_known(learner, "clip_fraction")[-ENTROPY_WINDOW:]),
+    )
+
+
+def _rising_since(means: Floats) -> int | None:
+    if len(means) <= ENTROPY_SINCE:
+        return None
+    low = int(np.flatnonzero(means <= means.min() + ENTROPY_NEAR)[-1])
+    since = len(means) - 1 - low
+    risen = since >= ENTROPY_SINCE and means[-1] >= means.min() + ENTROPY_RISE
+    return since if risen else None
+
+
+def _known(learner: "pd.DataFrame", name: str) -> Floats:
+    if name not in learner:
+        return np.empty(0)
+    values = np.asarray(learner[name], dtype=np.float64)
+    return values[np.isfinite(values)]
+
+
+def _mean(values: Floats) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+# Progress of evaluations and of training episodes.
+
+
+NEWEST = 8
+LEAST = 3
+
+
+@dataclass(frozen=True)
+class EvaluationGap:
+    """Mean progress of training and evaluation, percent.
+
+    Attributes:
+        t: `behind` in standard errors.
+        count: Evaluated iterations, or trials if `alone`.
+        alone: Evaluations on their own, after the training.
+    """
+
+    training: float
+    evaluation: float
+    behind: float
+    t: float
+    count: int
+    alone: bool
+
+
+def evaluation_gap(run: Run, curve: LearningCurve, until: int) -> EvaluationGap | None:
+    """Compare evaluations with the first `until` iterations."""
+    training, evaluation = curve.progress[:until], curve.evaluation[:until]
+    where = np.flatnonzero(np.isfinite(evaluation))
+    where = where[-max(NEWEST, len(where) // 3) :]
+    where = where[where >= until - max(2 * NEWEST, until // 2)]
+    if len(where) >= LEAST:
+        gaps = training[where] - evaluation[where]
+        return _gap(training[where], evaluation[where], float(np.std(gaps, ddof=1)), alone=False)
+    trials = [
+        float(progress)
+        for each in run.evaluations[-3:]
+        if each.world is None or run.world is None or each.world == run.world
+        for progress in each.trials["alone_progress"]  # an episode ends at the first violation
+        if math.isfinite(progress)
+    ]
+    newest = training[-NEWEST:]
+    if len(trials) < LEAST or len(newest) < LEAST:
+        return None
+    tried = np.array(trials)
+    return _gap(np.full(len(tried), newest.mean()), tried, float(np.std(tried, ddof=1)), alone=True)
+
+
+def _gap(
+    training: np.ndarray, evaluation: np.ndarray, spread: float, *, alone: bool
+) -> EvaluationGap:
+    first, second = float(np.mean(training)), float(np.mean(evaluation))
+    error = max(spread, 2.0) / math.sqrt(len(evaluation))
+    return EvaluationGap(
+        first, second, first - second, (first - second) / error, len(evaluation), alone
+    )
+
 
 FALL_FROM = 20.0
 """Percent. The warning during a training asks for 40; a whole curve shows smaller falls."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FALL_SHARE = 0.6
-"""Of the level before, as in `drcli.store.history`."""
+"""Of the level before, as in `drcli.model.history`."""
 
 FALL_SIGMAS = 4.0
 """Of 1,500 made curves without a collapse, none had so large a fall."""
@@ -26,7 +26,7 @@ HUGE = 1e100
 """Larger values are scaled: their squares overflow."""
 
 SMOOTH = 3
-"""As in `drcli.store.history`."""
+"""As in `drcli.model.history`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,15 +17,9 @@ from drcli.analysis.findings.curve_trend import (
 )
 from drcli.analysis.findings.evaluated_laps import EvaluatedLaps
 from drcli.analysis.findings.evidence import Evidence, gather
-from drcli.analysis.findings.learning_curve import (
-    SMOOTH,
-    LearningCurve,
-    Slope,
-    slope,
-    swings,
-)
+from drcli.analysis.findings.learning_curve import SMOOTH, LearningCurve, Slope, slope, swings
 from drcli.analysis.run import Run
-from drcli.store.alarms import CONVERGED_GAP, CONVERGED_OVER, CONVERGED_PROGRESS
+from drcli.model.alarms import CONVERGED_GAP, CONVERGED_OVER, CONVERGED_PROGRESS
 
 Kind = Literal[
     "improving",

@@ -6,20 +6,32 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.analysis.compare_runs import ComparedPair, ComparedRun, Comparison
-from drcli.analysis.comparison_rows import (
+from drcli.analysis.compare_runs import (
+    ComparedPair,
+    ComparedRun,
+    Comparison,
     ComparisonRow,
     Kind,
     comparison_rows,
     interval_rows,
 )
 from drcli.analysis.report.document import html_document
-from drcli.analysis.report.graphs import Graph, Series
-from drcli.analysis.report.markup import Content, Html, coloured_difference, element, table, tiles
-from drcli.analysis.report.section import Section
+from drcli.analysis.report.graphs import Graph, Section, Series
+from drcli.analysis.report.markup import (
+    UNKNOWN,
+    Content,
+    Html,
+    coloured_difference,
+    count,
+    digits,
+    element,
+    percent,
+    seconds,
+    table,
+    tiles,
+)
 from drcli.analysis.report.summary_sections import problems_box
-from drcli.analysis.report.words import UNKNOWN, count, digits, percent, seconds
-from drcli.base.atomic_file import rewrite
+from drcli.base.files import rewrite
 
 Floats = NDArray[np.float64]
 

@@ -8,9 +8,8 @@ from importlib.resources import files
 from typing import Any
 
 from drcli import __version__
-from drcli.analysis.report.markup import Content, Html, element, joined
-from drcli.analysis.report.packing import json_text
-from drcli.analysis.report.section import Section
+from drcli.analysis.report.graphs import Section
+from drcli.analysis.report.markup import Content, Html, element, joined, json_text
 
 _SCRIPTS = (
     "uplot/uPlot.iife.min.js",

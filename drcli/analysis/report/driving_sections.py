@@ -1,17 +1,39 @@
 """Sections on actions, steering, ends of episodes and the horizon."""
 
+import base64
 import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from drcli.analysis.findings.action_use import ActionShare, ActionUse
 from drcli.analysis.findings.discount_horizon import DiscountHorizon
-from drcli.analysis.findings.episode_ends import EpisodeEnds
-from drcli.analysis.findings.reward_function_time import RewardFunctionTime
-from drcli.analysis.findings.snaking import Snaking
-from drcli.analysis.findings.steering_balance import SteeringBalance
-from drcli.analysis.findings.wheels_off import WheelsOff
-from drcli.analysis.report.markup import Content, Html, bar, element, table
-from drcli.analysis.report.section import Section
-from drcli.analysis.report.words import count, digits, percent
+from drcli.analysis.findings.driven_steps import EpisodeEnds
+from drcli.analysis.findings.reward_rate import RewardFunctionTime, RewardRate
+from drcli.analysis.findings.steering import Snaking, SteeringBalance, WheelsOff
+from drcli.analysis.report.graphs import Graph, Section, dots_note, many_points
+from drcli.analysis.report.markup import (
+    Content,
+    Html,
+    bar,
+    count,
+    digits,
+    element,
+    percent,
+    seconds,
+    table,
+)
+from drcli.analysis.run import Run, StoredEvaluation
+from drcli.base.png_picture import INK, LINES, png
+from drcli.tracks.limit_store import StoredLimit
+from drcli.tracks.track_limit import LapRow, LostPlace, limit_text, lost_places
+from drsim.arrays import Floats
+from drsim.limit.fastest_line import points_of
+from drsim.track.track import Track
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
 
 
 def ends_section(ends: EpisodeEnds | None, off: WheelsOff | None) -> Section | None:
@@ -219,3 +241,267 @@ def horizon_section(
         "changes what the car learns."
     )
     return Section("horizon", "How far it looks ahead", "Horizon", look, tuple(content))
+
+
+# The section with the trials of evaluations on their own.
+
+
+_ROWS = 100
+
+
+def evaluation_section(run: Run) -> Section | None:
+    if not run.evaluations:
+        return None
+    rows = [_summary(evaluation) for evaluation in run.evaluations]
+    head = [
+        "evaluation",
+        "track",
+        "laps",
+        "clean",
+        "finished",
+        "resets",
+        "best clean (s)",
+        "median clean (s)",
+        "best finished (s)",
+    ]
+    content: list[Content] = [table("Evaluations, the oldest first", head, rows, texts=2)]
+    for evaluation in run.evaluations:
+        trials = [_trial(trial) for _, trial in evaluation.trials[:_ROWS].iterrows()]
+        columns = [
+            *("lap", "clean", "finished", "time (s)", "driven (s)", "penalty (s)"),
+            *("progress", "before a reset", "crashes", "off track", "resets"),
+        ]
+        name = f"Trials of {evaluation.stamp}"
+        content.append(element("details", element("summary", name), table(name, columns, trials)))
+    look = (
+        "A clean lap has neither a reset nor a penalty. A finished lap may have both: its time "
+        "contains them. Look at whether every lap is clean, and whether the times are close "
+        "together: a race counts what happens every time."
+    )
+    return Section("evaluations", "Evaluations", "Evaluations", look, tuple(content))
+
+
+def _summary(evaluation: StoredEvaluation) -> list[Content]:
+    trials, laps = evaluation.trials, evaluation.laps
+    finished = trials[trials["complete"].astype(bool)]
+    return [
+        evaluation.stamp,
+        evaluation.world or "",
+        count(laps.driven),
+        count(laps.clean),
+        count(len(finished)),
+        count(evaluation.resets),
+        seconds(math.nan if laps.fastest_s is None else laps.fastest_s),
+        seconds(math.nan if laps.median_s is None else laps.median_s),
+        seconds(finished["time"].min() if len(finished) else math.nan),
+    ]
+
+
+def _trial(row: Any) -> list[Content]:
+    return [
+        count(row["trial"]),
+        "yes" if row["clean"] else "no",
+        "yes" if row["complete"] else "no",
+        seconds(row["time"]),
+        seconds(row["driven_s"]),
+        seconds(row["penalty_s"]),
+        percent(row["progress"]),
+        percent(row["alone_progress"]),
+        count(row["crashed"]),
+        count(row["off_track"]),
+        count(row["resets"]),
+    ]
+
+
+# Compares the fastest lap with the car's fastest line.
+
+
+_WIDTH_IN = 10.0
+
+
+class _Lap(NamedTuple):
+    lap_s: float
+    steps: "pd.DataFrame"
+
+
+def _fastest_lap(run: Run) -> _Lap | None:
+    clean = run.episodes[run.episodes["complete"].astype(bool)]
+    if clean.empty:
+        return None
+    number = clean["time"].astype(float).idxmin()
+    steps = run.steps[run.steps["unique_episode"] == number]
+    return _Lap(float(clean.loc[number, "time"]), steps) if len(steps) > 1 else None
+
+
+def limit_section(run: Run) -> Section | None:
+    lap, track, limit = _fastest_lap(run), run.track, run.limit
+    if lap is None or limit is None or track is None:
+        return None
+    places = _places(lap, track, limit)
+    content: list[Content] = [element("p", f"The fastest lap, {limit_text(lap.lap_s, limit)}.")]
+    if places:
+        items = [element("li", str(place)) for place in places]
+        content += [element("p", "Most time is lost at:"), element("ol", *items)]
+    picture = base64.b64encode(_picture(track, limit, lap)).decode("ascii")
+    caption = "The fastest line of this car, coloured by its speed, and the fastest lap over it"
+    content.append(
+        element(
+            "figure",
+            element("img", src=f"data:image/png;base64,{picture}", alt=caption, loading="lazy"),
+            element("figcaption", caption),
+        )
+    )
+    look = (
+        "Look at where the lap leaves the line, and where it is slower: there the reward function "
+        "pays for something else than time."
+    )
+    return Section("limit", "The fastest line", "Fastest line", look, tuple(content))
+
+
+def _places(lap: _Lap, track: Track, limit: StoredLimit) -> list[LostPlace]:
+    rows = [
+        LapRow(float(progress), int(waypoint))
+        for progress, waypoint in zip(
+            lap.steps["progress"], lap.steps["closest_waypoint"], strict=True
+        )
+    ]
+    first = lap.steps[["x", "y"]].to_numpy(np.float64)[:1]
+    start = float(track.locate(first).distance_m[0]) / track.length_m
+    return lost_places(rows, start - rows[0].progress % 100.0 / 100.0, limit)
+
+
+def _picture(track: Track, limit: StoredLimit, lap: _Lap) -> bytes:
+    line = points_of(track, np.array(limit.offset_mm) / 1000.0)
+    speed: Floats = np.array(limit.speed_mmps) / 1000.0
+    low_x, low_y, high_x, high_y = track.bounds
+
+    def draw(figure: "Figure") -> None:
+        from matplotlib.collections import LineCollection
+
+        axes = figure.subplots()
+        for border in (track.inner, track.outer):
+            axes.plot(*border.T, color=INK, linewidth=0.9)
+        ends = np.stack([line, np.roll(line, -1, axis=0)], axis=1)
+        colored = LineCollection(ends.tolist(), array=speed, cmap="viridis", linewidths=5.0)
+        axes.add_collection(colored)
+        figure.colorbar(colored, ax=axes, label="m/s", shrink=0.7)
+        axes.plot(lap.steps["x"], lap.steps["y"], color=LINES[1], linewidth=1.4)
+        axes.set(aspect="equal")
+        axes.grid(False)
+        axes.set_axis_off()
+
+    ratio = (high_y - low_y) / (high_x - low_x)
+    return png(draw, (_WIDTH_IN, min(max(_WIDTH_IN * ratio, 3.0), 14.0)))
+
+
+# The section on what the reward function really pays for.
+
+
+_LEAST_LAPS = 5
+_PAYS = {
+    "slow": "Slow laps earn more in all than fast ones: the more time a lap takes, the more steps "
+    "are paid. A learner that is paid like this has a reason to drive slowly.",
+    "fast": "Fast laps earn more in all than slow ones.",
+    "same": "Fast and slow laps earn about the same in all.",
+}
+
+
+def reward_rate_section(run: Run, rate: RewardRate | None) -> Section | None:
+    episodes = run.episodes
+    driven = np.maximum(episodes["steps"].to_numpy(np.float64) - 1, 1)
+    per_step = episodes["reward"].to_numpy(np.float64) / driven
+    if not np.isfinite(per_step).any():
+        return None
+    graphs = [
+        Graph(
+            "rate-progress",
+            "Reward per step against progress, each episode",
+            "progress (%)",
+            [many_points("reward per step", episodes["progress"], per_step, "--c1")],
+            "reward per step",
+            whole_x=False,
+            x_decimals=1,
+            near=1.0,
+            height=240,
+        )
+    ]
+    full = episodes["complete"].to_numpy(bool)
+    if full.sum() >= _LEAST_LAPS:
+        time_s = episodes["time"].to_numpy(np.float64)[full]
+        reward = episodes["reward"].to_numpy(np.float64)[full]
+        graphs.append(
+            Graph(
+                "rate-time",
+                "Reward of clean laps against their time",
+                "lap time (s)",
+                [
+                    many_points("reward of the lap", time_s, reward, "--c2"),
+                    many_points("per step", time_s, per_step[full], "--c1", "right"),
+                ],
+                "reward of the lap",
+                "reward per step",
+                whole_x=False,
+                x_decimals=2,
+                near=0.2,
+                height=240,
+            )
+        )
+    content: list[Content] = [*_sentences(rate)]
+    content.append(element("div", *(graph.as_html() for graph in graphs), class_="graphs"))
+    content.append(dots_note(len(episodes), "episode"))
+    if rate is not None and len(rate.by_speed) > 1:
+        most = max(abs(group.reward) for group in rate.by_speed) or 1.0
+        rows: list[list[Content]] = [
+            [
+                digits(group.speed_mps),
+                bar(abs(group.reward) / most),
+                digits(group.reward),
+                count(group.steps),
+            ]
+            for group in rate.by_speed
+        ]
+        head = ["requested speed (m/s)", "", "mean reward of a step", "steps"]
+        content.append(table("What steps earn, by speed", head, rows, texts=2))
+    look = (
+        "Look at whether the fastest laps lie at the top: a reward of a lap that grows with its "
+        "time pays for driving slowly, whatever a single step pays."
+    )
+    return Section(
+        "reward-rate",
+        "What the reward pays for",
+        "Reward rate",
+        look,
+        tuple(content),
+        tuple(graphs),
+    )
+
+
+def _sentences(rate: RewardRate | None) -> list[Content]:
+    if rate is None:
+        return []
+    content: list[Content] = []
+    if rate.pays is not None:
+        content.append(element("p", element("strong", _PAYS[rate.pays])))
+    laps = "clean laps" if rate.complete else "episodes, scaled to a lap"
+    halves = (rate.slow_s, rate.slow_reward, rate.fast_s, rate.fast_reward)
+    if all(value is not None for value in halves):
+        slow_s, slow_reward, fast_s, fast_reward = (value or 0.0 for value in halves)
+        content.append(
+            element(
+                "p",
+                f"Of {count(rate.episodes)} {laps}, the slower half took {seconds(slow_s)} s and "
+                f"earned {digits(slow_reward)}, the faster half took {seconds(fast_s)} s and "
+                f"earned {digits(fast_reward)}.",
+            )
+        )
+    if rate.slower is not None and rate.pays == "slow":
+        content.append(element("p", rate.slower.sentence))
+    content.append(
+        element(
+            "p",
+            f"Late in the training a step earned {digits(rate.per_step)} and a second "
+            f"{digits(rate.per_s)}; the requested speed was {digits(rate.early_mps)} m/s in the "
+            f"first third of the training and {digits(rate.late_mps)} m/s in the last.",
+        )
+    )
+    return content

@@ -1,16 +1,15 @@
 """Descriptions of graphs, which the page draws with uPlot."""
 
+import base64
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from drcli.analysis.report.markup import Html, element
-from drcli.analysis.report.packing import numbers
-from drcli.analysis.report.words import nth
+from drcli.analysis.report.markup import Content, Html, digits, element, nth, numbers
 
 _FEW = 150
 MOST_DOTS = 10_000
@@ -158,3 +157,76 @@ def _key(number: int, series: Series) -> Html:
     )
     tick = element("input", type="checkbox", checked=series.on, data_series=str(number))
     return element("label", tick, swatch, series.name)
+
+
+# A section of the report.
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section.
+
+    Attributes:
+        key: Its address in the page.
+        short: Its name in the contents.
+        look: What to look for, or empty.
+    """
+
+    key: str
+    title: str
+    short: str
+    look: str
+    content: tuple[Content, ...]
+    graphs: tuple[Graph, ...] = ()
+
+    def as_html(self) -> Html:
+        look = element("p", self.look, class_="look") if self.look else None
+        heading = element("h2", self.title, id=f"{self.key}-title")
+        return element(
+            "section",
+            heading,
+            look,
+            *self.content,
+            id=self.key,
+            aria_labelledby=f"{self.key}-title",
+        )
+
+
+# The section with pictures of what moves the policy's action.
+
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG picture, with numbers such as probabilities."""
+
+    png: bytes
+    caption: str
+    numbers: dict[str, float] = field(default_factory=dict)
+
+
+def picture_section(pictures: Sequence[Picture]) -> Section | None:
+    """What is not a PNG file is left out."""
+    found = [picture for picture in pictures if picture.png.startswith(_PNG)]
+    if not found:
+        return None
+    look = (
+        "Look at whether the bright places lie on the lines and the road ahead: a policy that "
+        "looks at walls or the sky will fail elsewhere."
+    )
+    figures = [_figure(picture) for picture in found]
+    content = (element("div", *figures, class_="pictures"),)
+    return Section("explained", "What moves the action", "Explained", look, content)
+
+
+def _figure(picture: Picture) -> Content:
+    source = "data:image/png;base64," + base64.b64encode(picture.png).decode("ascii")
+    numbers = ", ".join(f"{name}: {digits(value)}" for name, value in picture.numbers.items())
+    return element(
+        "figure",
+        element("img", src=source, alt=picture.caption, loading="lazy"),
+        element("figcaption", picture.caption),
+        element("p", numbers) if numbers else None,
+    )

@@ -1,19 +1,433 @@
 """The map with its controls, and tables of laps."""
 
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from drcli.analysis.report.graphs import Section
 from drcli.analysis.report.lap_choice import LapChoice
-from drcli.analysis.report.map_data import FIFTHS
-from drcli.analysis.report.map_laps import evaluations_on_the_map
-from drcli.analysis.report.markup import Content, Html, element, table
-from drcli.analysis.report.section import Section
-from drcli.analysis.report.words import count, digits, nth, percent, seconds
-from drcli.analysis.run import Run
+from drcli.analysis.report.markup import (
+    Content,
+    Html,
+    count,
+    digits,
+    element,
+    nth,
+    numbers,
+    percent,
+    quantised,
+    seconds,
+    table,
+)
+from drcli.analysis.run import Run, StoredEvaluation
+from drcli.records.trace import STEP_S, VIOLATIONS
+from drsim.track.track import Track
 
 if TYPE_CHECKING:
     import pandas as pd
+
+# Speed and slip angle of a car, from its positions.
+
+
+Floats = NDArray[np.float64]
+
+REAR_M = 0.222
+"""From the rear axle to the recorded point, measured on recordings of the reference."""
+
+LEAST_MOTION_M = 0.02
+_FASTEST_MPS = 12.0
+"""Three times the fastest car."""
+
+
+def slip_deg(x: Floats, y: Floats, yaw_deg: Floats, first: NDArray[np.bool_]) -> Floats:
+    """Slip angle within [-180, 180), positive where the car moves to the left of its nose.
+
+    The rear axle of a car that does not slide moves where the car points. NaN where the car hardly
+    moved, and in `first` rows of episodes. All have shape (n,).
+    """
+    slip: Floats = np.full(len(x), np.nan)
+    if len(x) < 2:
+        return slip
+    yaw_rad = np.radians(yaw_deg)
+    rear = np.stack([x - REAR_M * np.cos(yaw_rad), y - REAR_M * np.sin(yaw_rad)], axis=1)
+    motion = np.diff(rear, axis=0)
+    turn_deg = _wrapped(np.diff(yaw_deg))
+    heading_deg = yaw_deg[:-1] + turn_deg / 2
+    angle_deg = _wrapped(np.degrees(np.arctan2(motion[:, 1], motion[:, 0])) - heading_deg)
+    moved = np.hypot(*motion.T) >= LEAST_MOTION_M
+    slip[1:] = np.where(moved & ~first[1:], angle_deg, np.nan)
+    return slip
+
+
+def driven_mps(x: Floats, y: Floats, time_s: Floats, first: NDArray[np.bool_]) -> Floats:
+    """Speed over ground since the step before; NaN after a jump. All have shape (n,)."""
+    speed: Floats = np.full(len(x), np.nan)
+    if len(x) < 2:
+        return speed
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = np.hypot(np.diff(x), np.diff(y)) / np.diff(time_s)
+    fine = ~first[1:] & np.isfinite(found) & (found >= 0.0) & (found <= _FASTEST_MPS)
+    speed[1:] = np.where(fine, found, np.nan)
+    return speed
+
+
+def _wrapped(angle_deg: Floats) -> Floats:
+    return (angle_deg + 180.0) % 360.0 - 180.0
+
+
+# The laps that the map plays.
+
+
+_FARTHEST = 1e5
+"""Metres: beyond are damaged files."""
+
+_FACTS = ("id", "iteration", "episode", "progress", "time", "reward")
+FINISHED = "finished_after_resets"
+"""A completed lap that is not clean."""
+
+_NEWEST = 3
+
+
+def lap_data(
+    steps: "pd.DataFrame",
+    run: Run,
+    laps: LapChoice,
+    trials: list["pd.DataFrame"],
+    bounds: list[float],
+    statuses: list[str],
+    limits: dict[str, list[float]],
+) -> dict[str, Any]:
+    import pandas as pd
+
+    chosen = steps[steps["unique_episode"].isin(set(laps.ids))]
+    parts: list[tuple[pd.DataFrame, dict[str, Any]]] = []
+    groups: dict[str, list[int]] = {}
+    places: dict[int, int] = {}
+    frames = dict(iter(chosen.groupby("unique_episode", sort=False)))
+    for number in laps.ids:
+        if number in frames:
+            places[number] = len(parts)
+            parts.append((frames[number], _lap_facts(run.episodes.loc[number], number)))
+    groups["fastest"] = [places[number] for number in laps.fastest if number in places]
+    groups["worst"] = [places[number] for number in laps.worst if number in places]
+    groups["both"] = list(dict.fromkeys(groups["fastest"] + groups["worst"]))
+    for index, trial_steps in enumerate(trials):
+        if trial_steps.empty:
+            continue
+        keys = [key for key in ("stream", "worker", "episode") if key in trial_steps]
+        group = groups.setdefault(f"evaluation-{index}", [])
+        for number, (_, frame) in enumerate(trial_steps.groupby(keys, sort=True)):
+            group.append(len(parts))
+            parts.append((with_motion(frame), _trial_facts(frame, number)))
+    thinned = [(_thinned(frame, laps.every), facts) for frame, facts in parts]
+    together = pd.concat([frame for frame, _ in thinned]) if thinned else steps.iloc[:0]
+    time_s = [_seconds(frame) for frame, _ in thinned]
+    facts = [facts for _, facts in thinned]
+    known = [fact["status"] if fact["status"] in statuses else "in_progress" for fact in facts]
+    return {
+        "steps": _columns(together, time_s, bounds, limits),
+        "laps": {
+            "first": numbers(np.cumsum([0, *(len(frame) for frame, _ in thinned)])),
+            "status": numbers([statuses.index(status) for status in known]),
+            **{name: numbers([float(fact[name]) for fact in facts]) for name in _FACTS},
+        },
+        "groups": groups,
+    }
+
+
+def _lap_facts(episode: Any, number: int) -> dict[str, Any]:
+    return {"status": str(episode["status"]), "id": number} | {
+        name: episode[name] for name in _FACTS[1:]
+    }
+
+
+def _trial_facts(frame: "pd.DataFrame", number: int) -> dict[str, Any]:
+    progress, status = float(frame["progress"].max()), str(frame["episode_status"].iloc[-1])
+    if progress >= 100.0:
+        broken = frame["episode_status"].isin(VIOLATIONS).any()
+        status = FINISHED if broken else "lap_complete"
+    return {
+        "id": -1,
+        "status": status,
+        "iteration": -1,
+        "episode": number,
+        "progress": progress,
+        "time": float(frame["tstamp"].iloc[-1] - frame["tstamp"].iloc[0]) + STEP_S,
+        "reward": float(frame["reward"].sum()),
+    }
+
+
+def _thinned(frame: "pd.DataFrame", every: int) -> "pd.DataFrame":
+    if every == 1 or len(frame) <= 2:
+        return frame
+    rows = np.unique([*range(0, len(frame), every), len(frame) - 1])
+    return frame.iloc[rows]
+
+
+def _seconds(frame: "pd.DataFrame") -> Floats:
+    """Never falling, whatever a damaged file says."""
+    stamp = frame["tstamp"].to_numpy(np.float64)
+    stamp = np.where(np.isfinite(stamp), stamp, -np.inf)
+    since: Floats = np.maximum.accumulate(stamp)
+    start = since[np.isfinite(since)][:1]
+    return np.where(np.isfinite(since), since - (start[0] if len(start) else 0.0) + STEP_S, 0.0)
+
+
+def _columns(
+    steps: "pd.DataFrame",
+    time_s: list[Floats],
+    bounds: list[float],
+    limits: dict[str, list[float]],
+) -> dict[str, object]:
+    seconds = np.concatenate(time_s) if time_s else np.zeros(0)
+    angle = limits["steering"][1]
+    fastest = steps["speed"].max()
+    top = float(fastest) if math.isfinite(fastest) and fastest > 0 else 4.0
+    return {
+        "x": quantised(steps["x"], "i16", low=bounds[0], high=bounds[2]),
+        "y": quantised(steps["y"], "i16", low=bounds[1], high=bounds[3]),
+        "yaw": quantised(steps["yaw"], "i8", low=-180.0, high=180.0),
+        "time": quantised(seconds, "i16", low=0.0, high=max(float(seconds.max(initial=1.0)), 1.0)),
+        "reward": numbers(steps["reward"]),
+        "progress": quantised(steps["progress"], "i16", low=-5.0, high=105.0),
+        "speed": quantised(steps["speed"], "i8", low=0.0, high=top),
+        "driven": quantised(steps["driven"], "i8", low=0.0, high=max(top, limits["driven"][1])),
+        "steering": quantised(steps["steering_angle"], "i8", low=-angle, high=angle),
+        "slip": quantised(steps["slip"], "i8", low=-45.0, high=45.0),
+    }
+
+
+def same_road(run: Run) -> list[StoredEvaluation]:
+    if run.steps.empty:
+        return []
+    length_m = float(run.steps["track_len"].median())
+    same = [
+        evaluation
+        for evaluation in run.evaluations
+        if len(evaluation.steps)
+        and (evaluation.world is None or run.world is None or evaluation.world == run.world)
+        and abs(float(evaluation.steps["track_len"].median()) - length_m) < 0.02 * length_m
+    ]
+    return same[-_NEWEST:]
+
+
+def located(steps: "pd.DataFrame") -> "pd.DataFrame":
+    if steps.empty:
+        return steps
+    known = (np.abs(steps[["x", "y", "yaw"]].to_numpy(np.float64)) <= _FARTHEST).all(axis=1)
+    return steps if known.all() else steps[known]
+
+
+def with_motion(steps: "pd.DataFrame") -> "pd.DataFrame":
+    """Adds `slip`, degrees, and `driven`, m/s over ground."""
+    key = "unique_episode" if "unique_episode" in steps else "episode"
+    episode = steps[key].to_numpy()
+    first = np.concatenate([[True], episode[1:] != episode[:-1]])
+    x, y, yaw_deg, time_s = (
+        steps[name].to_numpy(np.float64) for name in ("x", "y", "yaw", "tstamp")
+    )
+    return steps.assign(slip=slip_deg(x, y, yaw_deg, first), driven=driven_mps(x, y, time_s, first))
+
+
+def evaluations_on_the_map(run: Run) -> list[str]:
+    return [evaluation.stamp for evaluation in same_road(run) if len(located(evaluation.steps))]
+
+
+# What the map of a report draws.
+
+
+Integers = NDArray[np.int64]
+
+_CELLS_M = (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0)
+_MOST_CELLS = 3000
+_ROAD_POINTS = 400
+_MOST_ENDS = 10_000
+_SHOWN_SLIP_DEG = 20.0
+"""Cars of this size slide by a few degrees."""
+
+_MARGIN_M = 0.5
+FIFTHS = ("first", "second", "third", "fourth", "last")
+
+
+def map_data(run: Run, laps: LapChoice) -> dict[str, Any] | None:
+    steps = located(run.steps)
+    if steps.empty:
+        return None
+    steps = with_motion(steps)
+    trials = [located(evaluation.steps) for evaluation in same_road(run)]
+    bounds = bounds_of(steps, run.track)
+    driven = steps[steps["episode_status"] != "prepare"]
+    limits = _limits(driven)
+    ends = {*map(str, run.episodes["status"].unique()), "in_progress", *VIOLATIONS}
+    statuses = sorted({*ends, "lap_complete", FINISHED})
+    data = {
+        "bounds": bounds,
+        "closed": run.track is None or run.track.closed,
+        "road": None if run.track is None else _road(run.track),
+        "limits": limits,
+        "units": {
+            "reward": ["", "", ""],
+            "driven": [" m/s", "", ""],
+            "speed": [" m/s", "", ""],
+            "steering": ["°", " (right)", " (left)"],
+            "slip": ["°", " (to its right)", " (to its left)"],
+            "visits": ["", "", " steps"],
+        },
+        "statuses": statuses,
+        "cells": _cells(driven, run.episodes, limits),
+        "ends": _ends(steps, run.episodes, laps.ids, bounds, statuses),
+    }
+    return data | lap_data(steps, run, laps, trials, bounds, statuses, limits)
+
+
+def bounds_of(steps: "pd.DataFrame", track: Track | None) -> list[float]:
+    """Least x, least y, greatest x, greatest y, with a margin."""
+    if track is not None:
+        low_x, low_y, high_x, high_y = track.bounds
+    else:
+        (low_x, high_x), (low_y, high_y) = (
+            np.percentile(steps[name], [0.1, 99.9]).tolist() for name in ("x", "y")
+        )
+    return [low_x - _MARGIN_M, low_y - _MARGIN_M, high_x + _MARGIN_M, high_y + _MARGIN_M]
+
+
+def _limits(driven: "pd.DataFrame") -> dict[str, list[float]]:
+    """Of colour scales; a few extremes do not flatten the rest."""
+
+    def middle(name: str, low: float, high: float) -> list[float]:
+        values = driven[name].to_numpy(np.float64)
+        values = values[np.isfinite(values)]
+        found: list[float] = np.percentile(values, [low, high]).tolist() if len(values) else [0, 1]
+        return found
+
+    angle = driven["steering_angle"].abs().max()
+    most_deg = float(angle) if math.isfinite(angle) and angle > 0 else 30.0
+    return {
+        "reward": middle("reward", 2.0, 98.0),
+        "driven": middle("driven", 2.0, 99.0),
+        "speed": middle("speed", 1.0, 99.0),
+        "steering": [-most_deg, most_deg],
+        "slip": [-_SHOWN_SLIP_DEG, _SHOWN_SLIP_DEG],
+        "visits": [1.0, 2.0],
+    }
+
+
+def _road(track: Track) -> dict[str, object]:
+    every = max(math.ceil(len(track.center) / _ROAD_POINTS), 1)
+    rows = np.arange(0, len(track.center) - int(track.closed), every)
+    inner, center, outer = (
+        (line if len(line) == len(track.center) else _resampled(line, len(track.center)))[rows]
+        for line in (track.inner, track.center, track.outer)
+    )
+    low_x, low_y, high_x, high_y = track.bounds
+    lines = {"inner": inner, "center": center, "outer": outer}
+    data: dict[str, object] = {}
+    for name, line in lines.items():
+        data[f"{name}_x"] = quantised(line[:, 0], "i16", low=low_x, high=high_x)
+        data[f"{name}_y"] = quantised(line[:, 1], "i16", low=low_y, high=high_y)
+    numbered = next(n for n in (5, 10, 20, 50, 100, 1000) if len(track.center) / n <= 24 or n > 100)
+    return data | {"index": numbers(rows), "every": [max(numbered // every, 1)]}
+
+
+def _resampled(line: Floats, count: int) -> Floats:
+    at = np.linspace(0, len(line) - 1, count)
+    return np.stack([np.interp(at, np.arange(len(line)), column) for column in line.T], axis=1)
+
+
+def ground_cells(xy: Floats, size_m: float) -> tuple[Integers, Integers]:
+    """The squares of the ground in which positions, shape (n, 2), metres within 1e5, lie.
+
+    Returns:
+        Sorted columns and rows from the origin, shape (cells, 2), and the index of each position's,
+        shape (n,).
+    """
+    places = np.floor(xy / size_m).astype(np.int64)
+    first = places.min(axis=0, initial=0)
+    rows = int(places[:, 1].max(initial=0) - first[1]) + 1
+    # One number for both: rows of two take NumPy many times longer to sort.
+    column, row = (places - first).T
+    numbers_, cell = np.unique(column * rows + row, return_inverse=True)
+    return np.stack(np.divmod(numbers_, rows), axis=1) + first, cell.reshape(-1)
+
+
+def _cells(
+    driven: "pd.DataFrame", episodes: "pd.DataFrame", limits: dict[str, list[float]]
+) -> dict[str, object]:
+    xy = driven[["x", "y"]].to_numpy(np.float64)
+    for size_m in _CELLS_M:
+        cells, cell = ground_cells(xy, size_m)
+        if len(cells) <= _MOST_CELLS:
+            break
+    fifth = fifth_of(episodes).reindex(driven["unique_episode"]).to_numpy()
+    periods = []
+    for number in range(6):
+        chosen = np.ones(len(cell), bool) if number == 0 else fifth == number
+        count = np.bincount(cell[chosen], minlength=len(cells)).astype(np.float64)
+        if number == 0 and len(count):
+            # A few places where every episode starts would flatten the rest.
+            limits["visits"] = [1.0, max(float(np.percentile(count, 97)), 2.0)]
+        data = {"visits": numbers(np.where(count > 0, count, np.nan))}
+        for name, column in _COLUMNS.items():
+            values = driven[column].to_numpy(np.float64)
+            known = chosen & np.isfinite(values)
+            sums = np.bincount(cell[known], weights=values[known], minlength=len(cells))
+            those = np.bincount(cell[known], minlength=len(cells))
+            with np.errstate(invalid="ignore", divide="ignore"):
+                mean = np.where(those > 0, sums / those, np.nan)
+            data[name] = quantised(mean, "i8", low=limits[name][0], high=limits[name][1])
+        periods.append(data)
+    return {
+        "size": size_m,
+        "x": numbers((cells[:, 0] + 0.5) * size_m),
+        "y": numbers((cells[:, 1] + 0.5) * size_m),
+        "periods": periods,
+    }
+
+
+_COLUMNS = {
+    "reward": "reward",
+    "driven": "driven",
+    "speed": "speed",
+    "steering": "steering_angle",
+    "slip": "slip",
+}
+
+
+def fifth_of(episodes: "pd.DataFrame") -> "pd.Series[Any]":
+    """1 to 5, or 0 if unknown."""
+    import pandas as pd
+
+    first = episodes["quintile"].astype(str).str[0]
+    return pd.to_numeric(first, errors="coerce").fillna(0).astype(int)
+
+
+def _ends(
+    steps: "pd.DataFrame",
+    episodes: "pd.DataFrame",
+    shown: Sequence[int],
+    bounds: list[float],
+    statuses: list[str],
+) -> dict[str, object]:
+    """Of very many, the shown laps and some, evenly over the training."""
+    every = math.ceil(len(episodes) / _MOST_ENDS)
+    if every > 1:
+        kept = np.zeros(len(episodes), bool)
+        kept[::every] = True
+        episodes = episodes[kept | episodes.index.isin(shown)]
+    last = steps.drop_duplicates("unique_episode", keep="last").set_index("unique_episode")
+    ended = episodes.loc[episodes.index.isin(last.index)]
+    last = last.loc[ended.index]
+    return {
+        "x": quantised(last["x"], "i16", low=bounds[0], high=bounds[2]),
+        "y": quantised(last["y"], "i16", low=bounds[1], high=bounds[3]),
+        "status": numbers([statuses.index(str(status)) for status in ended["status"]]),
+        "period": numbers(fifth_of(ended)),
+        "id": numbers(ended.index),
+    }
+
 
 _PAINTS = {
     "lap": "lap",

@@ -5,29 +5,28 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from drcli.base.atomic_file import read_json
-from drcli.base.problems import Problem, ProblemsError, of_severity
+from drcli.base.errors import Problem, ProblemsError, of_severity
+from drcli.base.files import read_json
 from drcli.checks.doctor.bucket_health import examine_bucket, examine_upload_bucket
 from drcli.checks.doctor.findings import DoctorReport, Examination, Finding, Probe
-from drcli.checks.doctor.installed import (
-    examine_extras,
-    examine_kernels,
-    examine_packages,
-)
 from drcli.checks.doctor.leftovers import examine_runs, examine_server
 from drcli.checks.doctor.libraries import (
     LearnerSettings,
     Libraries,
     ask_libraries,
+    examine_extras,
     examine_gpus,
+    examine_kernels,
+    examine_packages,
     examine_processor,
     examine_trainer,
 )
-from drcli.checks.doctor.room import examine_disks, examine_memory
 from drcli.checks.doctor.surroundings import (
     examine_confinement,
+    examine_disks,
     examine_language,
     examine_limits,
+    examine_memory,
     examine_place,
 )
 from drcli.checks.machine_rules import review_access
@@ -35,7 +34,7 @@ from drcli.checks.start_rules import start_problems
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problems
-from drcli.models.run_metadata import installed_versions
+from drcli.model.run_metadata import installed_versions
 from drcli.workers.ray_extra import workers_here
 
 LOCAL_S = 3.5

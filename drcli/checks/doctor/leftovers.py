@@ -7,16 +7,13 @@ from pathlib import Path
 
 import psutil
 
+from drcli.bucket.server import server
+from drcli.bucket.server.server_process import ServerState, own_file
 from drcli.checks.doctor.findings import Finding
-from drcli.config.bucket_config import StorageConfig
-from drcli.exchange.evaluation_record import running_evaluations
-from drcli.exchange.run_record import LIVE_STATES, RunRecord
-from drcli.store.server import server
-from drcli.store.server.state import ServerState, own_file
+from drcli.config.run_config import StorageConfig
+from drcli.records.run_record import LIVE_STATES, RunRecord, running_evaluations
 
-_WORKERS = tuple(
-    f"drcli.workers.{name}" for name in ("sim", "trainer", "evaluator", "evaluate_many")
-)
+_WORKERS = tuple(f"drcli.train.{name}" for name in ("sim", "trainer", "evaluator", "evaluate_many"))
 
 
 def examine_runs(directory: Path) -> Iterator[Finding]:

@@ -1,23 +1,263 @@
 """`dr action-space`."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
 from drcli.base.errors import DrError, SettingsError
+from drcli.base.files import is_left_behind, read_regular
+from drcli.base.png_picture import INK, png
+from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, Replace, force_option, prefix_option
-from drcli.cli.views import action_space_view
-from drcli.cli.views.layout import counted
+from drcli.cli.views.layout import Rows, counted, fitted, indented
 from drcli.cli.working_folder import settings, working_folder
+from drcli.model.files.action_choice import DrivenFile, read_steps
+from drcli.model.files.action_space import ActionSpace
+from drcli.model.traces import traces_of
 
 if TYPE_CHECKING:
-    from drcli.modelfiles.action_choice import ChosenAction
-    from drcli.modelfiles.action_space import ActionSpace
-    from drcli.modelfiles.driven_actions import DrivenFile
-    from drcli.models.action_space_change import ActionSpaceChange
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
+
+    from drcli.model.files.action_choice import ChosenAction, DrivenFile
+    from drcli.model.files.action_space import ActionSpace
+    from drcli.transfer.action_space_change import ActionSpaceChange, ActionSpaceReport
+
+# Shows action spaces.
+
+
+_WIDEST, _NARROWEST = 61, 31
+_SPREAD = 2.0
+"""A car steers by 30 degrees only."""
+
+_ASPECT = 0.5
+_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+
+
+@fitted
+def show_actions(columns: int, report: "ActionSpaceReport") -> RenderableType:
+    parts: list[RenderableType] = [Text(line) for line in picture(report, columns)]
+    parts.append(Text(""))
+    if report.low and report.high:
+        (left, slow), (right, fast) = report.low, report.high
+        text = (
+            f"Continuous: steering {left:g} to {right:g} degrees, speed {slow:g} to {fast:g} m/s."
+        )
+        parts.append(Text(text))
+    else:
+        known = any(action.share is not None for action in report.actions)
+        heads = ("action", "steering", "speed", *(("share",) if known else ()))
+        rows = [
+            (
+                str(number),
+                f"{action.steering_angle:g}°",
+                f"{action.speed:g} m/s",
+                *((f"{action.share or 0:.0%}",) if known else ()),
+            )
+            for number, action in enumerate(report.actions)
+        ]
+        parts.append(Rows(heads, rows))
+        parts.append(Text(f"{counted(len(report.actions), 'action')}."))
+    parts += [Text(sentence) for sentence in report.notes]
+    if report.picture:
+        parts.append(Text.assemble("Picture: ", (report.picture, "bold")))
+    if report.written:
+        kept = f"; the old file is {report.backup}" if report.backup else ""
+        parts.append(Text(f"Written to {report.file}{kept}."))
+    elif not report.changes:
+        parts.append(indented(Text(f"{report.file} has these actions.", style="dim")))
+    return Group(*parts)
+
+
+def picture(report: "ActionSpaceReport", columns: int) -> list[str]:
+    """Steering is the direction, speed the distance from the bottom."""
+    wide = max(min(_WIDEST, columns - 2), _NARROWEST)
+    if wide % 2 == 0:
+        wide -= 1
+    if report.low and report.high:
+        corners = [report.low, report.high]
+    else:
+        corners = [(action.steering_angle, action.speed) for action in report.actions]
+    fastest = max((speed for _, speed in corners), default=1.0)
+    widest = max(30.0, *(abs(angle) for angle, _ in corners)) * _SPREAD
+    reach = wide // 2 / max(math.sin(math.radians(min(widest, 90.0))), 0.1)
+    high = round(reach * _ASPECT)
+    grid = [[" "] * wide for _ in range(high + 1)]
+
+    def put(angle: float, speed: float, mark: str) -> None:
+        turn = math.radians(angle * _SPREAD)
+        column = round(wide // 2 - reach * speed / fastest * math.sin(turn))
+        row = round(high - reach * _ASPECT * speed / fastest * math.cos(turn))
+        if 0 <= column < wide and 0 <= row <= high:
+            grid[row][column] = mark if grid[row][column] in " .:" or mark != "." else "+"
+
+    for part in (0.5, 1.0):
+        for step in range(-60, 61):
+            put(widest / _SPREAD * step / 60, fastest * part, ".")
+    if report.low and report.high:
+        for a in range(81):
+            for s in range(41):
+                angle = report.low[0] + (report.high[0] - report.low[0]) * a / 80
+                put(angle, report.low[1] + (report.high[1] - report.low[1]) * s / 40, "#")
+    for number, action in enumerate(report.actions):
+        put(action.steering_angle, action.speed, _DIGITS[number] if number < 36 else "*")
+    put(0.0, 0.0, "^")
+    lines = ["".join(row).rstrip() for row in grid]
+    side = f"left{'':{max(wide - 9, 1)}}right"
+    return [
+        *lines,
+        side,
+        f"Outer arc {fastest:g} m/s, inner arc {fastest / 2:g} m/s; angles twice as wide.",
+    ]
+
+
+# Draws an action space: steering as direction, speed as distance.
+
+
+_BLUE = "#0072b2"
+_MOST_LABELS = 40
+_LEAST_WIDTH_DEG = 30.0
+
+
+def draw_actions(space: ActionSpace, shares: Sequence[float], title: str) -> bytes:
+    """`shares` of the steps, 0 .. 1, may be empty."""
+    corners = [space.low, space.high] if space.low and space.high else space.values
+    widest = max(_LEAST_WIDTH_DEG, *(abs(angle) for angle, _ in corners))
+    fastest = max(speed for _, speed in corners)
+
+    def draw(figure: "Figure") -> None:
+        figure.suptitle(title, x=0.02, ha="left", color=INK)
+        axes = cast("PolarAxes", figure.add_subplot(projection="polar"))
+        axes.set_theta_zero_location("N")
+        axes.set_thetamin(-widest - 3.0)
+        axes.set_thetamax(widest + 3.0)
+        axes.set_rlim(0.0, 1.12 * fastest)
+        axes.set_xticks([math.radians(angle) for angle in _ticks(widest)])
+        axes.set_xticklabels([_angle(angle) for angle in _ticks(widest)])
+        axes.set_xlabel("speed, m/s; steering, degrees, L left, R right", color=INK)
+        if space.low and space.high:
+            _draw_ranges(axes, space.low, space.high)
+        else:
+            _draw_list(axes, space.values, shares)
+
+    return png(draw, (7.0, 7.0))
+
+
+def _draw_list(
+    axes: "Axes", actions: Sequence[tuple[float, float]], shares: Sequence[float]
+) -> None:
+    sizes: Any = [60.0 + 1800.0 * share for share in shares] or 90.0
+    angles = [math.radians(angle) for angle, _ in actions]
+    speeds = [speed for _, speed in actions]
+    for angle, speed in zip(angles, speeds, strict=True):
+        axes.plot([angle, angle], [0.0, speed], color=_BLUE, alpha=0.25, linewidth=1.0)
+    axes.scatter(angles, speeds, s=sizes, color=_BLUE, alpha=0.75, zorder=3)
+    if len(actions) > _MOST_LABELS:
+        return
+    for number, (angle, speed) in enumerate(zip(angles, speeds, strict=True)):
+        axes.annotate(
+            str(number),
+            (angle, speed),
+            xytext=(0, 7),
+            textcoords="offset points",
+            ha="center",
+            color=INK,
+            fontsize=9,
+        )
+
+
+def _draw_ranges(
+    axes: "Axes", low: tuple[float, float], high: tuple[float, float], parts: int = 60
+) -> None:
+    turn = [math.radians(low[0] + (high[0] - low[0]) * k / parts) for k in range(parts + 1)]
+    axes.fill_between(turn, low[1], high[1], color=_BLUE, alpha=0.35)
+
+
+def _ticks(widest: float) -> list[float]:
+    step = 10.0 if widest <= 30.0 else 15.0
+    count = math.floor(widest / step)
+    return [step * k for k in range(-count, count + 1)]
+
+
+def _angle(angle: float) -> str:
+    side = "L" if angle > 0 else "R" if angle < 0 else ""
+    return f"{abs(angle):g}°{side}"
+
+
+# Finds traces: in files and folders, or a model's.
+
+
+NEWEST_TRACES = 20
+"""Older training traces show a worse driver."""
+
+_MOST_FILES = 5_000
+
+
+def traces_in_folders(paths: Iterable[Path]) -> list[DrivenFile]:
+    """Read files and the `.csv` in folders; SettingsError without a trace."""
+    found: list[DrivenFile] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(read_steps(_content(path), str(path)))
+            continue
+        inside = []
+        files = (file for file in path.rglob("*.csv") if not is_left_behind(file.name))
+        for file in sorted(files)[:_MOST_FILES]:
+            try:
+                inside.append(read_steps(_content(file), str(file)))
+            except SettingsError:
+                continue
+        if not inside:
+            raise SettingsError(
+                f"{path} holds no trace of a drive.",
+                remedy="Name a folder such as training-simtrace/, or a file in it.",
+            )
+        found += inside
+    return found
+
+
+def traces_of_model(bucket: Bucket, prefix: str) -> list[DrivenFile]:
+    """Of all evaluations and the newest training; SettingsError without any."""
+    own = traces_of(bucket, prefix).objects  # none of a model inside it
+    listed = [info.key for info in own if info.key.endswith(".csv")]
+    training = [key for key in listed if "/training-simtrace/" in key[len(prefix) :]]
+    evaluation = [key for key in listed if "/evaluation-simtrace/" in key[len(prefix) :]]
+    training.sort(key=_iteration)
+    found = []
+    for key in [*evaluation, *training[-NEWEST_TRACES:]]:
+        try:
+            found.append(read_steps(bucket.get(key), key))
+        except (SettingsError, ObjectMissing):
+            continue  # half written, or deleted since it was listed
+    if not found:
+        raise SettingsError(
+            f"s3://{bucket.name}/{prefix} has no trace of a drive.",
+            remedy="Train or evaluate the model first, or name a trace file.",
+        )
+    return found
+
+
+def _iteration(key: str) -> tuple[int, str]:
+    number = key.rpartition("/")[2].partition("-")[0]
+    return (int(number) if number.isdecimal() else -1), key
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return read_regular(path)
+    except OSError as error:
+        raise SettingsError(
+            f"{path} cannot be read: {error.strerror or error}.",
+            remedy="Name a simtrace file, a log, or a folder with such files.",
+        ) from None
+
 
 app = typer.Typer(no_args_is_help=True, help="Draw, generate and write the actions of a model.")
 
@@ -58,8 +298,8 @@ def show(
 
     Example: dr-action-space show -o actions.png
     """
-    from drcli.modelfiles.action_choice import ChosenAction
-    from drcli.models.action_space_change import space_of
+    from drcli.model.files.action_choice import ChosenAction
+    from drcli.transfer.action_space_change import space_of
 
     path = file or _own_file()
     space = space_of(path)
@@ -100,7 +340,7 @@ def generate(
 
     Example: dr-action-space generate --angles 5 --speeds 3 --max-speed 2 --write
     """
-    from drcli.modelfiles.action_choice import grid
+    from drcli.model.files.action_choice import grid
 
     if continuous:
         if min_speed >= max_speed:
@@ -154,8 +394,7 @@ def from_lap(
 
     Example: dr-action-space from-lap evaluation-simtrace/0-iteration.csv -k 7 -o actions.png
     """
-    from drcli.modelfiles.action_choice import close_share, needed, smoothed
-    from drcli.modelfiles.driven_actions import complete_laps
+    from drcli.model.files.action_choice import close_share, complete_laps, needed, smoothed
 
     files = _driven(traces, prefix)
     laps = complete_laps(files)
@@ -203,7 +442,7 @@ def from_histogram(
 
     Example: dr-action-space from-histogram training-simtrace/ --least 0.05
     """
-    from drcli.modelfiles.action_choice import used
+    from drcli.model.files.action_choice import used
 
     files = _driven(traces, prefix)
     pairs = [step.pair for each in files for step in each.steps]
@@ -224,7 +463,7 @@ def _finish(
     force: bool,
     as_json: bool,
 ) -> None:
-    from drcli.models.action_space_change import plan_change
+    from drcli.transfer.action_space_change import plan_change
 
     listed = [{"steering_angle": each.steering_angle, "speed": each.speed} for each in actions]
     path = file or _own_file()
@@ -258,14 +497,14 @@ def _report(
     backup = None
     written = False
     if write and change is not None and differs:
-        from drcli.models.action_space_change import write_change
+        from drcli.transfer.action_space_change import write_change
 
         if not force and (change.before is not None or about):
             what = "has other actions" if change.before is not None else "does not exist yet"
             prompts.agree(f"{path} {what}. {about} Replace them?".replace("  ", " "), yes=False)
         written = write_change(change)
         backup = str(change.backup) if written and change.backup is not None else None
-    from drcli.models.action_space_change import ActionSpaceReport
+    from drcli.transfer.action_space_change import ActionSpaceReport
 
     report = ActionSpaceReport(
         str(path),
@@ -278,7 +517,7 @@ def _report(
         backup,
         picture,
     )
-    console.emit(report, action_space_view.actions(report), as_json=as_json)
+    console.emit(report, show_actions(report), as_json=as_json)
     if differs and not written:
         console.say("Nothing was written: add --write to put them into model_metadata.json.")
 
@@ -291,9 +530,7 @@ def _drawn(
     *,
     force: bool,
 ) -> str:
-    from drcli.base.atomic_file import rewrite
-    from drcli.base.replaceable import refuse_replacing
-    from drcli.rewards.action_picture import draw_actions
+    from drcli.base.files import refuse_replacing, rewrite
 
     refuse_replacing(out, force=force)
     shares = [action.share for action in actions if action.share is not None]
@@ -308,8 +545,8 @@ def _own_file() -> Path:
 
 
 def _about_the_model(new: "ActionSpace") -> str:
-    from drcli.models.action_space_change import sentence_about, trained_with
-    from drcli.store.connect import open_running_bucket
+    from drcli.bucket.connect import open_running_bucket
+    from drcli.transfer.action_space_change import sentence_about, trained_with
 
     if not (working_folder() / "run.env").is_file():
         return ""
@@ -326,12 +563,11 @@ def _about_the_model(new: "ActionSpace") -> str:
 
 
 def _driven(paths: list[Path] | None, prefix: str | None) -> list["DrivenFile"]:
-    from drcli.models.trace_files import traces_in_folders, traces_of_model
 
     if paths:
         files = traces_in_folders(paths)
     else:
-        from drcli.models.transfer_buckets import bucket_to_look_at
+        from drcli.transfer.transfer_buckets import bucket_to_look_at
 
         loaded = settings()
         bucket = bucket_to_look_at(loaded.transfer, upload=False)

@@ -2,21 +2,119 @@
 
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import shown
+from drcli.base.errors import SettingsError, shown
 from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, Force
-from drcli.cli.views import car_view
+from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
-    from drcli.remote.car_address import CarAddress
-    from drcli.remote.car_web import CarWeb
+    from drcli.outside.car.car_address import CarAddress
+    from drcli.outside.car.car_driving import CarDrive, CarStatus
+    from drcli.outside.car.car_models import CarLoad, CarModels, CarUpload
+    from drcli.outside.car.car_web import CarWeb
+
+# Shows a physical car.
+
+
+_METRICS = {
+    "cpu_percent": "{:.0f} % processor",
+    "cpu_temp": "{:.0f} degrees C",
+    "memory_usage": "{:.0f} % memory",
+    "free_disk": "{:.0f} % disk free",
+    "fps_mean": "{:.1f} frames/s",
+    "latency_mean": "{:.0f} ms latency",
+}
+
+
+@dataclass(frozen=True)
+class CarLoginReport:
+    """A login.
+
+    Attributes:
+        car: Address of the car.
+        trust: How the car is recognised later: fingerprint, ca or none.
+        fingerprint: SHA-256 of its certificate; empty if none was kept.
+    """
+
+    car: str
+    trust: str
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class CarLogoutReport:
+    """The end of a login.
+
+    Attributes:
+        car: Address of the car.
+        was_logged_in: Whether there was a login.
+    """
+
+    car: str
+    was_logged_in: bool
+
+
+def models(report: "CarModels") -> RenderableType:
+    if not report.models:
+        return Text(f"There are no models on the car {report.car}.")
+    names = ("model", "size", "algorithm", "actions", "sensors", "state")
+    rows = [
+        (
+            model.name,
+            model.size,
+            model.algorithm,
+            model.action_space,
+            ", ".join(model.sensors),
+            "ready" if model.usable else model.why,
+        )
+        for model in report.models
+    ]
+    return Rows(names, rows, left=("model", "algorithm", "actions", "sensors", "state"))
+
+
+def show_upload(report: "CarUpload") -> RenderableType:
+    size = f"{report.size_bytes / 1e6:.1f} MB"
+    return Text(f"The car {report.car} has installed {report.model} ({size}).")
+
+
+def show_load(report: "CarLoad") -> RenderableType:
+    return Text(f"The car {report.car} has loaded {report.model} in {report.seconds:.0f} s.")
+
+
+def drive(report: "CarDrive") -> RenderableType:
+    if report.driving:
+        return Text(f"The car {report.car} drives.")
+    after = "" if report.seconds is None else f" after {report.seconds:.0f} s"
+    return Text(f"The car {report.car} has stopped{after}.")
+
+
+def show_status(report: "CarStatus") -> RenderableType:
+    version = f" {report.software_version}" if report.software_version else ""
+    lines = [
+        f"car {report.car}, hardware {report.hardware_version or 'unknown'}",
+        f"software: {report.software}{version}",
+        f"model: {report.model_state or 'unknown'}",
+        "battery: " + ("unknown" if report.battery_level is None else f"{report.battery_level:g}"),
+    ]
+    if report.sensors:
+        states = (f"{name} {state.replace('_', ' ')}" for name, state in report.sensors.items())
+        lines.append(f"sensors: {', '.join(states)}")
+    known = [
+        text.format(report.metrics[key]) for key, text in _METRICS.items() if key in report.metrics
+    ]
+    if known:
+        lines.append(f"computer: {', '.join(known)}")
+    return Group(*map(Text, lines))
+
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -63,8 +161,8 @@ def login(
 
     Example: dr-car login --car 192.168.1.50
     """
-    from drcli.remote.car_certificate import readable
-    from drcli.remote.car_web import CarWeb, first_login
+    from drcli.outside.car.car_certificate import readable
+    from drcli.outside.car.car_web import CarWeb, first_login
 
     if sum((insecure, ca is not None, new_certificate)) > 1:
         raise typer.BadParameter("Use only one of --ca, --insecure and --new-certificate.")
@@ -82,7 +180,7 @@ def login(
         console.warn("Any machine at this address can pose as the car and read the password.")
     web = CarWeb(address, trusted)
     web.log_in(_password(address, password_file))
-    report = car_view.CarLoginReport(address.place, trusted.trust, trusted.fingerprint)
+    report = CarLoginReport(address.place, trusted.trust, trusted.fingerprint)
     console.emit(report, f"Logged in at the car {address.place}.", as_json=as_json)
     console.suggest([("dr-car list", "list the models on the car")])
 
@@ -93,11 +191,11 @@ def logout(car: _Car = None, as_json: AsJson = False) -> None:
 
     Example: dr-car logout
     """
-    from drcli.remote.car_login import forget_login
+    from drcli.outside.car.car_address import forget_login
 
     address = _address(car)
     was = forget_login(address)
-    report = car_view.CarLogoutReport(address.place, was)
+    report = CarLogoutReport(address.place, was)
     text = "is forgotten" if was else "was not kept"
     console.emit(report, f"The login at the car {address.place} {text}.", as_json=as_json)
 
@@ -116,8 +214,7 @@ def upload(
 
     Example: dr-car upload my-model.tar.gz
     """
-    from drcli.remote.car_file import check_file
-    from drcli.remote.car_models import list_models, upload_model
+    from drcli.outside.car.car_models import check_file, list_models, upload_model
 
     checked = check_file(file)
     web = _open(car)
@@ -128,7 +225,7 @@ def upload(
         report = upload_model(web, checked, say=console.say)
     if not report.usable:
         console.warn(f"The car cannot load {report.model} now: {report.why}.")
-    console.emit(report, car_view.upload(report), as_json=as_json)
+    console.emit(report, show_upload(report), as_json=as_json)
     console.suggest([(f"dr-car load {report.model}", "load it")])
 
 
@@ -138,10 +235,10 @@ def list_all(car: _Car = None, as_json: AsJson = False) -> None:
 
     Example: dr-car list
     """
-    from drcli.remote.car_models import list_models
+    from drcli.outside.car.car_models import list_models
 
     report = list_models(_open(car))
-    console.emit(report, car_view.models(report), as_json=as_json)
+    console.emit(report, models(report), as_json=as_json)
 
 
 @app.command()
@@ -153,12 +250,12 @@ def load(name: _Model, car: _Car = None, as_json: AsJson = False) -> None:
 
     Example: dr-car load my-model
     """
-    from drcli.remote.car_models import load_model
+    from drcli.outside.car.car_models import load_model
 
     web = _open(car)
     with console.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
         report = load_model(web, name)
-    console.emit(report, car_view.load(report), as_json=as_json)
+    console.emit(report, show_load(report), as_json=as_json)
     console.suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")])
 
 
@@ -185,7 +282,7 @@ def start(
 
     Example: dr-car start --speed 30 --seconds 60
     """
-    from drcli.remote import car_driving
+    from drcli.outside.car import car_driving
 
     if detach and seconds is not None:
         raise typer.BadParameter("--detach does not wait; leave out --seconds.")
@@ -198,7 +295,7 @@ def start(
         report = car_driving.start(web)
     else:
         report = car_driving.drive(web, seconds=seconds, warn=console.warn, say=console.say)
-    console.emit(report, car_view.drive(report), as_json=as_json)
+    console.emit(report, drive(report), as_json=as_json)
     if report.driving:
         console.suggest([("dr-car stop", "stop it")])
     if report.interrupted:
@@ -213,10 +310,10 @@ def stop(car: _Car = None, as_json: AsJson = False) -> None:
 
     Example: dr-car stop
     """
-    from drcli.remote import car_driving
+    from drcli.outside.car import car_driving
 
     report = car_driving.stop(_open(car))
-    console.emit(report, car_view.drive(report), as_json=as_json)
+    console.emit(report, drive(report), as_json=as_json)
 
 
 @app.command()
@@ -229,7 +326,7 @@ def speed(
 
     Example: dr-car speed 30
     """
-    from drcli.remote.car_driving import set_speed
+    from drcli.outside.car.car_driving import set_speed
 
     if not 0 <= percent <= 100:
         raise typer.BadParameter(f"{percent} is not a number from 0 to 100.")
@@ -244,21 +341,21 @@ def status(car: _Car = None, as_json: AsJson = False) -> None:
 
     Example: dr-car status --json
     """
-    from drcli.remote.car_status import read_status
+    from drcli.outside.car.car_driving import read_status
 
     report = read_status(_open(car))
-    console.emit(report, car_view.status(report), as_json=as_json)
+    console.emit(report, show_status(report), as_json=as_json)
 
 
 def _open(car: str | None) -> "CarWeb":
-    from drcli.remote.car_web import CarWeb
+    from drcli.outside.car.car_web import CarWeb
 
     return CarWeb.opened(_address(car))
 
 
 def _address(car: str | None) -> "CarAddress":
     """Files are read last: a mistake in them must not prevent a stop."""
-    from drcli.remote.car_address import read_address
+    from drcli.outside.car.car_address import read_address
 
     if car is not None:
         return read_address(car, "--car")

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 import typer
 
 from drcli.base.errors import SettingsError
-from drcli.cli import candidates, console
+from drcli.cli import completion, console
 from drcli.cli.options import AsJson
 from drcli.cli.views import settings_view
 from drcli.cli.working_folder import settings, working_folder
@@ -22,7 +22,7 @@ def show(
         typer.Argument(
             metavar="NAME",
             help="Only these settings.",
-            autocompletion=candidates.setting_names,
+            autocompletion=completion.setting_names,
         ),
     ] = None,
     changed: Annotated[
@@ -60,7 +60,7 @@ def check(
 
     Example: dr-config check --json
     """
-    from drcli.checks.config_check import check_alone, with_rules
+    from drcli.checks.validate import check_alone, with_rules
 
     report = check_alone(working_folder())
     if report.valid and not settings_only:
@@ -82,7 +82,7 @@ def change(
     values: Annotated[
         list[str],
         typer.Argument(
-            metavar="NAME=VALUE", help="New values.", autocompletion=candidates.assignments
+            metavar="NAME=VALUE", help="New values.", autocompletion=completion.assignments
         ),
     ],
     file: Annotated[
@@ -116,7 +116,7 @@ def preset(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="NAME", help="Only these presets.", autocompletion=candidates.presets
+            metavar="NAME", help="Only these presets.", autocompletion=completion.presets
         ),
     ] = None,
     as_json: AsJson = False,
@@ -166,7 +166,7 @@ def _known(written: str, others: tuple[str, ...]) -> str:
 
     name = settings_report.find_name(written, others)
     if name is None:
-        from drcli.modelfiles.hyperparameters import KEYS
+        from drcli.model.files.hyperparameters import KEYS
 
         hint = _HYPERPARAMETER if written.lower() in KEYS else settings_report.suggestion(written)
         raise typer.BadParameter(f"'{written}' is not a setting. {hint}")

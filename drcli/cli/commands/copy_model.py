@@ -24,7 +24,7 @@ from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
-    from drcli.models.download import DownloadOptions
+    from drcli.transfer.download import DownloadOptions
 
 
 def upload_model(
@@ -55,8 +55,7 @@ def upload_model(
 
     Example: dr-upload-model -b -f
     """
-    from drcli.models.upload import UploadOptions, plan_upload, upload
-    from drcli.models.upload_prefix import plan_upload_increment
+    from drcli.transfer.upload import UploadOptions, plan_upload, plan_upload_increment, upload
 
     choice = checkpoint_choice(best, number)
     if increment and (prefix or to):
@@ -122,7 +121,7 @@ def download_model(
 
     Example: dr-download-model -s s3://bucket/team/model-1 -t model-1
     """
-    from drcli.models.download import DownloadOptions
+    from drcli.transfer.download import DownloadOptions
 
     if not source:
         raise typer.BadParameter("No source URL to download model from. Give it with -s.")
@@ -134,7 +133,7 @@ def download_model(
 
 def copy_here(options: "DownloadOptions", *, force: bool, as_json: bool) -> None:
     """Copy a model to the local bucket, and show what was copied."""
-    from drcli.models.download import download, plan_download
+    from drcli.transfer.download import download, plan_download
 
     loaded, dry_run = settings(), options.dry_run
     if dry_run:

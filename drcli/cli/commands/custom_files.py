@@ -13,7 +13,7 @@ def upload_custom_files(as_json: AsJson = False) -> None:
 
     Example: dr-upload-custom-files
     """
-    from drcli.models import copy_custom_files as copying
+    from drcli.transfer import copy_custom_files as copying
 
     loaded = settings()
     report = copying.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
@@ -29,7 +29,7 @@ def download_custom_files(as_json: AsJson = False) -> None:
 
     Example: dr-download-custom-files
     """
-    from drcli.models import copy_custom_files as copying
+    from drcli.transfer import copy_custom_files as copying
 
     loaded = settings()
     report = copying.download_custom_files(loaded.custom_files, loaded.storage, console.say)

@@ -35,7 +35,7 @@ def delete_model(
 
     Example: dr-delete-model "old/*" --keep old/fast --dry-run
     """
-    from drcli.runs.model_removal import plan_removal, remove_models
+    from drcli.transfer.model_removal import plan_removal, remove_models
 
     loaded = settings()
     planned = plan_removal(loaded, models, keep or (), dry_run=dry_run, forget=forget)

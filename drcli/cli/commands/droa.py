@@ -1,14 +1,23 @@
 """`droa-*`."""
 
-from functools import partial
+import inspect
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial, wraps
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Concatenate, Literal, ParamSpec, get_args
 
 import typer
+from rich.console import Group, RenderableType
+from rich.filesize import decimal
+from rich.text import Text
 
-from drcli.base.replaceable import refuse_existing
+from drcli.base import errors
+from drcli.base.errors import SettingsError
+from drcli.base.files import refuse_existing
 from drcli.cli import console, prompts
-from drcli.cli.droa_options import Connection, connected
 from drcli.cli.options import (
     AsJson,
     DryRun,
@@ -18,8 +27,455 @@ from drcli.cli.options import (
     checkpoint_option,
     prefix_option,
 )
-from drcli.cli.views import droa_view
+from drcli.cli.views.layout import Rows, counted, indented
 from drcli.cli.working_folder import settings
+from drcli.config import secret_environment
+from drcli.config.settings import Settings
+from drcli.config.value_types import CheckpointChoice
+from drcli.model import keys
+from drcli.model.checkpoint_choice import find_choice, sentence_about
+from drcli.model.checkpoint_list import (
+    PARAMETERS_FILE,
+    read_checkpoint,
+    read_model_files,
+    refuse_incomplete,
+)
+from drcli.model.files.params_yaml import (
+    CLOCKWISE,
+    COUNTER_CLOCKWISE,
+    DROA_TRACKS,
+    Direction,
+    droa_parameters,
+    read_parameters,
+    split_world,
+    training_parameters,
+)
+from drcli.model.repair import Model
+from drcli.outside.droa.droa_package import Files
+from drcli.outside.droa.droa_rules import INDEX, POINTER
+from drcli.records.scores import encode_single
+from drcli.tracks.track_list import list_tracks
+from drcli.transfer.export_droa import package_files, read_droa_export
+from drcli.transfer.export_model import Selection
+from drcli.transfer.transfer_buckets import bucket_to_look_at
+
+if TYPE_CHECKING:
+    from drcli.outside.droa.droa_api import Droa, RemoteModel
+    from drcli.outside.droa.droa_download import DeletedModel, DownloadedAsset
+    from drcli.outside.droa.droa_import import ImportReport
+    from drcli.outside.droa.droa_metrics import PhaseMeans
+    from drcli.outside.droa.droa_session import DroaSession
+    from drcli.outside.droa.droa_site import SiteOptions
+
+# Shows models at DeepRacer on AWS.
+
+
+_SECOND = 19
+Pairs = list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class SignedIn:
+    """The result of `droa-login`.
+
+    Attributes:
+        site: Address of DeepRacer on AWS.
+        username: Who signed in.
+        expires: When the temporary keys end, ISO 8601.
+    """
+
+    site: str
+    username: str
+    expires: str
+
+
+@dataclass(frozen=True)
+class SignedOut:
+    """The result of `droa-logout`.
+
+    Attributes:
+        site: Address of DeepRacer on AWS.
+        username: Whose keys were meant.
+        deleted: Whether there were any.
+    """
+
+    site: str
+    username: str
+    deleted: bool
+
+
+@dataclass(frozen=True)
+class RemoteModels:
+    """The models in an account.
+
+    Attributes:
+        site: Address of DeepRacer on AWS.
+        models: The newest first, each with the keys of the interface, such as modelId and status.
+    """
+
+    site: str
+    models: list[dict[str, Any]]
+
+
+def signed_in(report: SignedIn) -> str:
+    until = _time(report.expires)
+    return f"Signed in to {report.site} as {report.username}, until {until} UTC."
+
+
+def signed_out(report: SignedOut) -> str:
+    if report.deleted:
+        return f"Deleted the temporary keys of {report.username} for {report.site}."
+    return f"There were no temporary keys of {report.username} for {report.site}."
+
+
+def models(site: str, found: "Sequence[RemoteModel]") -> RenderableType:
+    if not found:
+        return f"There is no model in your account at {site}."
+    rows = [
+        (
+            show_model.name,
+            show_model.model_id,
+            Text(show_model.status, _STYLES.get(show_model.status, "")),
+            show_model.training_status or "-",
+            _time(show_model.created_at),
+        )
+        for show_model in found
+    ]
+    names = ("name", "model id", "status", "training", "created")
+    return Group(Text(site, style="bold"), Rows(names, rows, left=names))
+
+
+_STYLES = {"READY": "green", "ERROR": "red"}
+
+
+def show_model(
+    found: "RemoteModel", means: "Sequence[PhaseMeans] | None", *, verbose: bool
+) -> RenderableType:
+    size = found.text("fileSizeInBytes")
+    parts: list[RenderableType] = [
+        _pairs(
+            [
+                ("model id", found.model_id),
+                ("name", found.name),
+                ("description", found.text("description")),
+                ("status", found.status),
+                ("import error", found.import_error),
+                ("training", found.training_status),
+                ("created", _time(found.created_at)),
+                ("size", decimal(int(size)) if size.isdigit() else ""),
+                ("packaging", found.text("packagingStatus")),
+            ]
+        ),
+        *_section(
+            "Car",
+            [
+                ("shell", found.text("carCustomization", "carShell")),
+                ("colour", found.text("carCustomization", "carColor")),
+            ],
+        ),
+        *_section(
+            "Training",
+            [
+                ("track", found.text("trainingConfig", "trackConfig", "trackId")),
+                ("direction", found.text("trainingConfig", "trackConfig", "trackDirection")),
+                ("race type", found.text("trainingConfig", "raceType")),
+                ("longest time", _minutes(found.text("trainingConfig", "maxTimeInMinutes"))),
+            ],
+        ),
+        *_section(
+            "Learning",
+            [
+                ("algorithm", found.text("metadata", "agentAlgorithm")),
+                ("camera", found.text("metadata", "sensors", "camera")),
+                ("lidar", found.text("metadata", "sensors", "lidar")),
+                *_values(found, "metadata", "hyperparameters"),
+            ],
+        ),
+    ]
+    if verbose:
+        parts += _section("Actions", _actions(found))
+        addresses = [
+            ("metrics", found.text("trainingMetricsUrl")),
+            ("video", found.text("trainingVideoStreamUrl")),
+        ]
+        parts += _section("Addresses", addresses)
+        reward = found.text("metadata", "rewardFunction")
+        if reward:
+            parts += [Text("Reward function", style="bold"), Text(reward.rstrip())]
+    if means is not None:
+        parts += [Text("Metrics", style="bold"), _means(means)]
+    return Group(*parts)
+
+
+def imported(report: "ImportReport") -> str:
+    size = f"{counted(report.files, 'file')}, {decimal(report.uploaded_bytes)}"
+    if report.dry_run:
+        return f"Would import {report.name} into {report.site}: {size}."
+    if report.existed:
+        return f"{report.name} was imported into {report.site} before, as {report.model_id}."
+    state = "It is ready." if report.status == "READY" else "It is being checked there."
+    return f"Imported {report.name} into {report.site} as {report.model_id}: {size}. {state}"
+
+
+def downloaded(report: "DownloadedAsset", means: "Sequence[PhaseMeans] | None") -> RenderableType:
+    line = f"Downloaded {report.asset_type} of {report.model_id} to {report.file}: "
+    text = f"{line}{decimal(report.file_bytes)}."
+    return text if means is None else Group(Text(text), _means(means))
+
+
+def deleted(report: "DeletedModel") -> str:
+    return f"{report.site} is deleting {report.name} ({report.model_id})."
+
+
+def _pairs(pairs: Pairs) -> Text:
+    known = [(name, value) for name, value in pairs if value]
+    width = max((len(name) for name, _ in known), default=0)
+    lines = [Text.assemble((name.ljust(width), "dim"), "  ", value) for name, value in known]
+    return Text("\n").join(lines)
+
+
+def _section(title: str, pairs: Pairs) -> list[RenderableType]:
+    known = [pair for pair in pairs if pair[1]]
+    return [Text(title, style="bold"), indented(_pairs(known))] if known else []
+
+
+def _values(found: "RemoteModel", *path: str) -> Pairs:
+    value: Any = found.values
+    for key in path:
+        value = value.get(key) if isinstance(value, dict) else None
+    return [(str(k), str(v)) for k, v in value.items()] if isinstance(value, dict) else []
+
+
+def _actions(found: "RemoteModel") -> Pairs:
+    """The interface spells `continous`."""
+    metadata = found.values.get("metadata")
+    space = metadata.get("actionSpace") if isinstance(metadata, dict) else None
+    if not isinstance(space, dict):
+        return []
+    ranges = space.get("continous") or space.get("continuous")
+    if isinstance(ranges, dict):
+        return [
+            ("speed", f"{ranges.get('lowSpeed')} to {ranges.get('highSpeed')} m/s"),
+            (
+                "steering",
+                f"{ranges.get('lowSteeringAngle')} to {ranges.get('highSteeringAngle')} degrees",
+            ),
+        ]
+    discrete = space.get("discrete")
+    return [
+        (str(index), f"{each.get('steeringAngle')} degrees, {each.get('speed')} m/s")
+        for index, each in enumerate(discrete if isinstance(discrete, list) else [])
+        if isinstance(each, dict)
+    ]
+
+
+def _means(means: "Sequence[PhaseMeans]") -> RenderableType:
+    names = ("phase", "episodes", "reward", "progress", "clean laps", "finished", "best lap")
+    rows = [
+        (
+            each.phase,
+            str(each.episodes),
+            f"{each.mean_reward:.1f}",
+            f"{each.mean_progress:.1f} %",
+            str(each.clean_laps),
+            str(each.full_laps),
+            "-" if each.best_lap_s is None else f"{each.best_lap_s:.3f} s",
+        )
+        for each in means
+    ]
+    return Rows(names, rows, left=("phase",))
+
+
+def _minutes(text: str) -> str:
+    return f"{text} min" if text and text != "0" else ""
+
+
+def _time(text: str) -> str:
+    return text[:_SECOND].replace("T", " ") if text else "-"
+
+
+# Options and connection of all `droa-*` commands.
+
+
+P = ParamSpec("P")
+
+pause: Callable[[float], None] = time.sleep
+_PANEL: tuple[tuple[str, str], ...] = (
+    ("url", "Address of DeepRacer on AWS, instead of DR_DROA_URL."),
+    ("username", "User, instead of DR_DROA_USERNAME."),
+    ("password", "Password; without it you are asked, which keeps it out of the history."),
+    ("region", "AWS region, instead of the one in env.js."),
+    ("user_pool_id", "Cognito user pool, instead of the one in env.js."),
+    ("user_pool_client_id", "Cognito client, instead of the one in env.js."),
+    ("identity_pool_id", "Cognito identity pool, instead of the one in env.js."),
+    ("api_endpoint", "Address of the interface, instead of the one in env.js."),
+    ("upload_bucket", "Bucket for imports, instead of the one in env.js."),
+)
+
+
+class Connection:
+    """Connects only when a command is ready for it."""
+
+    def __init__(self, given: dict[str, str | None]) -> None:
+        self._given = given
+
+    def refuse_no_site(self) -> None:
+        """Refuse a missing site before anything slow.
+
+        Raises:
+            SettingsError: The address is missing or wrong.
+        """
+        from drcli.outside.droa.droa_site import refuse_no_site
+
+        refuse_no_site(self._site_options(), settings().droa.url)
+
+    def session(self) -> "DroaSession":
+        """The user, before any request but env.js.
+
+        Raises:
+            DrError: A setting is missing or wrong, or env.js cannot be read.
+        """
+        return self._connect().session
+
+    def droa(self) -> "Droa":
+        """The interface, as this user.
+
+        Raises:
+            DrError: As for `session`.
+        """
+        return self._connect()
+
+    def _connect(self) -> "Droa":
+        from drcli.outside.droa.droa_api import Droa
+        from drcli.outside.droa.droa_session import DroaSession
+        from drcli.outside.droa.droa_site import URL_SETTING, find_site
+        from drcli.outside.web_request import Web
+
+        config = settings().droa
+        web = Web(
+            "--url" if self._given["url"] else URL_SETTING,
+            pause=lambda seconds: pause(seconds),
+            trace=_trace if config.debug else None,
+        )
+        site = find_site(self._site_options(), config.url, config.aws_endpoint_url, web)
+        username = self._given["username"] or config.username
+        return Droa(DroaSession(site, username, lambda: self._password(username), _code), web)
+
+    def _site_options(self) -> "SiteOptions":
+        from drcli.outside.droa.droa_site import SiteOptions
+
+        given = {n: v for n, v in self._given.items() if n not in ("username", "password")}
+        return SiteOptions(**given)
+
+    def _password(self, username: str) -> str:
+        from drcli.outside.droa.droa_site import PASSWORD_VARIABLE
+
+        known = self._given["password"] or secret_environment.all_secrets().get(PASSWORD_VARIABLE)
+        return known or prompts.secret(
+            f"Password for {username}",
+            "Run the command on a terminal, or give the password on standard input or in the "
+            f"variable {PASSWORD_VARIABLE}.",
+        )
+
+
+def connected(
+    command: Callable[Concatenate[Connection, P], None],
+) -> Callable[P, None]:
+    """Gives a command these options, and the connection as first parameter."""
+    signature = inspect.signature(command)
+
+    @wraps(command)
+    def run(*args: P.args, **named: P.kwargs) -> None:
+        given: dict[str, Any] = {name: named.pop(name, None) for name, _ in _PANEL}
+        command(Connection(given), *args, **named)
+
+    kind = inspect.Parameter.KEYWORD_ONLY
+    shared = [
+        inspect.Parameter(name, kind, default=None, annotation=_option(name, text))
+        for name, text in _PANEL
+    ]
+    own = [each.replace(kind=kind) for each in list(signature.parameters.values())[1:]]
+    vars(run)["__signature__"] = signature.replace(parameters=[*own, *shared])
+    return run
+
+
+def _option(name: str, text: str) -> Any:
+    flag = f"--{name.replace('_', '-')}"
+    return Annotated[str | None, typer.Option(flag, metavar="TEXT", help=text)]
+
+
+def _code(question: str) -> str:
+    return prompts.secret(question, "Run the command on a terminal.")
+
+
+def _trace(line: str) -> None:
+    console.err.print(line, markup=False, soft_wrap=True)
+    sys.stderr.flush()
+
+
+# Takes a model of the racer's bucket for DeepRacer on AWS.
+
+
+def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice) -> Files:
+    """A model's files with a TensorFlow checkpoint, its own or as of `dr-export droa`.
+
+    Raises:
+        SettingsError: There is none, or it cannot be imported there.
+        StorageError: The bucket cannot be read.
+    """
+    bucket = bucket_to_look_at(settings.transfer, upload=False)
+    refuse_incomplete(settings.model, bucket, prefix)
+    chosen = find_choice(Model.of(settings.model, bucket, prefix), choice)
+    if not set(keys.TENSORFLOW_PARTS) <= set(chosen.parts):
+        exported = read_droa_export(settings, Selection(choice, prefix), world=None)
+        for note in exported.notes:
+            errors.show(note)
+        return package_files(exported)
+    errors.show(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
+    items = [
+        *read_checkpoint(bucket, prefix, chosen),
+        *read_model_files(
+            settings.model,
+            bucket,
+            prefix,
+            chosen.name,
+            (bucket.name, prefix),
+            training_parameters(settings),
+        ),
+    ]
+    files = {item.name: item.data for item in items if not item.name.endswith(".safetensors")}
+    files[POINTER] = chosen.name.encode()
+    files[INDEX] = encode_single(chosen.score)
+    files[PARAMETERS_FILE] = _parameters(settings, files[PARAMETERS_FILE], prefix)
+    metrics = files.pop("metrics/TrainingMetrics.json", None)
+    if metrics:
+        files[f"metrics/training/training-{chosen.number}.json"] = metrics
+    return files
+
+
+def _parameters(settings: Settings, data: bytes, prefix: str) -> bytes:
+    try:
+        return droa_parameters(data, _route(settings, data))
+    except ValueError as e:
+        raise SettingsError(
+            f"{PARAMETERS_FILE} of {prefix} cannot be used: {e}.",
+            remedy="Add TRACK_DIRECTION_CLOCKWISE: true or false to it, in a folder that you "
+            "import with --from.",
+        ) from e
+
+
+def _route(settings: Settings, data: bytes) -> Direction | None:
+    world = str(read_parameters(data).get("WORLD_NAME", ""))
+    track, named = split_world(world)
+    if named is not None or len(DROA_TRACKS.get(track, ())) == 1:
+        return None  # measuring all tracks takes two seconds
+    memory = settings.directory / "data" / "cache" / "tracks.json"
+    known = {"clockwise": CLOCKWISE, "counterclockwise": COUNTER_CLOCKWISE}
+    for facts in list_tracks(settings.tracks_folder, memory).tracks:
+        if facts.name == world:
+            return known.get(facts.direction)
+    return None
+
 
 _Model = Annotated[
     str, typer.Argument(metavar="MODEL", help="Id of the model, or its name if only one has it.")
@@ -40,8 +496,8 @@ def droa_login(connection: Connection, as_json: AsJson = False) -> None:
     session = connection.session()
     with console.waiting(f"Signing in to {session.site.place} ..."):
         keys = session.renew()
-    report = droa_view.SignedIn(session.site.place, session.username, keys.expires.isoformat())
-    console.emit(report, droa_view.signed_in(report), as_json=as_json)
+    report = SignedIn(session.site.place, session.username, keys.expires.isoformat())
+    console.emit(report, signed_in(report), as_json=as_json)
 
 
 @connected
@@ -53,8 +509,8 @@ def droa_logout(connection: Connection, as_json: AsJson = False) -> None:
     Example: droa-logout
     """
     session = connection.session()
-    report = droa_view.SignedOut(session.site.place, session.username, session.forget())
-    console.emit(report, droa_view.signed_out(report), as_json=as_json)
+    report = SignedOut(session.site.place, session.username, session.forget())
+    console.emit(report, signed_out(report), as_json=as_json)
 
 
 @connected
@@ -67,8 +523,8 @@ def droa_list_models(connection: Connection, as_json: AsJson = False) -> None:
     """
     droa = connection.droa()
     found = droa.models()
-    report = droa_view.RemoteModels(droa.place, [dict(model.values) for model in found])
-    console.emit(report, droa_view.models(droa.place, found), as_json=as_json)
+    report = RemoteModels(droa.place, [dict(model.values) for model in found])
+    console.emit(report, models(droa.place, found), as_json=as_json)
 
 
 @connected
@@ -88,13 +544,13 @@ def droa_get_model(
 
     Example: droa-get-model 2w7R6h2PNexQ9kC --summary
     """
-    from drcli.remote.droa_metrics import ModelReport, metrics_summary
+    from drcli.outside.droa.droa_metrics import ModelReport, metrics_summary
 
     droa = connection.droa()
     found = droa.find(model)
     means = metrics_summary(droa, found) if summary else None
     report = ModelReport.of(droa.place, found, means or [])
-    console.emit(report, droa_view.model(found, means, verbose=verbose), as_json=as_json)
+    console.emit(report, show_model(found, means, verbose=verbose), as_json=as_json)
 
 
 @connected
@@ -143,7 +599,7 @@ def droa_import_model(
 
     Example: droa-import-model --from my-model.tar.gz --model-name my-model
     """
-    from drcli.remote import droa_import
+    from drcli.outside.droa import droa_import
 
     if source is not None and (prefix or best or number is not None):
         raise typer.BadParameter(
@@ -153,12 +609,10 @@ def droa_import_model(
     choice = checkpoint_choice(best, number)
     connection.refuse_no_site()
     if source is not None:
-        from drcli.remote.droa_package import read_package
+        from drcli.outside.droa.droa_package import read_package
 
         files, found_name = read_package(source), _stem(source)
     else:
-        from drcli.remote.droa_bucket_model import read_bucket_model
-
         loaded = settings()
         chosen = prefix or loaded.model_prefix
         files = read_bucket_model(loaded, chosen, choice)
@@ -181,7 +635,7 @@ def droa_import_model(
             progress=partial(console.progress, unit="bytes"),
             waiting=None if no_wait else console.waiting,
         )
-    console.emit(report, droa_view.imported(report), as_json=as_json)
+    console.emit(report, imported(report), as_json=as_json)
     if not dry_run:
         show = (f"droa-get-model {report.model_id}", "show it")
         console.suggest([show, ("droa-list-models", "list your models there")])
@@ -220,8 +674,8 @@ def droa_download_logs(
 
     Example: droa-download-logs 2w7R6h2PNexQ9kC -o logs.tar.gz
     """
-    from drcli.remote import droa_download
-    from drcli.remote.droa_metrics import archive_summary
+    from drcli.outside.droa import droa_download
+    from drcli.outside.droa.droa_metrics import archive_summary
 
     if kind == "EVALUATION_LOGS" and not evaluation:
         raise typer.BadParameter("EVALUATION_LOGS needs --evaluation-id.")
@@ -242,7 +696,7 @@ def droa_download_logs(
         droa.place, model_id, kind, str(file), file.stat().st_size
     )
     means = archive_summary(file) if summary else None
-    console.emit(report, droa_view.downloaded(report, means), as_json=as_json)
+    console.emit(report, downloaded(report, means), as_json=as_json)
 
 
 @connected
@@ -256,7 +710,7 @@ def droa_delete_model(
 
     Example: droa-delete-model 2w7R6h2PNexQ9kC -f
     """
-    from drcli.remote.droa_delete import delete_model, refuse_undeletable
+    from drcli.outside.droa.droa_download import delete_model, refuse_undeletable
 
     droa = connection.droa()
     found = droa.find(model)
@@ -268,7 +722,7 @@ def droa_delete_model(
         words=[found.name],
     )
     report = delete_model(droa, found)
-    console.emit(report, droa_view.deleted(report), as_json=as_json)
+    console.emit(report, deleted(report), as_json=as_json)
 
 
 def _stem(source: Path) -> str:

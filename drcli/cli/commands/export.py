@@ -1,16 +1,476 @@
 """`dr export`."""
 
-import typer
+import shlex
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from drcli.cli.commands import export_car, export_forms, export_reference
+import typer
+from rich.console import Group, RenderableType
+from rich.filesize import decimal
+from rich.text import Text
+
+from drcli.base.files import refuse_existing, safe_name
+from drcli.cli import console, prompts
+from drcli.cli.options import (
+    AsJson,
+    DryRun,
+    Force,
+    Keep,
+    MaxMb,
+    Replace,
+    World,
+    best_option,
+    checkpoint_choice,
+    checkpoint_option,
+    prefix_option,
+)
+from drcli.cli.views.layout import Rows, counted
+from drcli.cli.working_folder import settings
+
+if TYPE_CHECKING:
+    from drcli.base.errors import Problem
+    from drcli.config.settings import Settings
+    from drcli.convert.car_rules import CarAction
+    from drcli.convert.policy_file import Form
+    from drcli.transfer.export_car import ArchiveReport, CarExport, CarReport
+    from drcli.transfer.export_forms import ExportReport, FormReport
+    from drcli.transfer.export_model import ExportSource, Selection
+
+# Shows archives for the physical car.
+
+
+def show_archive(report: "CarReport") -> RenderableType:
+    would = "Would write" if report.dry_run else "Wrote"
+    places = "\n".join(report.files)
+    compared = (
+        f"Same action as the weights in {report.same_actions} of "
+        f"{counted(report.frames, 'frame')} of a drive on {report.world}; greatest difference "
+        f"{report.greatest_difference:.1g}."
+    )
+    title = f"{would} {report.checkpoint} of {report.source}, {decimal(report.size_bytes)}, to"
+    return Group(title, Text(places, "bold"), compared, "", _actions(report.actions))
+
+
+def show_check(report: "ArchiveReport") -> RenderableType:
+    verdict = ("The car loads it", "green") if not report.errors else ("The car refuses it", "red")
+    parts: list[RenderableType] = [Text.assemble((report.file, "bold"), ": ", verdict, ".")]
+    if report.actions:
+        parts += ["", _actions(report.actions)]
+    return Group(*parts)
+
+
+def _actions(actions: "list[CarAction]") -> RenderableType:
+    rows = [
+        (
+            "" if action.index is None else str(action.index),
+            f"{action.steering_deg:g}",
+            f"{action.speed_mps:g}",
+            f"{action.steering:.0%}",
+            f"{action.throttle:.1%}",
+        )
+        for action in actions
+    ]
+    names = ("action", "steering (deg)", "speed (m/s)", "steering on the car", "throttle")
+    return Rows(names, rows)
+
+
+# Shows exported policies.
+
+
+def exported(report: "FormReport") -> str:
+    lines = [
+        f"Exported {report.checkpoint} of {report.prefix} as {report.file}, "
+        f"{decimal(report.size_bytes)}.",
+        f"Compared with PyTorch on {report.frames} pictures (--runtime {report.engine}): "
+        f"{report.same_actions:.1%} the same action, greatest difference "
+        f"{report.greatest_difference:.1e}.",
+    ]
+    others = [file for file in report.files if file != report.file]
+    return "\n".join([*lines, f"Beside it: {', '.join(others)}"])
+
+
+# Shows what an export wrote.
+
+
+def reference(report: "ExportReport") -> str:
+    size = f"{counted(len(report.files), 'file')}, {decimal(report.size_bytes)}"
+    lines = [f"Exported {report.checkpoint} of {report.source} to {report.target}: {size}."]
+    if report.archive is not None and report.archive != report.target:
+        lines.append(f"The same files as an archive: {report.archive}")
+    lines += [f"Note: {note}" for note in report.notes]
+    lines += [f"Verified: {text}" for text in report.verified]
+    lines += [f"Not verified: {text}" for text in report.not_verified]
+    return "\n".join(lines)
+
+
+# Options that the exports of a checkpoint share.
+
+
+ExportBest = Annotated[bool, best_option("Export")]
+ExportNumber = Annotated[str | None, checkpoint_option("Export")]
+ExportPrefix = Annotated[str | None, prefix_option("Export this model instead.")]
+
+
+def selection(best: bool, number: str | None, prefix: str | None) -> "Selection":
+    """The checkpoint that the options choose.
+
+    Raises:
+        BadParameter: -b and -c are both given, or -c names none.
+    """
+    from drcli.transfer.export_model import Selection
+
+    return Selection(checkpoint_choice(best, number, "best"), prefix)
+
+
+# `dr export car` and `dr upload-car-zip`.
+
+
+_Best = Annotated[bool, best_option("Take")]
+_Number = Annotated[str | None, checkpoint_option("Take")]
+
+
+def export_car(
+    best: _Best = False,
+    number: _Number = None,
+    prefix: Annotated[str | None, prefix_option("Take this model instead.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="File or folder to write to; NAME.tar.gz if left out."),
+    ] = None,
+    check: Annotated[
+        Path | None,
+        typer.Option(
+            "--check", metavar="FILE", help="Only check this archive, which anybody may have made."
+        ),
+    ] = None,
+    force: Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write the archive that the physical car loads, and show what the car makes of the model.
+
+    The archive is a file such as model-1.tar.gz in the current folder, with a frozen TensorFlow
+    graph and the metadata. Takes the best checkpoint unless -c chooses another. The archive
+    is checked by the rules of the car, and its graph is compared with the weights on camera frames
+    of a short drive; what the car would refuse is not written (exit code 3).
+
+    Example: dr-export car
+    """
+    from drcli.transfer.export_car import archive_path, write_archive
+    from drcli.transfer.export_model import read_export_source
+
+    if check is not None:
+        if best or number is not None or prefix or out or force:
+            raise typer.BadParameter("--check takes a file, and no other option with it.")
+        _check(check, as_json=as_json)
+        return
+    if out is not None and not out.is_dir():
+        refuse_existing(out, force=force)
+    loaded = settings()
+    source = read_export_source(loaded, selection(best, number, prefix))
+    path = archive_path(out, source.file_name, force=force)
+    report = write_archive(_made(loaded, source, path.name), path)
+    _warn(report.problems)
+    console.emit(report, show_archive(report), as_json=as_json)
+
+
+def upload_car_zip(
+    force: Force = False,
+    best: _Best = False,
+    number: _Number = None,
+    prefix: Annotated[
+        str | None, prefix_option("Take this model instead, under its own name.")
+    ] = None,
+    local: Annotated[
+        bool, typer.Option("-L", "--local", help="Upload to the local bucket.")
+    ] = False,
+    numbered: Annotated[
+        bool,
+        typer.Option("-n", "--numbered", help="Also keep it under a name with the checkpoint."),
+    ] = False,
+    only_numbered: Annotated[
+        bool,
+        typer.Option("--only-numbered", help="Like -n, but not under the plain name of the model."),
+    ] = False,
+    keep: Keep = None,
+    max_mb: MaxMb = None,
+    dry_run: DryRun = False,
+    as_json: AsJson = False,
+) -> None:
+    """Upload the archive that the physical car loads.
+
+    It goes below DR_UPLOAD_S3_PREFIX in DR_UPLOAD_S3_BUCKET under two names: carfile.tar.gz, and
+    that of the model, such as model-1.tar.gz. With -n, a third one has the number of the
+    checkpoint, such as model-1-chk12.tar.gz; --keep and --max-mb are about those. Checks everything
+    that `dr-export car` checks. The model may be training at the same time.
+
+    Example: dr-upload-car-zip -fL
+    """
+    from drcli.transfer.export_car import CAR_FILE, plan_car_upload, upload_archive, upload_names
+    from drcli.transfer.export_model import Selection, read_export_source
+    from drcli.transfer.upload import retention_of
+
+    loaded = settings()
+    chosen = Selection(checkpoint_choice(best, number), prefix)  # the last one, as there
+    if dry_run:
+        console.say("*** DRYRUN MODE ***")
+    target = plan_car_upload(
+        loaded,
+        prefix,
+        local=local,
+        dry_run=dry_run,
+        retention=retention_of(loaded, keep, max_mb),
+    )
+    source = read_export_source(loaded, chosen)
+    if as_json:
+        console.say(source.chosen.line)
+    else:
+        console.write(f"{source.chosen.line}\n")  # on stdout, where scripts look for it
+    console.say(f"Uploading the car archive of {source.url} to {target.url}/{CAR_FILE}")
+    if not dry_run:
+        prompts.agree("Are you sure?", yes=force)
+    names = upload_names(source, numbered=numbered, only_numbered=only_numbered)
+    export = _made(loaded, source, names[1])
+    progress = partial(console.progress, unit="bytes")
+    report = upload_archive(export, target, names, progress, dry_run=dry_run)
+    _warn(report.problems)
+    console.emit(report, show_archive(report), as_json=as_json)
+
+
+def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":
+    from drcli.checks.compare_on_drive import made_car_archive
+
+    with console.waiting("Writing the graph and comparing it with the weights on a drive ..."):
+        return made_car_archive(loaded, source, file_name)
+
+
+def _check(path: Path, *, as_json: bool) -> None:
+    from drcli.base.errors import refuse
+    from drcli.transfer.export_car import check_archive
+
+    report = check_archive(path)
+    _warn(report.warnings)
+    console.emit(report, show_check(report), as_json=as_json)
+    refuse(report.errors)
+
+
+def _warn(problems: "list[Problem]") -> None:
+    for problem in problems:
+        if problem.severity == "warning":
+            console.warn(f"{problem} {problem.remedy}")
+        elif problem.severity == "note":
+            console.say(f"Note: {problem}")
+
+
+# `dr export pb`, `onnx`, `tflite` and `openvino`.
+
+
+_Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FILE", help="File or folder; NAME-chkN if left out."),
+]
+
+
+def pb(
+    out: _Out = None,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    force: Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a frozen TensorFlow graph, which the car, OpenVINO and TensorFlow read.
+
+    The file is run and compared with PyTorch before it is kept; its model_metadata.json is written
+    beside it. Exports the best checkpoint
+    unless -c chooses another.
+
+    Example: dr-export pb --out policy.pb
+    """
+    _export("pb", out, best, number, prefix, force, as_json)
+
+
+def onnx(
+    out: _Out = None,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    force: Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write an ONNX file, which onnxruntime and most other engines read.
+
+    Pictures are grey values from 0 to 255 of shape (batch, 120, 160, cameras). The file is run by
+    onnxruntime and compared with PyTorch before it is kept; its model_metadata.json is written
+    beside it. Exports the best checkpoint
+    unless -c chooses another.
+
+    Example: dr-export onnx --out policy.onnx
+    """
+    _export("onnx", out, best, number, prefix, force, as_json)
+
+
+def tflite(
+    out: _Out = None,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    force: Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a TensorFlow Lite file with the settings of the car: weights in half precision.
+
+    TensorFlow converts it. The file is run and compared with PyTorch before it is kept; its
+    model_metadata.json is written beside it. Exports the best checkpoint
+    unless -c chooses another.
+
+    Example: dr-export tflite --out policy.tflite
+    """
+    _export("tflite", out, best, number, prefix, force, as_json)
+
+
+def openvino(
+    out: _Out = None,
+    fp16: Annotated[
+        bool, typer.Option("--fp16", help="Store weights in half precision, half the size.")
+    ] = False,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    force: Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write OpenVINO's two files, .xml and .bin.
+
+    The files are run by OpenVINO and compared with PyTorch before they are kept; the
+    model_metadata.json is written beside them. Exports the best checkpoint
+    unless -c chooses another.
+
+    Example: dr-export openvino --out policy.xml
+    """
+    _export("openvino", out, best, number, prefix, force, as_json, fp16=fp16)
+
+
+def _export(
+    form: "Form",
+    out: Path | None,
+    best: bool,
+    number: str | None,
+    prefix: str | None,
+    force: bool,
+    as_json: bool,
+    *,
+    fp16: bool = False,
+) -> None:
+    from drcli.transfer.export_forms import export_form, plan_form
+
+    chosen = selection(best, number, prefix)
+    target = None if out is None else out.expanduser()
+    planned = plan_form(settings(), chosen, form, target, fp16=fp16, force=force)
+    report = export_form(planned)
+    console.emit(report, exported(report), as_json=as_json)
+    console.suggest([(f"dr-evaluate --model {report.file}", "drive laps with it")])
+
+
+# `dr export tf-checkpoint` and `dr export droa`.
+
+
+_Local = Annotated[
+    bool, typer.Option("-L", "--local", help="The bucket of --out is at the local server.")
+]
+
+
+def tf_checkpoint(
+    out: Annotated[
+        str | None,
+        typer.Option(
+            "--out",
+            metavar="PLACE",
+            help="A folder, or s3://bucket/prefix; NAME-tf-checkpoint if left out.",
+        ),
+    ] = None,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    local: _Local = False,
+    force: Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a TensorFlow checkpoint, from which the reference simulator evaluates and trains on.
+
+    The folder is laid out like a model of DeepRacer-for-Cloud. Names and shapes of all variables
+    are compared with the reference's before anything is written. Exports the best checkpoint
+    unless -c chooses another.
+
+    Example: dr-export tf-checkpoint --out s3://bucket/team/model-1
+    """
+    from drcli.transfer.export_forms import export_checkpoint, read_checkpoint_export
+    from drcli.transfer.export_model import export_target
+
+    loaded, chosen = settings(), selection(best, number, prefix)
+    source = chosen.prefix or loaded.model_prefix
+    place = out or f"{safe_name(source)}-tf-checkpoint"
+    target = export_target(loaded, place, source, local=local, force=force)
+    exported = read_checkpoint_export(loaded, chosen)
+    report = export_checkpoint(exported, target, partial(console.progress, unit="bytes"))
+    console.emit(report, reference(report), as_json=as_json)
+
+
+def droa(
+    out: Annotated[
+        str | None,
+        typer.Option(
+            "--out",
+            metavar="PLACE",
+            help="A folder, beside which NAME.tar.gz is written; a file that ends with .tar.gz; or "
+            "s3://bucket/prefix. NAME-droa if left out.",
+        ),
+    ] = None,
+    world: World = None,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    local: _Local = False,
+    force: Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write the folder and the archive that DeepRacer on AWS imports.
+
+    Track and direction come from the model's training_params.yaml. Exports the best checkpoint
+    unless -c chooses another.
+
+    Example: dr-export droa --out my-model
+    """
+    from drcli.transfer.export_droa import export_droa, read_droa_export
+    from drcli.transfer.export_model import export_target, is_url
+
+    loaded, chosen = settings(), selection(best, number, prefix)
+    source = chosen.prefix or loaded.model_prefix
+    place = out or f"{safe_name(source)}-droa"
+    target, archive = None, None
+    if place.endswith((".tar.gz", ".tgz")) and not is_url(place):
+        archive = Path(place).expanduser()
+    else:
+        target = export_target(loaded, place, source, local=local, force=force)
+        if target.folder is not None:
+            archive = target.folder.with_name(f"{target.folder.name}.tar.gz")
+    if archive is not None:
+        refuse_existing(archive, force=force)
+    exported = read_droa_export(loaded, chosen, world)
+    report = export_droa(exported, target, archive, partial(console.progress, unit="bytes"))
+    console.emit(report, reference(report), as_json=as_json)
+    if target is not None and target.folder is not None:
+        import_it = f"droa-import-model --from {shlex.quote(place)}"
+        console.suggest([(import_it, "import it into DeepRacer on AWS")])
+
 
 app = typer.Typer(
     no_args_is_help=True,
     help="Write a model in the form of other systems.\n\nExample: dr-export car -b",
 )
 
-app.command("car")(export_car.export_car)
-app.command("tf-checkpoint")(export_reference.tf_checkpoint)
-app.command()(export_reference.droa)
-for _command in (export_forms.pb, export_forms.onnx, export_forms.tflite, export_forms.openvino):
+app.command("car")(export_car)
+app.command("tf-checkpoint")(tf_checkpoint)
+app.command()(droa)
+for _command in (pb, onnx, tflite, openvino):
     app.command()(_command)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli import candidates, console, prompts
+from drcli.cli import completion, console, prompts
 from drcli.cli.options import (
     AsJson,
     Delimiter,
@@ -49,7 +49,7 @@ def increment_training(
             "--set",
             metavar="NAME=VALUE",
             help="Change another setting, such as a stop condition; can be given again.",
-            autocompletion=candidates.assignments,
+            autocompletion=completion.assignments,
         ),
     ] = None,
     max_iterations: Annotated[
@@ -78,8 +78,7 @@ def increment_training(
 
     Example: dr-increment-training -f --checkpoint first-lap --hyperparameter lr=0.0001
     """
-    from drcli.runs.increment import make_increment, plan_increment
-    from drcli.runs.increment_overrides import Overrides
+    from drcli.run.increment import Overrides, make_increment, plan_increment
 
     others = list(setting or ())
     if max_iterations is not None:
@@ -120,9 +119,9 @@ def increment_upload_model(
 
     Example: dr-increment-upload-model -f
     """
-    from drcli.models import upload_prefix
+    from drcli.transfer import upload
 
-    planned = upload_prefix.plan_upload_increment(
+    planned = upload.plan_upload_increment(
         settings(), prefix=prefix, delimiter=delimiter, wiping=wipe
     )
     step = planned.step
@@ -131,7 +130,7 @@ def increment_upload_model(
         place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
         console.warn(f"{counted(step.wiped, 'file')} at {place} will be deleted.")
     prompts.agree("Are you sure?", yes=force)
-    upload_prefix.make_upload_increment(planned)
+    upload.make_upload_increment(planned)
     console.emit(step, models_view.upload_increment(step), as_json=as_json)
     _done(step.file, step.backup, "dr-upload-model", "upload the model there")
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.base.problems import BadValue, ProblemsError, one_of, shown
-from drcli.cli import candidates, console, prompts
+from drcli.base.errors import BadValue, ProblemsError, one_of, shown
+from drcli.cli import completion, console, prompts
 from drcli.cli.options import AsJson, force_option, in_options, world_option
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
 
 if TYPE_CHECKING:
-    from drcli.models.ready_made import ReadyMadeModel
+    from drcli.transfer.ready_made import ReadyMadeModel
 
 OPTIONS = {
     "DR_WORLD_NAME": "--world",
@@ -46,7 +46,7 @@ def init(
             "--race-type",
             metavar="TYPE",
             help="TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, or for evaluations HEAD_TO_MODEL.",
-            autocompletion=candidates.race_types,
+            autocompletion=completion.race_types,
         ),
     ] = None,
     prefix: Annotated[
@@ -63,7 +63,7 @@ def init(
             "--cloud",
             metavar="WHERE",
             help="Where the bucket is: local, remote, aws or azure.",
-            autocompletion=candidates.clouds,
+            autocompletion=completion.clouds,
         ),
     ] = None,
     bucket: Annotated[
@@ -83,7 +83,7 @@ def init(
             "--experiment",
             metavar="NAME",
             help="Create experiments/NAME/ in a working folder instead.",
-            autocompletion=candidates.experiments,
+            autocompletion=completion.experiments,
         ),
     ] = None,
     curriculum: Annotated[
@@ -99,7 +99,7 @@ def init(
             "--preset",
             metavar="NAME",
             help="Settings and files for a purpose: virtual, physical and others.",
-            autocompletion=candidates.presets,
+            autocompletion=completion.presets,
         ),
     ] = None,
     model: Annotated[
@@ -108,7 +108,7 @@ def init(
             "--model",
             metavar="NAME",
             help="Begin with a trained model, such as safe (docs/ready-made-models.md).",
-            autocompletion=candidates.ready_made_models,
+            autocompletion=completion.ready_made_models,
         ),
     ] = None,
     teacher: Annotated[
@@ -139,11 +139,11 @@ def init(
         plan_experiment,
         plan_folder,
         with_curriculum,
+        write,
     )
     from drcli.config.presets import preset_of
-    from drcli.config.write_folder import write
-    from drcli.modelfiles.training_method import plan_with_method
-    from drcli.models.begin_with_model import check_place, put_into_bucket, values_with
+    from drcli.model.files.hyperparameters import plan_with_method
+    from drcli.transfer.ready_made import check_place, put_into_bucket, values_with
 
     if folder == "":
         raise typer.BadParameter(
@@ -224,8 +224,8 @@ _AFTER_MODEL = (
 
 
 def _ready_made(name: str) -> "ReadyMadeModel":
-    from drcli.config.example_files import ready_made
-    from drcli.models.ready_made import read_ready_made
+    from drcli.config.presets import ready_made
+    from drcli.transfer.ready_made import read_ready_made
 
     names = ready_made()
     if name not in names:
@@ -261,8 +261,8 @@ def with_answers(
             else:
                 values[name] = answer
 
-    clouds = candidates.clouds()
-    trainable = [kind for kind in candidates.race_types() if kind != "HEAD_TO_MODEL"]
+    clouds = completion.clouds()
+    trainable = [kind for kind in completion.race_types() if kind != "HEAD_TO_MODEL"]
     ask_for("DR_WORLD_NAME", "Track (`dr-tracks list` shows them)", "reinvent_base")
     ask_for("DR_RACE_TYPE", "Race", trainable[0], trainable)
     ask_for("DR_LOCAL_S3_MODEL_PREFIX", "Name of the model", "rl-deepracer-sagemaker")

@@ -39,7 +39,8 @@ def list_aws_models(pattern: _Pattern = "", as_json: AsJson = False) -> None:
 
 
 def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
-    from drcli.models import model_list, transfer_buckets
+    from drcli.model import model_list
+    from drcli.transfer import transfer_buckets
 
     bucket = transfer_buckets.bucket_to_look_at(settings().transfer, upload=upload)
     with console.waiting(f"Reading s3://{bucket.name} ..."):

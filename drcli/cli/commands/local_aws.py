@@ -2,11 +2,46 @@
 
 import os
 import shutil
+from collections.abc import Mapping, Sequence
 
 import typer
 
 from drcli.base.errors import NotAvailable
+from drcli.bucket.server import server
 from drcli.cli.working_folder import settings
+from drcli.config.run_config import StorageConfig
+
+# Arguments and variables of the aws command for the bucket.
+
+
+_COMPATIBLE = {
+    # Not all other servers know Amazon's newer checksums.
+    "AWS_REQUEST_CHECKSUM_CALCULATION": "when_required",
+    "AWS_RESPONSE_CHECKSUM_VALIDATION": "when_required",
+}
+
+_OTHER_KEYS = ("AWS_PROFILE", "AWS_DEFAULT_PROFILE", "AWS_SESSION_TOKEN", "AWS_SECURITY_TOKEN")
+
+
+def aws_command(
+    storage: StorageConfig,
+    arguments: Sequence[str],
+    environ: Mapping[str, str],
+) -> tuple[list[str], dict[str, str]]:
+    """May start the local server. Keys are variables: every user can read a command line."""
+    endpoint = server.ensure_running(storage)
+    options: list[str] = []
+    variables = {**environ, "AWS_DEFAULT_REGION": endpoint.region}
+    if endpoint.url is not None:
+        options += ["--endpoint-url", endpoint.url]
+        variables |= _COMPATIBLE
+    if endpoint.access_key is not None and endpoint.secret_key is not None:
+        variables = {name: value for name, value in variables.items() if name not in _OTHER_KEYS}
+        variables["AWS_ACCESS_KEY_ID"] = endpoint.access_key
+        variables["AWS_SECRET_ACCESS_KEY"] = endpoint.secret_key
+    elif endpoint.profile is not None:
+        options += ["--profile", endpoint.profile]
+    return [*options, *arguments], variables
 
 
 def local_aws(context: typer.Context) -> None:
@@ -17,7 +52,6 @@ def local_aws(context: typer.Context) -> None:
 
     Example: dr-local-aws s3 ls s3://bucket/
     """
-    from drcli.runs.aws_command import aws_command
 
     program = shutil.which("aws")
     if program is None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from drcli.base.errors import Absent
-from drcli.cli import candidates, console
+from drcli.cli import completion, console
 from drcli.cli.open_page import open_page
 from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings
@@ -35,7 +35,7 @@ def start_loganalysis(
         typer.Argument(
             metavar="WHAT",
             help="As for dr-analyze; the model of run.env if left out.",
-            autocompletion=candidates.model_prefixes,
+            autocompletion=completion.model_prefixes,
         ),
     ] = None,
     browser: Annotated[
@@ -52,7 +52,7 @@ def start_loganalysis(
     from drcli.analysis.analysis import analyse
     from drcli.analysis.outputs import write_report
     from drcli.analysis.read_run import read_run
-    from drcli.analysis.report_place import report_file
+    from drcli.transfer.report_place import report_file
 
     loaded = settings()
     with console.waiting(f"Reading {what or loaded.model_prefix} ..."):
@@ -72,7 +72,7 @@ def url_loganalysis(as_json: AsJson = False) -> None:
 
     Example: dr-url-loganalysis
     """
-    from drcli.analysis.report_place import report_file
+    from drcli.transfer.report_place import report_file
 
     loaded = settings()
     path = report_file(loaded.directory, loaded.model_prefix)
@@ -108,6 +108,6 @@ def logs_loganalysis(as_json: AsJson = False) -> None:
 def _say_nothing_runs(*, as_json: bool) -> None:
     console.say(_NOTHING_RUNS)
     if as_json:
-        from drcli.runs.stopping import StopReport
+        from drcli.run.stopping import StopReport
 
         console.emit(StopReport(), "", as_json=True)

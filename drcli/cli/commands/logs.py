@@ -1,6 +1,8 @@
 """`dr logs`."""
 
 import re
+import time
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,14 +10,59 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import Absent, SettingsError, StorageError
-from drcli.cli import candidates, console
-from drcli.cli.log_tail import show_log
-from drcli.cli.show_uploaded_log import follow_uploaded_log, show_uploaded_log
+from drcli.cli import completion, console
+from drcli.cli.log_tail import POLL_S, chosen, show_log
 from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
-    from drcli.runs.uploaded_log import UploadedLog
+    from drcli.run.read_logs import UploadedLog
+
+# Shows the uploaded copy of a log.
+
+
+LOOK_S = 20.0
+"""Logs are uploaded every five minutes."""
+
+
+def show_uploaded_log(log: "UploadedLog", last_lines: int | None, since: datetime | None) -> bytes:
+    """Print a log or its end, and return that."""
+    if last_lines is not None and since is None:
+        text = log.last_lines(last_lines)
+        console.write(text.decode("utf-8", "replace"))
+        return text
+    end = b""
+
+    def read() -> Iterator[str]:
+        nonlocal end
+        for piece in log.pieces(since):
+            end = piece
+            yield piece.decode("utf-8", "replace")
+
+    for piece in chosen(read(), last_lines, since):
+        console.write(piece)
+    return end
+
+
+def follow_uploaded_log(log: "UploadedLog", shown: bytes, until: Callable[[], bool]) -> None:
+    from drcli.run.read_logs import UploadedTail
+
+    tail = UploadedTail(log.bucket, log.key, shown)
+    failure = ""
+    while not until():
+        try:
+            text = tail.read()
+            failure = ""
+        except StorageError as error:  # it may answer again
+            text = b""
+            if str(error) != failure:
+                failure = str(error)
+                console.warn(failure)
+        console.write(text.decode("utf-8", "replace"), followed=True)
+        next_look = time.monotonic() + LOOK_S
+        while time.monotonic() < next_look and not until():
+            time.sleep(POLL_S)
+
 
 TAIL_LINES = 20
 
@@ -26,7 +73,7 @@ def logs(
         typer.Argument(
             metavar="WHO",
             help="sim, trainer, supervisor, evaluation or reward.",
-            autocompletion=candidates.workers,
+            autocompletion=completion.workers,
         ),
     ] = "sim",
     number: Annotated[
@@ -82,7 +129,7 @@ def logs(
 
     Example: dr-logs reward -f
     """
-    from drcli.exchange.log_places import json_log, log_file
+    from drcli.records.run_record import json_log, log_file
 
     loaded, name = settings(), _name(worker, number)
     if whole and lines is not None:
@@ -130,8 +177,8 @@ def _show_copy(
 
 
 def _copy(loaded: "Settings", name: str, file: str, *, keep_waiting: bool) -> "UploadedLog | None":
-    from drcli.runs.uploaded_log import find_uploaded
-    from drcli.store.connect import open_running_bucket
+    from drcli.bucket.connect import open_running_bucket
+    from drcli.run.read_logs import find_uploaded
 
     try:
         bucket = open_running_bucket(loaded.storage)
@@ -152,7 +199,7 @@ def _begin(since: str | None, name: str) -> datetime | None:
             remedy="Leave out --since. With DR_LOG_JSON=True, "
             f"`dr-logs {_worker_of(name)} --json-lines --since {since}` has the prints, too.",
         )
-    from drcli.base.moments import moment
+    from drcli.base.clock import moment
 
     return moment("--since", since, datetime.now(UTC))
 
@@ -183,9 +230,9 @@ def _absent(loaded: "Settings", name: str, path: Path, *, as_json: bool, uploade
 def _name(worker: str, number: int) -> str:
     if worker in ("sim", "reward"):
         return f"{worker}-{number}"
-    if worker in candidates.LOGS or re.fullmatch(r"(sim|reward)-\d+|reward-evaluation", worker):
+    if worker in completion.LOGS or re.fullmatch(r"(sim|reward)-\d+|reward-evaluation", worker):
         return worker
-    raise typer.BadParameter(f"'{worker}' is not one of {', '.join(candidates.LOGS)}.")
+    raise typer.BadParameter(f"'{worker}' is not one of {', '.join(completion.LOGS)}.")
 
 
 def _remedy(name: str, workers: int) -> str:

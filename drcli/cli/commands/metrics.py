@@ -1,14 +1,44 @@
 """`dr start-metrics` and `dr stop-metrics`."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
 from drcli.cli import console
 from drcli.cli.options import AsJson, models_argument
 from drcli.cli.stopped_process import show_stopped
-from drcli.cli.views import metrics_view
+from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import settings, working_folder
+
+if TYPE_CHECKING:
+    from drcli.run.tensorboard_server import MetricsReport
+
+# Shows where figures go.
+
+
+def metrics(report: "MetricsReport") -> RenderableType:
+    parts: list[RenderableType] = []
+    if report.url is not None:
+        parts += [
+            Text.assemble("TensorBoard: ", (report.url, "bold")),
+            Text(f"Process {report.pid} shows {report.folder}.", "dim"),
+        ]
+    if report.fetched:
+        brought = (
+            f"Brought event files of {counted(len(report.fetched), 'model')} from the bucket: "
+        )
+        parts.append(Text(brought + ", ".join(report.fetched) + "."))
+    if report.written:
+        made = f"Made event files of {counted(len(report.written), 'model')}: "
+        parts.append(Text(made + ", ".join(report.written) + "."))
+    rows = [(tool.name, tool.setting, tool.place or "off") for tool in report.tools]
+    parts += [
+        Text("Figures of the next training go to:"),
+        Rows(("tool", "setting", "place"), rows, left=("tool", "setting", "place")),
+    ]
+    return Group(*parts)
 
 
 def start_metrics(
@@ -37,8 +67,8 @@ def start_metrics(
     Example: dr-start-metrics
     """
     from drcli.base.errors import StorageError
-    from drcli.models.transfer_buckets import bucket_to_look_at
-    from drcli.runs import tensorboard_server
+    from drcli.run import tensorboard_server
+    from drcli.transfer.transfer_buckets import bucket_to_look_at
 
     loaded = settings()
     tensorboard_server.check_tensorboard(loaded)
@@ -54,7 +84,7 @@ def start_metrics(
             console.warn(f"{error} {error.remedy} Only the files on this machine are shown.")
             fetched, written = [], []
         report = tensorboard_server.start_tensorboard(loaded, written, port, fetched)
-    console.emit(report, metrics_view.metrics(report), as_json=as_json)
+    console.emit(report, metrics(report), as_json=as_json)
 
 
 def stop_metrics(as_json: AsJson = False) -> None:
@@ -64,7 +94,7 @@ def stop_metrics(as_json: AsJson = False) -> None:
 
     Example: dr-stop-metrics
     """
-    from drcli.runs.tensorboard_server import stop_tensorboard
+    from drcli.run.tensorboard_server import stop_tensorboard
 
     record = stop_tensorboard(working_folder())
     pid = None if record is None else record.pid

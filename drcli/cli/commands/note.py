@@ -10,7 +10,7 @@ from drcli.cli.views import notes_view
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
-    from drcli.models.model_notes import NoteList
+    from drcli.transfer.model_notes import NoteList
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -32,7 +32,7 @@ def add(text: _Text, prefix: _Prefix = None, as_json: AsJson = False) -> None:
 
     Example: dr-note add "Wider kerbs, slower in the hairpin"
     """
-    from drcli.models.model_notes import write_note
+    from drcli.transfer.model_notes import write_note
 
     _show(write_note(settings(), prefix, text), as_json=as_json)
 
@@ -43,7 +43,7 @@ def list_notes(prefix: _Prefix = None, as_json: AsJson = False) -> None:
 
     Example: dr-note list -p team/model-1
     """
-    from drcli.models import model_notes
+    from drcli.transfer import model_notes
 
     _show(model_notes.list_notes(settings(), prefix), as_json=as_json)
 
@@ -54,7 +54,7 @@ def edit(number: _Number, text: _Text, prefix: _Prefix = None, as_json: AsJson =
 
     Example: dr-note edit 0 "Fast, but leaves the track"
     """
-    from drcli.models.model_notes import rewrite_note
+    from drcli.transfer.model_notes import rewrite_note
 
     _show(rewrite_note(settings(), prefix, number, text), as_json=as_json)
 
@@ -65,7 +65,7 @@ def remove(number: _Number, prefix: _Prefix = None, as_json: AsJson = False) -> 
 
     Example: dr-note remove 2
     """
-    from drcli.models.model_notes import delete_note
+    from drcli.transfer.model_notes import delete_note
 
     _show(delete_note(settings(), prefix, number), as_json=as_json)
 

@@ -1,17 +1,276 @@
 """`dr race`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from drcli.base.replaceable import refuse_replacing
+from drcli.base.files import refuse_replacing
 from drcli.cli import console, prompts
-from drcli.cli.commands import race_making
-from drcli.cli.options import AsJson, DryRun, Force, Replace, checkpoint_option, prefix_option
-from drcli.cli.race_access import Closes, Race, found_race, print_race, races_to_look_at
+from drcli.cli.options import (
+    AsJson,
+    DryRun,
+    Force,
+    Replace,
+    checkpoint_option,
+    prefix_option,
+    world_option,
+)
+from drcli.cli.race_access import Closes, Race, found_race, open_races, print_race, races_to_look_at
 from drcli.cli.views import race_view
 from drcli.cli.working_folder import settings
+from drcli.races.race_records import Pairing, RaceKind, Ranking
+
+# Options of `dr race create`.
+
+
+_WHO = "Who may submit"
+_LAPS = "Laps"
+
+World = Annotated[str | None, world_option("Race on this track instead of DR_WORLD_NAME.")]
+Reverse = Annotated[bool, typer.Option("--reverse", help="Drive in the opposite direction.")]
+RaceType = Annotated[
+    RaceKind,
+    typer.Option(
+        "--type",
+        metavar="TYPE",
+        help="TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, HEAD_TO_MODEL.",
+        case_sensitive=False,
+    ),
+]
+RankingOption = Annotated[
+    Ranking, typer.Option("--rank", metavar="BY", help="best-lap, best-average or total-time.")
+]
+PairingOption = Annotated[
+    Pairing, typer.Option("--pairs", metavar="HOW", help="In HEAD_TO_MODEL: round-robin, bracket.")
+]
+Laps = Annotated[
+    int, typer.Option("--laps", metavar="N", help="Laps to drive.", rich_help_panel=_LAPS)
+]
+MinLaps = Annotated[
+    int | None,
+    typer.Option(
+        "--min-laps", metavar="N", help="Complete laps to be ranked.", rich_help_panel=_LAPS
+    ),
+]
+AverageLaps = Annotated[
+    int | None,
+    typer.Option(
+        "--average-laps",
+        metavar="N",
+        help="Consecutive laps of the best average; 3 if there are so many.",
+        rich_help_panel=_LAPS,
+    ),
+]
+OffTrackPenalty = Annotated[
+    float | None,
+    typer.Option(
+        "--off-track-penalty",
+        metavar="S",
+        help="Seconds for leaving the track (DR_EVAL_OFF_TRACK_PENALTY).",
+        rich_help_panel=_LAPS,
+    ),
+]
+CollisionPenalty = Annotated[
+    float | None,
+    typer.Option(
+        "--collision-penalty",
+        metavar="S",
+        help="Seconds for a collision (DR_EVAL_COLLISION_PENALTY).",
+        rich_help_panel=_LAPS,
+    ),
+]
+Obstacles = Annotated[
+    int | None,
+    typer.Option(
+        "--obstacles", metavar="N", min=0, help="Boxes of OBJECT_AVOIDANCE.", rich_help_panel=_LAPS
+    ),
+]
+Bots = Annotated[
+    int | None,
+    typer.Option(
+        "--bots", metavar="N", min=0, help="Bot cars of HEAD_TO_BOT.", rich_help_panel=_LAPS
+    ),
+]
+Seed = Annotated[
+    int | None,
+    typer.Option(
+        "--seed", metavar="S", help="Seed of all runs; drawn if empty.", rich_help_panel=_LAPS
+    ),
+]
+MaxSubmissions = Annotated[
+    int | None,
+    typer.Option(
+        "--max-submissions",
+        metavar="N",
+        help="Of each racer; 0 for any number. 1 in HEAD_TO_MODEL, else 0.",
+        rich_help_panel=_WHO,
+    ),
+]
+Sensor = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sensor",
+        metavar="NAME",
+        help="Allow only this sensor. Can be given again.",
+        rich_help_panel=_WHO,
+    ),
+]
+Opens = Annotated[
+    str | None,
+    typer.Option(
+        "--opens",
+        metavar="WHEN",
+        help="Take submissions from then on: a date in UTC, or 2h from now.",
+        rich_help_panel=_WHO,
+    ),
+]
+
+
+def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None) -> dict[str, str]:
+    """Settings for the numbers of objects.
+
+    Raises:
+        typer.BadParameter: The race has no such objects.
+    """
+    from drcli.base.errors import SettingsError
+    from drcli.races import race_wish
+
+    try:
+        return race_wish.object_settings(race_type, obstacles, bots)
+    except SettingsError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+# `dr race create` and `dr race edit`.
+
+
+def create(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="What the race is called.")],
+    world: World = None,
+    reverse: Reverse = False,
+    race_type: RaceType = "TIME_TRIAL",
+    ranking: RankingOption = "best-lap",
+    pairing: PairingOption = "round-robin",
+    laps: Laps = 3,
+    min_laps: MinLaps = None,
+    average_laps: AverageLaps = None,
+    off_track_penalty: OffTrackPenalty = None,
+    collision_penalty: CollisionPenalty = None,
+    max_submissions: MaxSubmissions = None,
+    obstacles: Obstacles = None,
+    bots: Bots = None,
+    sensor: Sensor = None,
+    opens: Opens = None,
+    closes: Closes = None,
+    seed: Seed = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make a race.
+
+    What the options do not say comes from run.env now: track, penalties, objects, and the
+    disturbances of DR_SIM_. Later changes there do not change the race.
+
+    Example: dr-race create "Friday Cup" --world bean --rank best-average --closes 2h
+    """
+    import time
+
+    from drcli.cli.fetch_tracks import bring_tracks
+    from drcli.races.organise import create_race
+    from drcli.races.race_settings import settings_of_rules
+    from drcli.races.race_wish import RaceWish, parse_time, rules_of
+
+    now = time.time()
+    objects = object_settings(race_type, obstacles, bots)
+    wish = RaceWish(
+        name=name,
+        world=world,
+        reverse=reverse,
+        race_type=race_type,
+        ranking=ranking,
+        max_laps=laps,
+        min_laps=min_laps,
+        average_laps=average_laps,
+        off_track_penalty_s=off_track_penalty,
+        collision_penalty_s=collision_penalty,
+        max_submissions=max_submissions,
+        opens_at=None if opens is None else parse_time("--opens", opens, now),
+        closes_at=None if closes is None else parse_time("--closes", closes, now),
+        seed=seed,
+        pairing=pairing,
+        sensors=tuple(sensor or ()),
+        settings=tuple(objects.items()),
+    )
+    loaded = settings()
+    bring_tracks(settings_of_rules(loaded, rules_of(loaded, wish, now)))
+    report = create_race(loaded, open_races(loaded), wish, now_s=now)
+    print_race(report, as_json=as_json)
+    console.suggest(
+        [
+            (f"dr-race submit {report.race}", "submit the model of run.env"),
+            (f"dr-race run {report.race}", "drive what was submitted"),
+        ]
+    )
+
+
+def edit(
+    race: Race,
+    name: Annotated[str | None, typer.Option("--name", metavar="NAME", help="Call it so.")] = None,
+    world: World = None,
+    reverse: Annotated[
+        bool | None, typer.Option("--reverse/--forwards", help="Direction of the laps.")
+    ] = None,
+    ranking: Annotated[
+        Ranking | None,
+        typer.Option("--rank", metavar="BY", help="best-lap, best-average or total-time."),
+    ] = None,
+    pairing: Annotated[
+        Pairing | None,
+        typer.Option("--pairs", metavar="HOW", help="In HEAD_TO_MODEL: round-robin, bracket."),
+    ] = None,
+    laps: Annotated[int | None, typer.Option("--laps", metavar="N", help="Laps to drive.")] = None,
+    min_laps: MinLaps = None,
+    average_laps: AverageLaps = None,
+    off_track_penalty: OffTrackPenalty = None,
+    collision_penalty: CollisionPenalty = None,
+    max_submissions: MaxSubmissions = None,
+    seed: Seed = None,
+    as_json: AsJson = False,
+) -> None:
+    """Change the rules of a race in which nobody has driven yet.
+
+    What the options do not say stays. `dr-race open` and `dr-race close` change when it takes
+    submissions.
+
+    Example: dr-race edit friday-cup --laps 5 --rank best-average
+    """
+    from dataclasses import replace
+
+    from drcli.races.organise import change_rules, wish_of
+    from drcli.races.stored_race import read_rules
+
+    given = {
+        "name": name,
+        "world": world,
+        "reverse": reverse,
+        "ranking": ranking,
+        "pairing": pairing,
+        "max_laps": laps,
+        "min_laps": min_laps,
+        "average_laps": average_laps,
+        "off_track_penalty_s": off_track_penalty,
+        "collision_penalty_s": collision_penalty,
+        "max_submissions": max_submissions,
+        "seed": seed,
+    }
+    changes: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    if not changes:
+        raise typer.BadParameter("Say what to change, such as --laps 5.")
+    loaded = settings()
+    bucket, found = found_race(loaded, race)
+    wish = replace(wish_of(read_rules(bucket, found)), **changes)
+    print_race(change_rules(loaded, bucket, found, wish), as_json=as_json)
+
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -30,8 +289,8 @@ _Video = Annotated[
         "--video/--no-video", help="Film every run; without this option, if the encoder is there."
     ),
 ]
-app.command()(race_making.create)
-app.command()(race_making.edit)
+app.command()(create)
+app.command()(edit)
 
 
 @app.command("list")
@@ -184,7 +443,7 @@ def open_again(race: Race, closes: Closes = None, as_json: AsJson = False) -> No
     import time
 
     from drcli.races.organise import open_race
-    from drcli.races.race_times import parse_time
+    from drcli.races.race_wish import parse_time
 
     bucket, found = found_race(settings(), race)
     until = None if closes is None else parse_time("--closes", closes, time.time())

@@ -15,7 +15,7 @@ from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
-    from drcli.runs.process_list import Process
+    from drcli.run.worker_processes import Process
 
 TAIL_LINES = 100
 """The reference: the last five minutes."""
@@ -95,7 +95,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
 
     Example: dr-get-robomaker-stats -n 2 --json
     """
-    from drcli.runs.process_list import speed_of
+    from drcli.run.worker_processes import speed_of
 
     wanted = _robomaker(replica)
     found = wanted.find()
@@ -116,11 +116,11 @@ class _Wanted:
     evaluation: bool = False
 
     def find(self) -> "list[Process]":
-        from drcli.runs import process_list
+        from drcli.run import worker_processes
 
-        look = process_list.evaluations if self.evaluation else process_list.simulations
+        look = worker_processes.evaluations if self.evaluation else worker_processes.simulations
         if self is _TRAINER:
-            look = process_list.trainers
+            look = worker_processes.trainers
         found = look(working_folder(), settings().run_id)
         return found if self.replica is None else found[self.replica - 1 : self.replica]
 
@@ -155,7 +155,7 @@ def _follow(wanted: _Wanted, wait_s: float, *, whole: bool) -> None:
 
 
 def _print(wanted: _Wanted, *, as_json: bool) -> None:
-    from drcli.runs.process_list import ProcessReport
+    from drcli.run.worker_processes import ProcessReport
 
     report = ProcessReport([process for process in wanted.find() if process.alive])
     lines = "\n".join(str(process.pid) for process in report.processes)

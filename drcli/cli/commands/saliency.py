@@ -4,9 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
-from drcli.base.problems import ProblemsError
-from drcli.base.replaceable import refuse_existing, refuse_replacing, safe_name
+from drcli.base.errors import ProblemsError
+from drcli.base.files import refuse_existing, refuse_replacing, safe_name
 from drcli.cli import console
 from drcli.cli import evaluation_options as options
 from drcli.cli.fetch_tracks import bring_tracks
@@ -19,19 +21,60 @@ from drcli.cli.options import (
     parsed_checkpoint,
     world_option,
 )
-from drcli.cli.views import saliency_view
+from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import working_folder
-from drcli.saliency.question import (
-    METHODS,
-    MOST_PICTURES,
-    SPACINGS,
-    TARGETS,
-    Question,
-)
+from drcli.view.saliency.question import METHODS, MOST_PICTURES, SPACINGS, TARGETS, Question
 
 if TYPE_CHECKING:
-    from drcli.config.checkpoint_words import CheckpointChoice
     from drcli.config.settings import Settings
+    from drcli.config.value_types import CheckpointChoice
+    from drcli.view.saliency.explain_model import ExplainedStep, SaliencyReport
+
+# Shows what moved the car.
+
+
+_ROWS, _COLUMNS = ("far", "middle", "near"), ("left", "centre", "right")
+
+
+def show_saliency(report: "SaliencyReport") -> RenderableType:
+    number = "" if report.checkpoint is None else f", checkpoint {report.checkpoint}"
+    parts: list[RenderableType] = [
+        Text(f"{report.model}{number}", style="bold"),
+        Text(
+            f"on {report.world}: {report.outcome}, {report.progress:.1f} % in "
+            f"{report.seconds:.2f} s",
+            "dim",
+        ),
+        Rows(
+            ("step", "lap", "action", "steering", "speed", "looks at", "share"),
+            [_row(step) for step in report.steps],
+            left=("looks at",),
+        ),
+    ]
+    if report.html is not None:
+        parts.append(Text.assemble("Page: ", (report.html, "bold")))
+    written = [step.picture for step in report.steps if step.picture is not None]
+    if written:
+        parts.append(Text(f"{counted(len(written), 'picture')}, the first is {written[0]}."))
+    return Group(*parts)
+
+
+def _row(step: "ExplainedStep") -> tuple[str, ...]:
+    ninths = next(iter(step.ninths.values()))
+    most, row, column = max(
+        (share, -row, -column)
+        for row, band in enumerate(ninths)
+        for column, share in enumerate(band)
+    )
+    return (
+        str(step.step),
+        f"{step.progress:.1f} %",
+        "-" if step.action is None else str(step.action),
+        f"{step.steering_deg:+.1f}°",
+        f"{step.speed_mps:.2f} m/s",
+        f"{_ROWS[-row]} {_COLUMNS[-column]}" if most > 0 else "nothing",
+        f"{most:.0%}",
+    )
 
 
 def saliency(
@@ -102,7 +145,7 @@ def saliency(
     Example: dr-saliency --checkpoint best --html saliency.html
     """
     from drcli.config.loading import load_settings
-    from drcli.models.transfer_buckets import bucket_to_look_at
+    from drcli.transfer.transfer_buckets import bucket_to_look_at
 
     if file is not None and (model is not None or checkpoint is not None):
         raise typer.BadParameter("--model explains a file; leave out MODEL and --checkpoint.")
@@ -127,7 +170,7 @@ def saliency(
     if png is not None and (old := next(png.glob("saliency-*.png"), None)) is not None:
         refuse_existing(old, force=force)
 
-    from drcli.saliency import explain_model  # here: torch takes seconds to load
+    from drcli.view.saliency import explain_model  # here: torch takes seconds to load
 
     name = None
     with console.waiting("Driving an episode and explaining it ..."):
@@ -146,11 +189,11 @@ def saliency(
             explain_model.write_page(html, explained)
     report = explain_model.report_of(explained, prefix, name, html, stills)
     console.warn(*report.notes)
-    console.emit(report, saliency_view.saliency(report), as_json=as_json)
+    console.emit(report, show_saliency(report), as_json=as_json)
 
 
 def _configured(settings: "Settings") -> "CheckpointChoice":
-    from drcli.config.checkpoint_words import parse_checkpoint
+    from drcli.config.value_types import parse_checkpoint
 
     return parse_checkpoint(settings.eval_checkpoint)
 

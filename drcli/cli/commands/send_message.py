@@ -37,7 +37,7 @@ def send_message(
 
     Example: dr-send-message "Does this arrive?"
     """
-    from drcli.remote.message_channels import Message, open_channels, try_channels
+    from drcli.outside.messages import Message, open_channels, try_channels
 
     loaded = settings()
     channels = open_channels(loaded, loaded.storage.aws_profile)

@@ -1,24 +1,701 @@
 """`dr-spot`: trainings on machines of Amazon."""
 
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
+
 import typer
 
-from drcli.cli.commands import spot_create, spot_end, spot_look
+from drcli.base.errors import Absent, NotAvailable, ProblemsError, SettingsError, StorageError
+from drcli.cli import console, prompts
 from drcli.cli.commands.spot_watch import watch
+from drcli.cli.options import AsJson, DryRun
+from drcli.cli.spot_options import Profile, Region, StackName, Yes, account, usual_region
+from drcli.cli.views import spot_view
+from drcli.cli.working_folder import working_folder
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
+    from drcli.outside.aws.aws_account import Account
+    from drcli.outside.aws.creation import Market
+
+# `dr-spot create`, base stacks, access and subscriptions.
+
+
+_Processor = Literal["x86", "arm", "any"]
+_BUCKET_VARIABLE, _TYPE_VARIABLE = "BUCKET", "DEEPRACER_INSTANCE_TYPE"
+
+
+@dataclass(frozen=True)
+class BaseReport:
+    """A bucket and a topic for trainings.
+
+    Attributes:
+        stack: Name of the stack.
+        region: AWS region.
+        bucket: Name of the bucket.
+        topic: ARN of the topic for messages.
+    """
+
+    stack: str
+    region: str
+    bucket: str
+    topic: str
+
+
+@dataclass(frozen=True)
+class AccessReport:
+    """Who may reach a stack now, or gets its messages.
+
+    Attributes:
+        stack: Name of the stack.
+        added: The address that may reach the machines, or that gets the messages.
+    """
+
+    stack: str
+    added: str
+
+
+def create_base(
+    stack: StackName,
+    yes: Yes = False,
+    region: Region = None,
+    profile: Profile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make a bucket and a topic that several trainings share.
+
+    Only the stored objects cost money. The bucket is encrypted, not public, and stays until
+    `dr-spot delete` removes it.
+
+    Example: dr-spot create-base racing
+    """
+    from drcli.outside.aws.stacks import check_name, create_stack, refuse_existing
+    from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_template
+
+    check_name(stack)
+    ours = account(region, profile)
+    refuse_existing(ours, stack)
+    prompts.agree(
+        f"Make a bucket and a topic in {ours.region}? Only stored objects cost money.", yes=yes
+    )
+    tags = {STACK_TAG: stack, KIND_TAG: "base"}
+    with console.waiting(f"Making the stack {stack} ..."):
+        made = create_stack(ours, stack, base_template(stack), tags, roles=False)
+    report = BaseReport(stack, ours.region, made.bucket, made.outputs["Topic"])
+    console.emit(report, spot_view.base(stack, ours.region, made.bucket), as_json=as_json)
+    console.suggest([(f"dr-spot create NAME --base {stack}", "start a training")])
+
+
+def create(
+    stack: StackName,
+    base: Annotated[
+        str, typer.Option("--base", metavar="STACK", help="Base stack with the bucket.")
+    ] = "",
+    bucket: Annotated[
+        str,
+        typer.Option(
+            "--bucket", metavar="NAME", help="A bucket that exists, instead of a base stack."
+        ),
+    ] = "",
+    ttl: Annotated[
+        int,
+        typer.Option(
+            "--ttl",
+            metavar="MINUTES",
+            min=0,
+            help="Time after which the machines end; 0 for never.",
+        ),
+    ] = 720,
+    types: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--type", metavar="TYPE", help="Type of machine; may be repeated. Default: several."
+        ),
+    ] = None,
+    processor: Annotated[
+        _Processor, typer.Option("--processor", help="x86, arm or any, for the default types.")
+    ] = "x86",
+    on_demand: Annotated[
+        bool, typer.Option("--on-demand", help="Use an ordinary machine, which nobody takes away.")
+    ] = False,
+    fallback: Annotated[
+        bool,
+        typer.Option("--fallback", help="Use an ordinary machine while there is no spot machine."),
+    ] = False,
+    max_price: Annotated[
+        float | None,
+        typer.Option(
+            "--max-price", metavar="USD", help="Highest price per hour of a spot machine."
+        ),
+    ] = None,
+    disk: Annotated[
+        int, typer.Option("--disk", metavar="GB", min=10, max=1000, help="Size of the disk.")
+    ] = 30,
+    files: Annotated[
+        Path | None,
+        typer.Option(
+            "--files",
+            metavar="FOLDER",
+            help="Folder with run.env and all other files, as custom-files/ of "
+            "deepracer-on-the-spot; default: the working folder.",
+        ),
+    ] = None,
+    install: Annotated[
+        str,
+        typer.Option(
+            "--install",
+            metavar="SOURCE",
+            help="What the machine installs: a wheel, git+https://..., or drcli==VERSION. Default: "
+            "the drcli that runs here.",
+        ),
+    ] = "",
+    email: Annotated[
+        str, typer.Option("--email", metavar="ADDRESS", help="Send messages there.")
+    ] = "",
+    key_name: Annotated[
+        str, typer.Option("--key-name", metavar="NAME", help="Key pair, for SSH with add-access.")
+    ] = "",
+    image: Annotated[
+        str, typer.Option("--image", metavar="AMI", help="Disk image; default: Ubuntu 24.04.")
+    ] = "",
+    subnets: Annotated[
+        list[str] | None,
+        typer.Option("--subnet", metavar="ID", help="Subnet; may be repeated. Default: all."),
+    ] = None,
+    show_template: Annotated[
+        bool, typer.Option("--show-template", help="Print the template instead of using it.")
+    ] = False,
+    dry_run: DryRun = False,
+    yes: Yes = False,
+    region: Region = None,
+    profile: Profile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Train the model that run.env describes on a spot machine.
+
+    Checks settings, files, bucket, quotas and prices, shows what it will cost, and asks. When the
+    machine is taken away, the next one continues; when the training ends, so does the machine.
+
+    Example: dr-spot create my-run --base racing --ttl 480
+    """
+    from drcli.outside.aws import creation
+    from drcli.outside.aws.creation import Wishes, check_wishes
+    from drcli.outside.aws.racer_files import find_source
+    from drcli.outside.aws.stacks import check_name, need_stack
+    from drcli.transfer.copy_custom_files import upload_custom_files
+
+    check_name(stack)
+    if on_demand and fallback:
+        raise typer.BadParameter("--on-demand uses no spot machine, so there is no --fallback.")
+    market: Market = "spot-or-on-demand" if fallback else "on-demand" if on_demand else "spot"
+    named = types or os.environ.get(_TYPE_VARIABLE, "").replace(",", " ").split()
+    with _folder(files) as folder:
+        before = _loaded(folder, _later(region, profile))
+        ours = account(region, profile, before)
+        topic = ""
+        if base:
+            shared = need_stack(ours, base, "base")
+            bucket = bucket or os.environ.get(_BUCKET_VARIABLE) or shared.bucket
+            topic = shared.outputs.get("Topic", "")
+        wishes = Wishes(
+            stack,
+            bucket or _usual_bucket(before),
+            tuple(named),
+            processor,
+            market,
+            ttl,
+            max_price,
+            disk,
+            topic,
+            email,
+            key_name,
+            image,
+            tuple(subnets or ()),
+        )
+        check_wishes(wishes)
+        loaded = _checked(folder, ours, wishes.bucket, stack, before)
+        with console.waiting("Preparing what the machine installs ..."):
+            source = find_source(install)
+        with console.waiting(f"Asking Amazon for quotas and prices in {ours.region} ..."):
+            plan = creation.prepare(ours, loaded, wishes, source)
+        if show_template:
+            console.write(json.dumps(plan.template, indent=2) + "\n")
+            return
+        console.warn(*plan.notes)
+        if dry_run:
+            planned = spot_view.Planned.of(plan, ours.region)
+            console.emit(planned, spot_view.plan(plan, ours.region), as_json=as_json)
+            return
+        console.say(spot_view.plan_text(plan, ours.region))
+        prompts.agree("Start it?", yes=yes, remedy="Add --yes to start it without a question.")
+        if loaded.custom_files.folder.is_dir():
+            upload_custom_files(loaded.custom_files, loaded.storage, console.say)
+        with console.waiting(f"Making the stack {stack} ..."):
+            report = creation.carry_out(ours, plan)
+    console.emit(report, spot_view.created(report), as_json=as_json)
+    console.suggest(
+        [
+            ("dr-spot list", "see how it is"),
+            (f"dr-spot logs {stack}", "read its log"),
+            (f"dr-spot stop {stack}", "stop it, and remove the machine"),
+        ]
+    )
+
+
+def add_access(
+    stack: StackName,
+    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Your public IP address.")],
+    region: Region = None,
+    profile: Profile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Open port 22 of a stack's machines for one address.
+
+    SSH also needs a key pair (`dr-spot create --key-name`). `dr-spot ssh` needs neither.
+
+    Example: dr-spot add-access my-run 203.0.113.7
+    """
+    from drcli.outside.aws import stacks
+    from drcli.outside.aws.stacks import need_stack
+
+    ours = account(region, profile)
+    added = stacks.add_access(ours, need_stack(ours, stack, "training"), address)
+    report = AccessReport(stack, added)
+    console.emit(report, f"{added} may reach port 22 of the machines of {stack}.", as_json=as_json)
+
+
+def subscribe(
+    stack: StackName,
+    email: Annotated[str, typer.Argument(metavar="MAIL", help="Your mail address.")],
+    region: Region = None,
+    profile: Profile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Send the messages of a stack to a mail address, which must agree first.
+
+    Example: dr-spot subscribe my-run me@example.com
+    """
+    from drcli.outside.aws import stacks
+    from drcli.outside.aws.stacks import need_stack
+
+    ours = account(region, profile)
+    found = need_stack(ours, stack)
+    stacks.subscribe(ours, found.outputs["Topic"], email)
+    report = AccessReport(stack, email)
+    said = f"Amazon has sent a mail to {email}; messages come after a click on its link."
+    console.emit(report, said, as_json=as_json)
+
+
+@contextmanager
+def _folder(files: Path | None) -> Iterator[Path]:
+    if files is None:
+        yield working_folder()
+        return
+    from drcli.outside.aws.racer_files import lay_out
+
+    with tempfile.TemporaryDirectory() as name:
+        lay_out(files, Path(name))
+        yield Path(name)
+
+
+def _later(region: str | None, profile: str | None) -> dict[str, str]:
+    names = ("DEEPRACER_S3_URI", "DR_S3_URI", "MY_BUCKET")
+    found = dict.fromkeys(names, os.environ.get(_BUCKET_VARIABLE) or "bucket")
+    found["DEEPRACER_REGION"] = region or usual_region(profile)
+    return {name: value for name, value in found.items() if name not in os.environ}
+
+
+def _loaded(folder: Path, variables: dict[str, str]) -> "Settings":
+    from drcli.config.loading import load_settings
+
+    return load_settings(folder, environ={**os.environ, **variables})
+
+
+def _usual_bucket(loaded: "Settings") -> str:
+    if named := os.environ.get(_BUCKET_VARIABLE):
+        return named
+    if loaded.cloud == "aws":
+        return loaded.bucket
+    raise SettingsError(
+        "No bucket at Amazon is named.",
+        remedy="Make one with `dr-spot create-base NAME` and add --base NAME, or add --bucket.",
+    )
+
+
+def _checked(
+    folder: Path, ours: "Account", bucket: str, stack: str, before: "Settings"
+) -> "Settings":
+    from drcli.checks import validate
+    from drcli.outside.aws.creation import check_bucket
+    from drcli.outside.aws.racer_files import environment
+
+    check_bucket(ours, bucket)
+    variables = environment(bucket, ours.region, stack, before.upload_s3_bucket)
+    variables["DR_LOCAL_S3_PROFILE"] = ours.profile or "default"
+    loaded = _loaded(folder, variables)
+    with console.waiting("Checking settings, files and reward function ..."):
+        report = validate.validate(folder, environ={**os.environ, **variables}, here=False)
+    console.warn(*(str(each) for each in report.warnings if each.rule != "V-50"))  # of this machine
+    if not report.ok:
+        raise ProblemsError(list(report.errors))
+    return loaded
+
+
+# `dr-spot stop` and `dr-spot delete`.
+
+
+@dataclass(frozen=True)
+class DeletedBase:
+    """A base stack that was deleted.
+
+    Attributes:
+        stack: Name of the stack.
+        bucket: Name of the bucket.
+        objects: Number of objects that were deleted with the bucket.
+        bucket_kept: Whether the bucket stays.
+    """
+
+    stack: str
+    bucket: str
+    objects: int
+    bucket_kept: bool
+
+
+def stop(
+    stack: StackName,
+    now: Annotated[
+        bool,
+        typer.Option("--now", help="End the machine at once; what is not in the bucket is lost."),
+    ] = False,
+    patience: Annotated[
+        int,
+        typer.Option("--wait", metavar="SECONDS", min=10, help="How long the stop may take."),
+    ] = 600,
+    region: Region = None,
+    profile: Profile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Stop the training of a stack, check that the model is in the bucket, and remove the stack.
+
+    Nothing is deleted until the model has been checked; what the bucket holds of it stays.
+
+    Example: dr-spot stop my-run
+    """
+    from drcli.outside.aws import stack_end
+    from drcli.outside.aws.stacks import need_stack
+
+    ours = account(region, profile)
+    found = need_stack(ours, stack, "training")
+    checkpoint = ""
+    if not now:
+        with console.waiting(f"Stopping the training of {stack}; waiting until it is saved ..."):
+            stack_end.stop_training_there(ours, found, patience_s=patience)
+        checkpoint = stack_end.verified_checkpoint(ours, found)
+    with console.waiting(f"Removing the stack {stack} ..."):
+        report = stack_end.remove_training(ours, found, checkpoint)
+    console.emit(report, spot_view.stopped(report), as_json=as_json)
+
+
+def delete(
+    stack: StackName,
+    keep_bucket: Annotated[
+        bool, typer.Option("--keep-bucket", help="Of a base stack: keep the bucket.")
+    ] = False,
+    yes: Yes = False,
+    region: Region = None,
+    profile: Profile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Delete a stack and everything that it has made.
+
+    Models stay in the bucket; only a base stack is deleted with its bucket, and with the models in
+    it. Asks before.
+
+    Example: dr-spot delete my-run
+    """
+    from drcli.outside.aws import stack_end
+    from drcli.outside.aws.stacks import need_stack
+
+    ours = account(region, profile)
+    found = need_stack(ours, stack)
+    if found.kind == "base":
+        content = stack_end.content_of_bucket(ours, found)
+        keep = keep_bucket or content is None
+        if keep:
+            prompts.agree(f"Delete the stack {stack}? Its bucket stays.", yes=yes, words=[stack])
+        elif content is not None:
+            console.say(spot_view.content(content))
+            prompts.agree(
+                f"Delete the stack {stack}, and its bucket {content.bucket} with everything in it? "
+                "It cannot be restored.",
+                yes=yes,
+                words=[stack],
+            )
+        with console.waiting(f"Deleting the stack {stack} ..."):
+            stack_end.remove_base(ours, found, keep_bucket=keep)
+        gone = 0 if keep or content is None else content.objects
+        report = DeletedBase(stack, found.bucket, gone, keep)
+        console.emit(report, spot_view.base_deleted(stack, gone, kept=keep), as_json=as_json)
+        return
+    if keep_bucket:
+        raise SettingsError(
+            f"{stack} is a training; its bucket is never deleted with it.",
+            remedy="Leave --keep-bucket out.",
+        )
+    prompts.agree(
+        f"Delete the stack {stack} and its machines? A running training loses what it has done "
+        f"since its last checkpoint; `dr-spot stop {stack}` saves it first. What the "
+        f"bucket holds of the model {found.model} stays.",
+        yes=yes,
+        words=[stack],
+    )
+    with console.waiting(f"Deleting the stack {stack} ..."):
+        done = stack_end.remove_training(ours, found, "")
+    console.emit(done, spot_view.stopped(done), as_json=as_json)
+
+
+# `dr-spot list`, `prices`, `cost`, `logs` and `ssh`.
+
+
+_EVERY = "all"
+
+
+def list_all(region: Region = None, profile: Profile = None, as_json: AsJson = False) -> None:
+    """List the stacks, their machines and trainings, and what they have cost.
+
+    A machine that could not be set up says so here.
+
+    Example: dr-spot list
+    """
+    from drcli.outside.aws.stack_report import StackReports, report_on
+    from drcli.outside.aws.stacks import our_stacks
+
+    ours = account(region, profile)
+    with console.waiting(f"Looking for stacks in {ours.region} ...", only_live=True):
+        found = StackReports(ours.region, [report_on(ours, each) for each in our_stacks(ours)])
+    console.emit(found, spot_view.stacks(found), as_json=as_json)
+
+
+def prices(
+    types: Annotated[
+        list[str] | None,
+        typer.Option("--type", metavar="TYPE", help="Type of machine; may be repeated."),
+    ] = None,
+    regions: Annotated[
+        list[str] | None,
+        typer.Option("--region", metavar="TEXT", help="Region, or all; may be repeated."),
+    ] = None,
+    order: Annotated[
+        str,
+        typer.Option("--sort-order", "--sort_order", metavar="KEY", help="What to sort by."),
+    ] = "PricePerWorkerHour",
+    allowed: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--interruption-filter",
+            "--interruption_filter",
+            metavar="CLASS",
+            help="Only types that were interrupted this often, such as '<5%'; may be repeated.",
+        ),
+    ] = None,
+    limit: Annotated[
+        int, typer.Option("--limit", metavar="N", min=1, help="Show only the first N.")
+    ] = 40,
+    profile: Profile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare spot prices by type and zone, per hour and per simulation worker.
+
+    Keys to sort by: SpotPrice, PricePerWorkerHour, NumberOfWorkers, InterruptionFrequency, Region,
+    InstanceType. Interruptions come from Amazon's public Spot Advisor, if it can be reached.
+
+    Example: dr-spot prices --region all --interruption-filter "<5%"
+    """
+    from drcli.outside.aws.instance_types import default_types, find_types
+    from drcli.outside.aws.prices import (
+        Advisor,
+        Offer,
+        Offers,
+        SortKey,
+        arranged,
+        offers_of,
+        read_advisor,
+    )
+
+    keys = {each.casefold(): each for each in get_args(SortKey)}
+    if order.casefold() not in keys:
+        raise typer.BadParameter(f"'{order}' is not one of {', '.join(get_args(SortKey))}.")
+    classes = _classes(allowed or [])
+    missing: list[str] = []
+    advisor = Advisor({})
+    try:
+        advisor = read_advisor()
+    except StorageError as error:
+        if classes is not None:
+            raise
+        missing.append(str(error))
+    offers: list[Offer] = []
+    named = types or []
+    for each in _regions(regions or [], profile):
+        with console.waiting(f"Asking for prices in {each.region} ...", only_live=True):
+            try:
+                known = find_types(each, named or default_types("any"), named=False)
+                offers += offers_of(each, known, advisor)
+            except (SettingsError, StorageError) as error:
+                if len(regions or []) == 1 and _EVERY not in (regions or []):
+                    raise
+                missing.append(str(error))
+    if not offers and missing:
+        raise StorageError(missing[-1], remedy="Choose other types or regions.")
+    found = Offers(arranged(offers, keys[order.casefold()], classes)[:limit], missing)
+    console.warn(*missing)
+    console.emit(found, spot_view.offers(found), as_json=as_json)
+
+
+def cost(
+    stack: StackName,
+    region: Region = None,
+    profile: Profile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what the machines of a stack have cost: their hours, at the prices of these hours.
+
+    Example: dr-spot cost my-run
+    """
+    from drcli.outside.aws.machine_marks import read_marks
+    from drcli.outside.aws.machines import cost_of, machines_of
+    from drcli.outside.aws.stacks import need_stack
+
+    ours = account(region, profile)
+    found = need_stack(ours, stack, "training")
+    marks = read_marks(ours.bucket(found.bucket), stack)
+    report = cost_of(ours, stack, machines_of(ours, found, marks))
+    console.warn(*report.notes)
+    console.emit(report, spot_view.cost(report), as_json=as_json)
+
+
+def logs(
+    stack: StackName,
+    name: Annotated[
+        str,
+        typer.Argument(metavar="[LOG]", help="Part of a log's name; without it all are listed."),
+    ] = "",
+    lines: Annotated[
+        int, typer.Option("-n", "--lines", metavar="N", min=1, help="Show the last N lines.")
+    ] = 50,
+    region: Region = None,
+    profile: Profile = None,
+) -> None:
+    """Show logs of a stack's machines from the bucket: of the training, and of the boot.
+
+    Without a name it lists them, and shows the end of the newest one.
+
+    Example: dr-spot logs my-run trainer -n 100
+    """
+    from drcli.model import keys
+    from drcli.outside.aws.machine_marks import log_folder
+    from drcli.outside.aws.stacks import need_stack
+
+    ours = account(region, profile)
+    found = need_stack(ours, stack, "training")
+    bucket = ours.bucket(found.bucket)
+    folders = (f"{keys.folder(found.model)}logs/", log_folder(stack))
+    every = [info for folder in folders for info in bucket.list(folder)]
+    chosen = [info for info in every if name in info.key.rpartition("/")[2]]
+    if not chosen:
+        raise Absent(
+            f"{stack} has no log{f' {name}' if name else ''} in the bucket yet.",
+            remedy="A machine writes its first log a few minutes after its start; `dr-spot list` "
+            "shows how it is.",
+        )
+    newest = max(chosen, key=lambda info: info.modified)
+    if not name:
+        for info in every:
+            console.say(f"{info.modified:%Y-%m-%d %H:%M} {info.size_bytes:>12,} {info.key}")
+    console.say(f"== {newest.key}")
+    text = bucket.get(newest.key).decode(errors="replace").splitlines()
+    console.write("".join(f"{line}\n" for line in text[-lines:]))
+
+
+def ssh(stack: StackName, region: Region = None, profile: Profile = None) -> None:
+    """Open a shell on the machine of a stack, without an open port.
+
+    Needs the AWS command and its Session Manager plugin.
+
+    Example: dr-spot ssh my-run
+    """
+    from drcli.outside.aws.machine_marks import read_marks
+    from drcli.outside.aws.machines import machines_of
+    from drcli.outside.aws.stacks import need_stack
+
+    ours = account(region, profile)
+    found = need_stack(ours, stack, "training")
+    marks = []
+    with suppress(StorageError):
+        marks = read_marks(ours.bucket(found.bucket), stack)
+    there = [each for each in machines_of(ours, found, marks) if each.state == "running"]
+    if not there:
+        raise Absent(
+            f"No machine of {stack} is running.",
+            remedy="`dr-spot list` shows what the stack waits for.",
+        )
+    command = ["aws", "ssm", "start-session", "--target", there[-1].instance]
+    command += ["--region", ours.region]
+    command += ["--profile", ours.profile] if ours.profile else []
+    missing = [each for each in ("aws", "session-manager-plugin") if shutil.which(each) is None]
+    if missing:
+        raise NotAvailable(
+            f"A shell on {there[-1].instance} needs {' and '.join(missing)}, which "
+            f"{'is' if len(missing) == 1 else 'are'} not installed.",
+            remedy="Install the AWS command line and its Session Manager plugin "
+            "(https://docs.aws.amazon.com/systems-manager/latest/userguide/"
+            f"session-manager-working-with-install-plugin.html), then run `{' '.join(command)}`.",
+        )
+    os.execvp(command[0], command)
+
+
+def _classes(given: list[str]) -> set[str] | None:
+    from drcli.outside.aws.prices import CLASSES
+
+    words = [word for text in given for word in text.replace(",", " ").split()]
+    if wrong := [word for word in words if word not in CLASSES]:
+        raise typer.BadParameter(f"'{wrong[0]}' is not one of {', '.join(CLASSES)}.")
+    return set(words) or None
+
+
+def _regions(names: list[str], profile: str | None) -> "list[Account]":
+    words = [word for text in names for word in text.replace(",", " ").split()]
+    if not words:
+        return [account(None, profile)]
+    if _EVERY not in words:
+        return [account(word, profile) for word in words]
+    ours = account(None, profile)
+    with ours.trying("list the regions"):
+        found = ours.client("ec2").describe_regions()["Regions"]
+    return [account(entry["RegionName"], profile) for entry in found]
+
 
 app = typer.Typer(
     no_args_is_help=True,
     help="Train on spot machines of Amazon.\n\nExample: dr-spot prices",
 )
 
-app.command("create-base")(spot_create.create_base)
-app.command()(spot_create.create)
-app.command("list")(spot_look.list_all)
-app.command()(spot_look.prices)
-app.command()(spot_look.cost)
-app.command()(spot_look.logs)
-app.command()(spot_look.ssh)
-app.command("add-access")(spot_create.add_access)
-app.command()(spot_create.subscribe)
-app.command()(spot_end.stop)
-app.command()(spot_end.delete)
+app.command("create-base")(create_base)
+app.command()(create)
+app.command("list")(list_all)
+app.command()(prices)
+app.command()(cost)
+app.command()(logs)
+app.command()(ssh)
+app.command("add-access")(add_access)
+app.command()(subscribe)
+app.command()(stop)
+app.command()(delete)
 app.command()(watch)

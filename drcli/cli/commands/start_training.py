@@ -1,14 +1,20 @@
 """`dr start-training`."""
 
 import math
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drcli.base.errors import WorkerDied
-from drcli.cli import console, prompts, watch_training
+from drcli.cli import console, prompts
 from drcli.cli.fetch_tracks import bring_tracks
+from drcli.cli.log_tail import Tail
 from drcli.cli.options import (
     AsJson,
     Force,
@@ -17,13 +23,140 @@ from drcli.cli.options import (
     prefix_option,
     wipe_option,
 )
+from drcli.cli.views import iterations, training_view
 from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
+    from drcli.config.run_config import RunConfig
     from drcli.config.settings import Settings
-    from drcli.runs.plan import EndWorkPlan, RunPlan, StartOptions
-    from drcli.runs.status import RunReport
+    from drcli.records.iteration import IterationRecord
+    from drcli.run.plan import EndWorkPlan, RunPlan, StartOptions
+    from drcli.run.status import RunReport
+
+# Shows a running training: live, as lines, or by its logs.
+
+
+POLL_S = 1.0
+NEXT = [
+    ("dr-logs trainer -f", "follow the trainer's log"),
+    ("dr-status", "show the progress"),
+    ("dr-stop-training", "stop; what was learned is kept"),
+]
+
+Show = Callable[["RunReport"], None]
+Display = AbstractContextManager[Show]
+
+
+def until_the_end(config: "RunConfig", display: Display) -> "RunReport | None":
+    """Watch a training; None after Ctrl-C or a closed pipe."""
+    try:
+        with display as show:
+            for report in _reports(config):
+                show(report)
+                if console.reader_has_left():
+                    return None
+        return report
+    except KeyboardInterrupt:
+        return None
+
+
+@contextmanager
+def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
+    """Watch from a thread while the training runs in this process."""
+    stop = threading.Event()
+
+    def watch() -> None:
+        for report in _reports(config, stop):
+            show(report)
+
+    with display as show:
+        watcher = threading.Thread(target=watch, name="watcher", daemon=True)
+        watcher.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            watcher.join(timeout=5.0)
+
+
+@contextmanager
+def live(*, verbose: bool) -> Iterator[Show]:
+    from rich.live import Live
+
+    with Live(console=console.err, auto_refresh=False) as screen:
+        yield lambda report: screen.update(
+            training_view.live(report, time.time(), verbose=verbose), refresh=True
+        )
+
+
+def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
+    """Every iteration, except those `before`, of earlier starts."""
+    # An iteration that is repeated has the same number and another time.
+    printed = {(record.iteration, record.elapsed_s) for record in before}
+    warned = False
+
+    def show(report: "RunReport") -> None:
+        nonlocal warned
+        # The newest iteration waits for its evaluation, which comes with the next one.
+        ready = report.history if is_over(report) else report.history[:-1]
+        for record in ready:
+            if (record.iteration, record.elapsed_s) not in printed:
+                printed.add((record.iteration, record.elapsed_s))
+                console.say(iterations.line(record, verbose=verbose))
+        if report.warning and not warned:
+            console.warn(f"{report.warning}.")
+        warned = bool(report.warning)
+
+    return nullcontext(show)
+
+
+def logs(paths: Mapping[str, Path]) -> Display:
+    """New lines of the workers' logs."""
+    tails = {name: Tail(path, last_lines=0) for name, path in paths.items()}
+    for tail in tails.values():
+        tail.read()
+
+    def show(report: "RunReport") -> None:
+        for name, tail in tails.items():
+            for line in tail.read(unfinished=is_over(report)).splitlines():
+                console.say(f"{name}: {line}" if len(tails) > 1 else line)
+
+    return nullcontext(show)
+
+
+def nothing() -> Display:
+    return nullcontext(lambda report: None)
+
+
+def is_over(report: "RunReport") -> bool:
+    return report.state not in ("starting", "running")
+
+
+def _reports(config: "RunConfig", stop: threading.Event | None = None) -> "Iterator[RunReport]":
+    from drcli.model.history import HistoryReader
+    from drcli.run.status import inspect
+
+    reader = HistoryReader()
+    clock = stop or threading.Event()
+    last: RunReport | None = None
+    while True:
+        stopped = clock.is_set()
+        report = inspect(config, reader)
+        if last is not None and not report.history:  # the bucket did not answer this time
+            report = replace(
+                report,
+                history=last.history,
+                best=last.best,
+                last=last.last,
+                best_laps=last.best_laps,
+                newest_laps=last.newest_laps,
+            )
+        yield report
+        if stopped or (stop is None and is_over(report)):
+            return
+        last = report
+        clock.wait(POLL_S)
 
 
 _LONGEST_MINUTES = 10_000_000
@@ -173,8 +306,8 @@ def start_training(
     """
     if no_wait and not resume_or_start:
         raise typer.BadParameter("--no-wait needs --resume-or-start.")
-    from drcli.modelfiles.training_method import method_of
-    from drcli.runs.plan import StartOptions
+    from drcli.model.files.hyperparameters import method_of
+    from drcli.run.plan import StartOptions
 
     loaded = _with_weights(settings(), pretrained, checkpoint, resume=resume)
     if on_end is not None:
@@ -216,7 +349,7 @@ def _with_weights(
             "the model with --pretrained PREFIX."
         )
     if pretrained is not None:
-        from drcli.models.transfer_buckets import checked_prefix
+        from drcli.transfer.transfer_buckets import checked_prefix
 
         prefix = checked_prefix(pretrained, "--pretrained")
         loaded = loaded.replaced(pretrained=True, pretrained_prefix=prefix)
@@ -224,8 +357,8 @@ def _with_weights(
 
 
 def _agree_to_wipe(loaded: "Settings") -> None:
-    from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
-    from drcli.store.model_prefix import is_used, newest_checkpoint
+    from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
+    from drcli.model.model_prefix import is_used, newest_checkpoint
 
     prefix = loaded.model_prefix
     bucket = open_bucket(loaded.storage, patience_s=COMMAND_PATIENCE_S)
@@ -247,16 +380,16 @@ class _How:
 
 
 def _planned(loaded: "Settings", options: "StartOptions") -> "RunPlan":
-    from drcli.runs import plan
+    from drcli.run import plan
 
     with console.waiting("Checking settings, files and reward function ...", only_live=True):
         return plan.prepare(loaded, options)
 
 
 def _resume_or_start(loaded: "Settings", options: "StartOptions", how: _How, *, wait: bool) -> int:
-    from drcli.runs.resume_or_start import NothingToDo, prepare_next, was_overtaken
-    from drcli.runs.status import inspect
-    from drcli.store.lease import ModelInUse
+    from drcli.model.lease import ModelInUse
+    from drcli.run.resume_or_start import NothingToDo, prepare_next, was_overtaken
+    from drcli.run.status import inspect
 
     while True:
         planned = prepare_next(loaded, options, wait=wait)
@@ -272,10 +405,10 @@ def _resume_or_start(loaded: "Settings", options: "StartOptions", how: _How, *, 
 
 
 def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int:
-    from drcli.exchange.log_places import log_file
-    from drcli.runs import training
-    from drcli.runs.plan import RunPlan
-    from drcli.runs.status import inspect
+    from drcli.records.run_record import log_file
+    from drcli.run import training
+    from drcli.run.plan import RunPlan
+    from drcli.run.status import inspect
 
     quiet, verbose, foreground, as_json = how.quiet, how.verbose, how.foreground, how.as_json
     followed, folder = how.followed, loaded.directory
@@ -287,21 +420,19 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
             console.say(views.end_work_text(planned))
 
     if quiet:
-        display = watch_training.nothing()
+        display = nothing()
     elif followed:
-        display = watch_training.logs(
-            {name: log_file(folder, loaded.model_prefix, name) for name in followed}
-        )
+        display = logs({name: log_file(folder, loaded.model_prefix, name) for name in followed})
     elif console.is_live() and not foreground:
-        display = watch_training.live(verbose=verbose)
+        display = live(verbose=verbose)
     else:
-        display = watch_training.lines(inspect(loaded.run).history, verbose=verbose)
+        display = lines(inspect(loaded.run).history, verbose=verbose)
 
     if foreground:
-        with watch_training.meanwhile(loaded.run, display):
+        with meanwhile(loaded.run, display):
             ended_with = training.supervise_job(planned.job)
         report = inspect(loaded.run)
-        if not watch_training.is_over(report):
+        if not is_over(report):
             report = replace(
                 report,
                 state="failed" if ended_with else "finished",
@@ -322,11 +453,11 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
             if as_json:
                 console.emit(inspect(loaded.run), None, as_json=True)
             return 0
-        console.suggest(watch_training.NEXT)
-        ended = watch_training.until_the_end(loaded.run, display)
+        console.suggest(NEXT)
+        ended = until_the_end(loaded.run, display)
         if ended is None:
             console.say("Detached; the training continues.")
-            console.suggest(watch_training.NEXT)
+            console.suggest(NEXT)
             return 130
         code = _end(ended, loaded.model_prefix, as_json=as_json)
     return code

@@ -83,7 +83,7 @@ def start_worker(
         flags |= {"DR_AWS_APP_REGION": region}
     settings = settings_or_defaults(flags)
 
-    from drcli.runs.join_training import join_training
+    from drcli.run.join_training import join_training
 
     report = join_training(
         settings,

@@ -16,7 +16,7 @@ def status(as_json: AsJson = False) -> None:
 
     Example: dr-status --json
     """
-    from drcli.runs.status import inspect, notes_of_run
+    from drcli.run.status import inspect, notes_of_run
 
     loaded = settings()
     config = loaded.run
@@ -42,7 +42,7 @@ def summary(as_json: AsJson = False) -> None:
 
     Example: dr-summary
     """
-    from drcli.runs.summary import summarize
+    from drcli.run.summary import summarize
 
     report = summarize(settings())
     console.emit(report, summary_view.summary(report), as_json=as_json)

@@ -25,7 +25,7 @@ def stop_training(as_json: AsJson = False) -> None:
 
     Example: dr-stop-training
     """
-    from drcli.runs import stopping
+    from drcli.run import stopping
 
     folder = working_folder()
     try:
@@ -73,7 +73,7 @@ def stop_evaluation(as_json: AsJson = False) -> None:
 
     Example: dr-stop-evaluation
     """
-    from drcli.runs import stopping
+    from drcli.run import stopping
 
     report = stopping.StopReport(stopping.stop_evaluations(working_folder(), settings().run_id))
     console.emit(report, summary_view.stopped_evaluations(report), as_json=as_json)
@@ -87,7 +87,7 @@ def stop_all(as_json: AsJson = False) -> None:
 
     Example: dr-stop-all
     """
-    from drcli.runs import stopping
+    from drcli.run import stopping
     from drcli.web.viewer_process import stop_viewer
 
     folder = working_folder()

@@ -34,7 +34,7 @@ def support_bundle(
 
     Example: dr-support-bundle --without-files
     """
-    from drcli.runs.support_bundle import make_bundle
+    from drcli.run.support_bundle import make_bundle
 
     folder = working_folder()
     target = file or Path(f"drcli-support-{time.strftime('%Y%m%d-%H%M%S')}.tar.gz")

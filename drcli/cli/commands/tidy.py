@@ -54,7 +54,7 @@ def tidy(
 
     Example: dr-tidy "team/*" --checkpoints milestones,every-100 --dry-run
     """
-    from drcli.runs import tidy as tidying
+    from drcli.transfer import tidy as tidying
 
     kinds = tidying.read_kinds(only, checkpoints)
     loaded = settings()

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli import candidates
+from drcli.cli import completion
 from drcli.cli.commands.race import drive
 from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings
@@ -16,7 +16,7 @@ def start_tournament(
         typer.Argument(
             metavar="RACE",
             help="The race; not needed if there is only one in pairs that is not finished.",
-            autocompletion=candidates.races,
+            autocompletion=completion.races,
         ),
     ] = None,
     quiet: Annotated[
@@ -38,8 +38,8 @@ def start_tournament(
     Example: dr-start-tournament club-night
     """
     if race is None:
-        from drcli.races.tournament_choice import only_tournament
-        from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+        from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
+        from drcli.races.organise import only_tournament
 
         race = only_tournament(open_bucket(settings().storage, patience_s=COMMAND_PATIENCE_S))
     drive(race, quiet=quiet, video=video, limit=0, as_json=as_json)

@@ -6,19 +6,88 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import shown
-from drcli.base.replaceable import refuse_replacing
-from drcli.cli import candidates, console
+from drcli.base.errors import SettingsError, shown
+from drcli.base.files import refuse_replacing
+from drcli.cli import completion, console
 from drcli.cli.options import AsJson, Replace
-from drcli.cli.views import tracks_view
+from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings, working_folder
 from drcli.config.value_types import CarName
 
 if TYPE_CHECKING:
-    from drcli.workers.racer_limit import Asked, FastestLine
+    from drcli.drive.racer_limit import Asked, FastestLine
+    from drcli.tracks.track_facts import TrackFacts, TrackList
+    from drcli.tracks.tracks_folder import TrackView
+
+# Shows tracks.
+
+
+_REPEATS = 3
+
+
+def track_list(found: "TrackList") -> RenderableType:
+    table = Rows(
+        ("track", "length", "width", "direction", "from"),
+        [
+            (
+                track.name,
+                f"{track.length_m:.1f} m",
+                f"{track.width_m:.2f} m",
+                track.direction,
+                f"{Path(track.source).suffix} file" if track.source != "own" else _origin(track),
+            )
+            for track in found.tracks
+        ],
+        left=("track", "direction", "from"),
+    )
+    own, here = Path(found.folder), Path.cwd()
+    place = own.relative_to(here) if own.is_relative_to(here) else own
+    return Group(table, Text(f"{len(found.tracks)} tracks; your own are in {place}/."))
+
+
+def track(view: "TrackView") -> RenderableType:
+    parts: list[RenderableType] = [Text(show_line) for show_line in view.map_lines]
+    parts.append(track_facts(view.facts))
+    if view.limit:
+        parts.append(Text(view.limit))
+    if view.picture:
+        parts.append(Text(f"Picture: {view.picture}"))
+    return Group(*parts)
+
+
+def show_line(found: "FastestLine") -> RenderableType:
+    rows = (f"    ({x:.3f}, {y:.3f}, {speed:.2f})," for x, y, speed in found.line)
+    return Text("\n".join([f"# {found.text}", "FASTEST_LINE = [", *rows, "]"]))
+
+
+def track_facts(facts: "TrackFacts") -> RenderableType:
+    show_line = "is part of the road" if facts.line_family == "in" else "is outside the road"
+    width = (
+        f"{facts.width_m:.2f} m"
+        if facts.greatest_width_m - facts.least_width_m < 0.02
+        else f"{facts.least_width_m:.2f} to {facts.greatest_width_m:.2f} m"
+    )
+    repeats = "".join(f"; {number} repeats {number - 1}" for number in facts.repeated[:_REPEATS])
+    more = len(facts.repeated) - _REPEATS
+    return Group(
+        Text(f"{facts.name}: {facts.about}" if facts.about else facts.name, style="bold"),
+        Text(
+            f"{facts.length_m:.2f} m long, {width} wide, {facts.direction}; "
+            f"{facts.waypoints} waypoints, {facts.spacing_m:.2f} m apart"
+            f"{repeats}{f' and {more} more' if more > 0 else ''}"
+        ),
+        Text(f"the white line {show_line}; {_origin(facts)}"),
+    )
+
+
+def _origin(facts: "TrackFacts") -> str:
+    if facts.source != "own":
+        return facts.source
+    return f"built in, {facts.difficulty}" if facts.difficulty else "built in"
+
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -30,7 +99,7 @@ _Name = Annotated[
     typer.Argument(
         metavar="NAME",
         help="Name of a track, or a route file.",
-        autocompletion=candidates.worlds,
+        autocompletion=completion.worlds,
     ),
 ]
 _Reverse = Annotated[
@@ -52,7 +121,7 @@ def list_all(as_json: AsJson = False) -> None:
     found = list_tracks(settings().tracks_folder, memory)
     for sentence in found.unreadable:
         console.warn(sentence)
-    console.emit(found, tracks_view.track_list(found), as_json=as_json)
+    console.emit(found, track_list(found), as_json=as_json)
 
 
 @app.command()
@@ -80,7 +149,7 @@ def show(
         name, wanted.tracks_folder, png, columns=columns, line=known.line if known else None
     )
     view = replace(view, limit=known.text if known else "")
-    console.emit(view, tracks_view.track(view), as_json=as_json)
+    console.emit(view, track(view), as_json=as_json)
 
 
 @app.command()
@@ -91,10 +160,10 @@ def line(name: _Name, reverse: _Reverse = False, car: _Car = None, as_json: AsJs
 
     Example: dr-tracks line reinvent_base > line.py
     """
-    from drcli.workers.racer_limit import fastest_line_of
+    from drcli.drive.racer_limit import fastest_line_of
 
     found = fastest_line_of(_asked(name, car, reverse=reverse))
-    console.emit(found, tracks_view.line(found), as_json=as_json)
+    console.emit(found, show_line(found), as_json=as_json)
 
 
 @app.command()
@@ -108,14 +177,14 @@ def limit(
 
     Example: dr-tracks limit my_track
     """
-    from drcli.workers.racer_limit import computed_line_of
+    from drcli.drive.racer_limit import computed_line_of
 
     found = computed_line_of(_asked(name, car, reverse=reverse))
     console.emit(found, Text(found.text), as_json=as_json)
 
 
 def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
-    from drcli.workers.racer_limit import Asked
+    from drcli.drive.racer_limit import Asked
 
     loaded = settings()
     car = car or loaded.sim_car
@@ -123,7 +192,7 @@ def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
 
 
 def _known_line(name: str) -> "FastestLine | None":
-    from drcli.workers.racer_limit import fastest_line_of
+    from drcli.drive.racer_limit import fastest_line_of
 
     with suppress(SettingsError):
         return fastest_line_of(_asked(name, None, reverse=False))
@@ -152,7 +221,7 @@ def add(
     folder = settings().tracks_folder
     facts = add_track(file, folder, name=name, width_m=width, length_m=length, replace=force)
     _warn_if_built_in(facts.name)
-    console.emit(facts, tracks_view.track_facts(facts), as_json=as_json)
+    console.emit(facts, track_facts(facts), as_json=as_json)
 
 
 @app.command()
@@ -176,7 +245,7 @@ def fetch(
     s = settings()
     facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
     _warn_if_built_in(facts.name)
-    console.emit(facts, tracks_view.track_facts(facts), as_json=as_json)
+    console.emit(facts, track_facts(facts), as_json=as_json)
 
 
 def _warn_if_built_in(name: str) -> None:

@@ -25,7 +25,7 @@ def url(
 
     Example: dr-url model
     """
-    from drcli.runs.addresses import PlaceName, addresses
+    from drcli.run.summary import PlaceName, addresses
 
     loaded = settings()
     names = [name for name in get_args(PlaceName) if what in ("all", name)]

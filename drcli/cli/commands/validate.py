@@ -66,7 +66,7 @@ def update(
 
     Example: dr-update
     """
-    from drcli.base.problems import refuse
+    from drcli.base.errors import refuse
     from drcli.config.settings_report import warnings_of
     from drcli.config.track_names import track_problems
 

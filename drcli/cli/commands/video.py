@@ -5,18 +5,45 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
 from drcli.base.errors import SettingsError
-from drcli.base.termination import until_sigterm
+from drcli.base.processes import until_sigterm
 from drcli.cli import console
 from drcli.cli.options import AsJson, Replace, checkpoint_option, parsed_checkpoint, world_option
-from drcli.cli.views import video_view
+from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings_for_files
 
 if TYPE_CHECKING:
+    from drcli.bucket.bucket import Bucket
     from drcli.config.settings import Settings
-    from drcli.store.bucket import Bucket
-    from drcli.video.trace_source import FoundTrace
+    from drcli.view.video.make_video import VideoReport
+    from drcli.view.video.trace_source import FoundTrace
+
+# Shows what a video holds.
+
+
+def show_video(report: "VideoReport") -> RenderableType:
+    shown = f"{report.width}x{report.height}, {report.fps} frames per second"
+    return Group(
+        Text(f"{report.trace} on {report.world}", style="bold"),
+        Rows(
+            ("episode", "time", "progress", "ended"),
+            [
+                (
+                    str(episode.episode),
+                    f"{episode.seconds:.2f} s",
+                    f"{episode.progress:.1f} %",
+                    episode.text,
+                )
+                for episode in report.episodes
+            ],
+            left=("ended",),
+        ),
+        Text.assemble(f"Video of {report.seconds:.2f} s, {shown}: ", (report.file, "bold")),
+    )
+
 
 SIZES = ("640x480", "1280x720")
 RENDERERS = ("raycast", "mujoco")
@@ -203,14 +230,14 @@ def video(
         raise typer.BadParameter(f"--gif makes a GIF, but --out {out} does not end in .gif.")
     chosen = parsed_checkpoint(checkpoint)
     loaded = settings_for_files([] if what is None else [what])
-    from drcli.base.replaceable import refuse_new_file
+    from drcli.base.files import refuse_new_file
     from drcli.config.value_types import colour
-    from drcli.video.encode import GIF_FPS, require_encoder
-    from drcli.video.make_video import USUAL_SECONDS, Wish, frames_of, refuse_file
-    from drcli.video.video_job import Defaults, PolicyWish, make_video
+    from drcli.view.video.encode import GIF_FPS, require_encoder
+    from drcli.view.video.make_video import USUAL_SECONDS, Wish, frames_of, refuse_file
+    from drcli.view.video.video_job import Defaults, PolicyWish, make_video
 
     if color is not None:
-        from drcli.base.problems import BadValue
+        from drcli.base.errors import BadValue
 
         try:
             color = colour(color)
@@ -228,7 +255,7 @@ def video(
 
     def bucket() -> "Bucket":
         if not opened:
-            from drcli.models.transfer_buckets import bucket_to_look_at
+            from drcli.transfer.transfer_buckets import bucket_to_look_at
 
             opened.append(bucket_to_look_at(loaded.transfer, upload=False))
         return opened[0]
@@ -263,7 +290,7 @@ def video(
             ghosts=ghost or [],
         )
     console.warn(*report.notes)
-    console.emit(report, video_view.video(report), as_json=as_json)
+    console.emit(report, show_video(report), as_json=as_json)
 
 
 def _refuse_clashes(
@@ -302,7 +329,7 @@ def _trace(
     iteration: int | None,
     worker: int,
 ) -> "FoundTrace":
-    from drcli.video import trace_source
+    from drcli.view.video import trace_source
 
     if what is not None and _is_file(what):
         return trace_source.trace_of_file(Path(what).expanduser())
@@ -316,8 +343,8 @@ def _trace(
 def _drive(loaded: "Settings", checkpoint: str, what: str | None) -> str:
     from drcli.cli.evaluation_options import with_options
     from drcli.cli.fetch_tracks import bring_tracks
-    from drcli.runs import evaluation
-    from drcli.store import keys
+    from drcli.model import keys
+    from drcli.run import evaluation
 
     if what is not None and what.rstrip("/") != loaded.model_prefix:
         prefix = what.rstrip("/")

@@ -10,7 +10,7 @@ from drcli.cli.views.layout import counted
 
 if TYPE_CHECKING:
     from drcli.checks.doctor.findings import DoctorReport
-    from drcli.runs.support_bundle import BundleReport
+    from drcli.run.support_bundle import BundleReport
 
 _STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 

@@ -2,16 +2,63 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.table import Table
 from rich.text import Text
 
-from drcli.cli.views import sparkline
-from drcli.exchange.laps import Laps
+from drcli.records.iteration import Laps
 
 if TYPE_CHECKING:
-    from drcli.exchange.iteration import IterationRecord
+    from drcli.records.iteration import IterationRecord
+
+# Curves one line high, made of block characters.
+
+
+T = TypeVar("T")
+
+BLOCKS = "▁▂▃▄▅▆▇█"
+
+NONE, SOME, ALL = "·", "◦", "●"
+
+
+def curve(values: Sequence[float], width: int, *, top: float | None = None) -> str:
+    """Numbers as heights, averaged down to `width` characters.
+
+    From zero, or the least value if that is negative, to `top`, by default the greatest.
+    """
+    if not values:
+        return ""
+    means = [sum(part) / len(part) for part in _parts(values, width)]
+    low = min(0.0, *means)
+    span = (max(means) if top is None else top) - low
+    if span <= 0:
+        return BLOCKS[0] * len(means)
+    last = len(BLOCKS) - 1
+    heights = (round((mean - low) / span * last) for mean in means)
+    return "".join(BLOCKS[max(0, min(last, height))] for height in heights)
+
+
+def marks(completed: Sequence[float | None], width: int) -> str:
+    """Marks of evaluations below a curve; the best of several is shown."""
+    return "".join(_mark(part) for part in _parts(completed, width))
+
+
+def _mark(completed: Sequence[float | None]) -> str:
+    best = max((share for share in completed if share is not None), default=None)
+    if best is None:
+        return " "
+    if best == 0:
+        return NONE
+    return ALL if best == 1 else SOME
+
+
+def _parts(values: Sequence[T], width: int) -> list[Sequence[T]]:
+    count = min(len(values), width)
+    edges = [round(i * len(values) / count) for i in range(count + 1)] if count else []
+    return [values[start:end] for start, end in pairwise(edges)]
+
 
 CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
 BESIDE_CURVE = 26
@@ -81,8 +128,8 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
 
 def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
     width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
-    progress = sparkline.curve([record.mean_progress for record in records], width, top=100.0)
-    reward = sparkline.curve([record.mean_reward for record in records], width)
+    progress = curve([record.mean_progress for record in records], width, top=100.0)
+    reward = curve([record.mean_reward for record in records], width)
     sampled = [record.evaluation for record in records]
     shares = [None if laps is None else laps.clean / laps.driven for laps in sampled]
     newest = next((laps for laps in reversed(sampled) if laps is not None), None)
@@ -91,7 +138,7 @@ def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
         ("progress", progress, "green", f"{last.mean_progress:.1f} %" if last else ""),
         (
             "eval",
-            sparkline.marks(shares, width),
+            marks(shares, width),
             "bold",
             f"{newest.clean} of {newest.driven} clean" if newest is not None else "",
         ),

@@ -10,11 +10,10 @@ from drcli.cli.views import notes_view
 from drcli.cli.views.layout import Rows, counted, fitted
 
 if TYPE_CHECKING:
-    from drcli.models.copy_custom_files import CustomFilesReport
-    from drcli.models.download import DownloadReport
-    from drcli.models.model_list import CheckpointEntry, ModelList
-    from drcli.models.upload import UploadReport
-    from drcli.models.upload_prefix import UploadIncrement
+    from drcli.model.model_list import CheckpointEntry, ModelList
+    from drcli.transfer.copy_custom_files import CustomFilesReport
+    from drcli.transfer.download import DownloadReport
+    from drcli.transfer.upload import UploadIncrement, UploadReport
 
 _WITH_TIME = 100
 _DAY, _MINUTE = 10, 16

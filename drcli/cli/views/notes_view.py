@@ -10,7 +10,7 @@ from rich.text import Text
 from drcli.cli.views.layout import indented
 
 if TYPE_CHECKING:
-    from drcli.models.model_notes import NoteEntry, NoteList
+    from drcli.transfer.model_notes import NoteEntry, NoteList
 
 LONGEST = 60
 

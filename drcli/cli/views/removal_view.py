@@ -9,8 +9,8 @@ from rich.text import Text
 from drcli.cli.views.layout import Rows, counted
 
 if TYPE_CHECKING:
-    from drcli.runs.model_removal import RemovalReport
-    from drcli.runs.tidy import TidyReport
+    from drcli.transfer.model_removal import RemovalReport
+    from drcli.transfer.tidy import TidyReport
 
 KINDS = {
     "remains": "remains of a model",

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.base.problems import MOST_SHOWN, shown
+from drcli.base.errors import MOST_SHOWN, shown
 from drcli.cli.views.layout import INDENT, counted, fitted, indented
 
 if TYPE_CHECKING:
-    from drcli.base.problems import Problem
-    from drcli.checks.check_report import Report
-    from drcli.checks.config_check import FullCheck
+    from drcli.base.errors import Problem
+    from drcli.checks.validate import FullCheck, Report
     from drcli.config.editing import Edit
     from drcli.config.presets import PresetReports, PresetValue
     from drcli.config.settings_report import Value, Values

@@ -10,11 +10,11 @@ from rich.text import Text
 from drcli.cli.views.layout import Rows, counted, indented
 
 if TYPE_CHECKING:
-    from drcli.spot.creation import CreatedStack, StackPlan
-    from drcli.spot.machine_cost import StackCost
-    from drcli.spot.prices import Offers
-    from drcli.spot.stack_end import BucketContent, StoppedStack
-    from drcli.spot.stack_report import StackReport, StackReports
+    from drcli.outside.aws.creation import CreatedStack, StackPlan
+    from drcli.outside.aws.machines import StackCost
+    from drcli.outside.aws.prices import Offers
+    from drcli.outside.aws.stack_end import BucketContent, StoppedStack
+    from drcli.outside.aws.stack_report import StackReport, StackReports
 
 
 @dataclass(frozen=True)

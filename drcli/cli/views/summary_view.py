@@ -11,11 +11,10 @@ from drcli.cli.console import BOUNDLESS
 from drcli.cli.views.layout import counted, fitted
 
 if TYPE_CHECKING:
-    from drcli.exchange.daily_spending import DayBudget
-    from drcli.runs.addresses import Addresses
-    from drcli.runs.process_list import SpeedReport
-    from drcli.runs.stopping import StopReport
-    from drcli.runs.summary import BucketState, Running, Summary
+    from drcli.records.training_record import DayBudget
+    from drcli.run.stopping import StopReport
+    from drcli.run.summary import Addresses, BucketState, Running, Summary
+    from drcli.run.worker_processes import SpeedReport
 
 WIDE = 120
 _LABEL_WIDTH = 12

@@ -9,11 +9,11 @@ from drcli.cli.views import iterations, notes_view
 from drcli.cli.views.layout import counted, fitted, indented
 
 if TYPE_CHECKING:
-    from drcli.exchange.reward_error_record import RewardErrorEntry
-    from drcli.exchange.training_start import Pretrained
-    from drcli.runs.increment import Increment
-    from drcli.runs.plan import EndWorkPlan, RunPlan
-    from drcli.runs.status import JoinedReport, RunReport, WorkerReport
+    from drcli.records.reward import RewardErrorEntry
+    from drcli.records.training_record import Pretrained
+    from drcli.run.increment import Increment
+    from drcli.run.plan import EndWorkPlan, RunPlan
+    from drcli.run.status import JoinedReport, RunReport, WorkerReport
 
 LIVE_ROWS = 6
 STATUS_ROWS = 10

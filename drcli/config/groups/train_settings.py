@@ -4,7 +4,24 @@ from typing import Literal
 
 from drcli.config.fields import Group, setting
 from drcli.config.groups.race import FULL_SPEED
-from drcli.config.value_types import Gpus, OptionalWorldName
+from drcli.config.value_types import (
+    THIS_MACHINE,
+    Address,
+    Command,
+    Gpus,
+    HostName,
+    ListenHost,
+    MailAddresses,
+    MessageEvents,
+    OptionalWorldName,
+    Price,
+    Retention,
+    SmtpUrl,
+    TopicArn,
+    TrackingUrl,
+    TrackioProject,
+    TrackioUrl,
+)
 
 
 class TrainSettings(Group, title="Training"):
@@ -242,3 +259,245 @@ class TrainSettings(Group, title="Training"):
         """Per checkpoint, at least one."""
         laps = self.train_eval_laps
         return max(1, self.train_min_eval_trials) if laps is None else laps
+
+
+# What a training does when reward function or learning fail.
+
+
+class FailureSettings(Group, title="Failures during a training"):
+    reward_on_error: Literal["stop", "count"] = setting(
+        "DR_REWARD_ON_ERROR",
+        "count",
+        "When the reward function fails: stop ends the training, count goes on and learns nothing "
+        "from that step.",
+    )
+    reward_fallback: float = setting(
+        "DR_REWARD_FALLBACK",
+        0.001,
+        "What traces and metrics show as the reward of a step whose call of the reward function "
+        "failed; only with count.",
+        between=(-100_000, 100_000),
+    )
+    reward_max_error_share: float = setting(
+        "DR_REWARD_MAX_ERROR_SHARE",
+        0.05,
+        "With count, the training ends when more than this share of a worker's last 2,000 calls "
+        "of the reward function failed.",
+        between=(0, 1),
+    )
+    train_max_rollbacks: int = setting(
+        "DR_TRAIN_MAX_ROLLBACKS",
+        0,
+        "How often a training goes back to its last good checkpoint, with a third of the learning "
+        "rate, when the loss is NaN or the policy has collapsed; 0 never.",
+        between=(0, 20),
+    )
+
+
+# Live figures of a training for other tools.
+
+
+class FigureSettings(Group, title="Live figures for other tools", file="system.env"):
+    tensorboard: bool = setting(
+        "DR_TENSORBOARD",
+        False,
+        "Write TensorBoard event files to data/tensorboard; needs the extra tensorboard.",
+    )
+    telegraf_host: HostName = setting(
+        "DR_TELEGRAF_HOST",
+        "",
+        "Host whose Telegraf takes InfluxDB lines over UDP, for Grafana; empty for none.",
+    )
+    telegraf_port: int = setting("DR_TELEGRAF_PORT", 8092, "Its UDP port.", between=(1, 65_535))
+    prometheus_folder: str = setting(
+        "DR_PROMETHEUS_FOLDER",
+        "",
+        "Folder for a .prom file that node_exporter's textfile collector reads; empty for none.",
+    )
+    prometheus_port: int = setting(
+        "DR_PROMETHEUS_PORT",
+        0,
+        "Port on which the trainer serves its figures at /metrics; 0 for none.",
+        between=(0, 65_535),
+    )
+    prometheus_host: ListenHost = setting(
+        "DR_PROMETHEUS_HOST",
+        THIS_MACHINE,
+        "Address on which it listens; 0.0.0.0 lets other machines read the figures.",
+    )
+    mlflow_url: TrackingUrl = setting(
+        "DR_MLFLOW_URL", "", "Address of an MLflow server that gets a run; empty for none."
+    )
+    mlflow_experiment: str = setting(
+        "DR_MLFLOW_EXPERIMENT", "deepracer", "Name of the experiment there."
+    )
+    trackio_url: TrackioUrl = setting(
+        "DR_TRACKIO_URL",
+        "",
+        "Address of a trackio server that gets a run; its token is TRACKIO_WRITE_TOKEN in the "
+        "environment. Empty for none.",
+    )
+    trackio_project: TrackioProject = setting(
+        "DR_TRACKIO_PROJECT", "deepracer", "Name of the project there."
+    )
+
+
+# Trainings that nobody watches.
+
+
+class InterruptionSettings(Group, title="Interruptions"):
+    continue_on_spot_interruption: bool = setting(
+        "DR_CONTINUE_ON_SPOT_INTERRUPTION",
+        True,
+        "Whether the next machine continues a training whose machine was taken away.",
+    )
+    time_to_live_minutes: float = setting(
+        "DR_TIME_TO_LIVE_MINUTES",
+        0.0,
+        "Complete the training so many minutes after its first start, pauses included; 0 never.",
+        between=(0.0, 10_000_000.0),
+    )
+    interruption_watch: Literal["auto", "aws", "gcp", "azure", "off"] = setting(
+        "DR_INTERRUPTION_WATCH",
+        "auto",
+        "Whose notices to watch for: those of the cloud that this machine belongs to, or this one.",
+        file="system.env",
+    )
+    interruption_command: Command = setting(
+        "DR_INTERRUPTION_COMMAND",
+        "",
+        "Program that ends with exit code 0 when this machine is about to be taken away.",
+        file="system.env",
+    )
+    metadata_service_url: str = setting(
+        "DR_METADATA_SERVICE_URL",
+        "",
+        "Another address of the cloud's metadata service.",
+        file="system.env",
+    )
+    on_rebalance: Literal["continue", "stop"] = setting(
+        "DR_ON_REBALANCE",
+        "continue",
+        "What a mere recommendation to move to another machine does.",
+        file="system.env",
+    )
+    sigterm_grace_seconds: float = setting(
+        "DR_SIGTERM_GRACE_SECONDS",
+        30.0,
+        "How long a training may take to end after SIGTERM, before it would be killed.",
+        between=(5.0, 3600.0),
+        file="system.env",
+    )
+
+
+class TimedWorkSettings(Group, title="Uploads during and after a training"):
+    regular_upload: int = setting(
+        "DR_REGULAR_UPLOAD", 0, "Minutes between uploads of the model; 0 never.", low=0
+    )
+    regular_physical_model_upload: int = setting(
+        "DR_REGULAR_PHYSICAL_MODEL_UPLOAD",
+        0,
+        "Minutes between archives for the car; 0 never.",
+        low=0,
+    )
+    upload_best_model: bool = setting(
+        "DR_UPLOAD_BEST_MODEL", False, "Upload the model whenever it has a new best checkpoint."
+    )
+    upload_model_on_completion: bool = setting(
+        "DR_UPLOAD_MODEL_ON_COMPLETION",
+        False,
+        "Upload the best checkpoint when the training is complete.",
+    )
+    import_model_on_completion: bool = setting(
+        "DR_IMPORT_MODEL_ON_COMPLETION",
+        True,
+        "Import the best checkpoint into DeepRacer on AWS when the training is complete; needs "
+        "DR_DROA_URL.",
+    )
+    upload_keep: Retention = setting(
+        "DR_UPLOAD_KEEP",
+        "",
+        "Checkpoints and car archives to keep where they are uploaded to, such as "
+        "last-3,best,every-50; empty for all.",
+    )
+    upload_max_mb: int = setting(
+        "DR_UPLOAD_MAX_MB",
+        0,
+        "Largest size of the checkpoints there, and of the car archives, in MB; 0 for no limit.",
+        low=0,
+    )
+    on_end: str = setting(
+        "DR_ON_END", "", "Command for the shell that runs when a training has ended, however."
+    )
+
+
+class CostSettings(Group, title="Money"):
+    spot_price: Price = setting(
+        "DR_SPOT_PRICE",
+        "",
+        "What this machine costs in USD per hour; auto asks EC2; empty if it does not matter.",
+        file="system.env",
+    )
+    max_cost: float = setting(
+        "DR_MAX_COST",
+        0.0,
+        "End the training when all its machines together have cost so many USD; 0 for no limit.",
+        low=0,
+    )
+    daily_budget_hours: float = setting(
+        "DR_DAILY_BUDGET_HOURS",
+        0.0,
+        "Machine hours that all trainings of this folder together may take on one day; 0 for no "
+        "limit.",
+        between=(0.0, 1_000_000.0),
+        file="system.env",
+    )
+    daily_budget_money: float = setting(
+        "DR_DAILY_BUDGET_MONEY",
+        0.0,
+        "USD that all trainings of this folder together may cost on one day, at DR_SPOT_PRICE; 0 "
+        "for no limit.",
+        between=(0.0, 1_000_000.0),
+        file="system.env",
+    )
+
+
+class WatchSettings(Group, title="Watches", file="system.env"):
+    stall_minutes: int = setting(
+        "DR_STALL_MINUTES",
+        10,
+        "Minutes without any progress after which workers are restarted, and the training ends if "
+        "that does not help; 0 never.",
+        low=0,
+    )
+    disk_min_mb: int = setting(
+        "DR_DISK_MIN_MB",
+        500,
+        "Free megabytes on the disk of data/ below which the training stops in time to save "
+        "everything; 0 never.",
+        low=0,
+    )
+
+
+class MessageSettings(Group, title="Messages", file="system.env"):
+    sns_topic_arn: TopicArn = setting(
+        "DR_SNS_TOPIC_ARN", "", "Topic of Amazon SNS for messages; if empty, MY_SNS_TOPIC."
+    )
+    webhook_url: Address = setting(
+        "DR_WEBHOOK_URL", "", "Address for messages in Slack, Discord, Mattermost or your program."
+    )
+    mail_to: MailAddresses = setting("DR_MAIL_TO", "", "Mail addresses for messages.")
+    mail_from: MailAddresses = setting(
+        "DR_MAIL_FROM", "", "Sender of these mails; if empty, the first of DR_MAIL_TO."
+    )
+    smtp_url: SmtpUrl = setting(
+        "DR_SMTP_URL",
+        "",
+        "Mail server, as in smtps://user:password@mail.example.com:465.",
+    )
+    message_events: MessageEvents = setting(
+        "DR_MESSAGE_EVENTS",
+        "start,resume,interruption,end,failure,stall",
+        "What to tell: start, resume, interruption, end, failure, stall, stop, fault, recovery, "
+        "stage, best, upload; or all.",
+    )

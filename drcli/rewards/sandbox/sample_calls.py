@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.base.problems import Problem, ProblemsError
+from drcli.base.errors import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
-from drcli.workers.build_race import MAX_EPISODE_STEPS, SLACK, load_race, load_world, race_warnings
+from drcli.drive.build_race import MAX_EPISODE_STEPS, SLACK, load_race, load_world, race_warnings
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.params import Situation, params_of
 from drsim.episode.reward import RewardParams

@@ -21,11 +21,12 @@ from time import monotonic, perf_counter  # which racers' code may replace in `t
 from types import FunctionType
 from typing import Any, NamedTuple, NoReturn, TextIO
 
-from drcli.base.descendants import keep_descendants
-from drcli.base.problems import Problem
+from drcli.base.errors import Problem
+from drcli.base.processes import keep_descendants
 from drcli.base.system_calls import limit_data
-from drcli.rewards.sandbox.sample_calls import FIRST_UNUSUAL, sample_races, state_of
-from drcli.rewards.sandbox.sandbox_records import (
+from drcli.drive.reward_access import confine_reward
+from drcli.model.keys import REWARD_FUNCTION_FILE
+from drcli.rewards.sandbox.run_sandbox import (
     FAULTS_FILE,
     CallIndex,
     Difference,
@@ -36,10 +37,8 @@ from drcli.rewards.sandbox.sandbox_records import (
     SandboxResult,
     Timing,
 )
-from drcli.rewards.sandbox.shared_state import SharedStateTrial
-from drcli.rewards.sandbox.side_effects import Effects, Originals, PrintCounter
-from drcli.store.keys import REWARD_FUNCTION_FILE
-from drcli.workers.reward_access import confine_reward
+from drcli.rewards.sandbox.sample_calls import FIRST_UNUSUAL, sample_races, state_of
+from drcli.rewards.sandbox.shared_state import Effects, Originals, PrintCounter, SharedStateTrial
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
 from drsim.errors import RewardError

@@ -8,15 +8,9 @@ import numpy as np
 
 from drsim.arrays import Bools, Floats, Ints
 from drsim.car.camera_mount import FRONT
-from drsim.car.car_parameters import (
-    MAX_SPEED_MPS,
-    MAX_STEERING_DEG,
-    MIN_SPEED_MPS,
-    CarParameters,
-)
-from drsim.car.mujoco_physics import MujocoPhysics
-from drsim.car.physics import PhysicsChoice, choose_physics
-from drsim.car.variation import Variation, no_variation
+from drsim.car.car_parameters import MAX_SPEED_MPS, MAX_STEERING_DEG, MIN_SPEED_MPS, CarParameters
+from drsim.car.disturbances import Variation, no_variation
+from drsim.car.physics import MujocoPhysics, PhysicsChoice, choose_physics
 from drsim.jit import kernel
 
 CONTROL_HZ = 15

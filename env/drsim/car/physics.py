@@ -1,13 +1,101 @@
 """Chooses what moves the cars: MuJoCo on threads, or MuJoCo Warp on a GPU."""
 
 import importlib.util
-from typing import Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import mujoco
+import numpy as np
+from mujoco.batch import Batch
 
 from drsim.arrays import Floats, Ints
-from drsim.car.mujoco_physics import MujocoPhysics
-from drsim.car.variation import Variation
+from drsim.car.disturbances import Variation
+
+# Steps many cars with MuJoCo's thread pool.
+
+
+_VARIED = (
+    "pair_friction",
+    "body_mass",
+    "body_inertia",
+    "actuator_delay",
+    "actuator_forcerange",
+)
+
+
+class MujocoPhysics:
+    """Physics of n cars on processor threads, bit-identical whatever their number."""
+
+    def __init__(self, model: mujoco.MjModel, num_cars: int, num_threads: int) -> None:
+        self.model = model
+        self._varied = False
+        self._build(num_cars, num_threads)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """MuJoCo's own batch cannot be copied."""
+        arrays = {name: self._batch.expanded(name) for name in _VARIED}
+        return {
+            "model": self.model,
+            "varied": self._varied,
+            "num_threads": self._batch.nthread,
+            "state": self._batch.state.copy(),
+            "arrays": {n: values.copy() for n, values in arrays.items() if values is not None},
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.model, self._varied = state["model"], state["varied"]
+        self._build(len(state["state"]), state["num_threads"])
+        for name, values in state["arrays"].items():
+            self._batch.expand(name)[:] = values
+        if state["arrays"]:
+            self._batch.set_const()
+        self._batch.state[:] = state["state"]
+
+    def _build(self, num_cars: int, num_threads: int) -> None:
+        self._batch = Batch(self.model, nsim=num_cars, nthread=num_threads)
+        self.qpos: Floats = self._batch.bind("qpos")
+        self.qvel: Floats = self._batch.bind("qvel")
+        self._ctrl: Floats = self._batch.bind("ctrl")
+        self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._reset_state: Floats = self._batch.state[0].copy()
+
+    def vary(self, cars: Ints, variation: Variation) -> None:
+        self._varied = True
+        v, batch, model = variation, self._batch, self.model
+        if _is_other(v.friction, 1.0) or batch.expanded("pair_friction") is not None:
+            batch.expand("pair_friction")[cars] = model.pair_friction * v.friction[:, None, None]
+        if _is_other(v.mass, 1.0) or batch.expanded("body_mass") is not None:
+            batch.expand("body_mass")[cars] = model.body_mass * v.mass[:, None]
+            batch.expand("body_inertia")[cars] = model.body_inertia * v.mass[:, None, None]
+            batch.set_const(cars)
+        if _is_other(v.latency_s, 0.0) or batch.expanded("actuator_delay") is not None:
+            batch.expand("actuator_delay")[cars] = model.actuator_delay + v.latency_s[:, None]
+        if _is_other(v.battery, 1.0) or batch.expanded("actuator_forcerange") is not None:
+            torque = np.repeat(model.actuator_forcerange[None], len(cars), axis=0)
+            torque[:, 2:] *= v.battery[:, None, None]  # the first two motors steer
+            batch.expand("actuator_forcerange")[cars] = torque
+
+    def place(self, cars: Ints, qpos: Floats) -> None:
+        if not self._varied:
+            self._batch.state[cars] = self._reset_state
+        else:  # a car's own latency is part of its state; ten times as slow
+            self._batch.reset(ids=cars, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self.qpos[cars] = qpos
+
+    def state(self) -> Floats:
+        state: Floats = self._batch.state.copy()
+        return state
+
+    def set_state(self, state: Floats) -> None:
+        self._batch.state[:] = state
+
+    def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
+        self._ctrl[:] = ctrl
+        self._batch.step(ids=cars, nstep=substeps)
+
+
+def _is_other(values: Floats, usual: float) -> bool:
+    return bool((values != usual).any())
+
 
 PhysicsChoice = Literal["auto", "mujoco", "warp", "warp-on-cpu"]
 """The last is for tests: many times slower than MuJoCo."""

@@ -9,21 +9,22 @@ from gymnasium.error import ResetNeeded
 
 from drsim.car.actions import DEFAULT_ACTIONS, Actions
 from drsim.car.car import CONTROL_HZ
-from drsim.car.car_parameters import CarParameters
-from drsim.car.car_sets import DEFAULT_CAR, car_of
+from drsim.car.car_parameters import DEFAULT_CAR, CarParameters, car_of
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
 from drsim.gym.arguments import (
+    Perceived,
     check_choice,
     check_start,
     checked_actions,
     conditions_of,
+    info_of,
+    perceived,
     start_of,
 )
-from drsim.gym.returned import Perceived, info_of, perceived
 from drsim.race.race import Race, race_of_name
 from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors, sensors_of

@@ -4,13 +4,80 @@ A nonlinear programme places a point mass on normals of a reference line: the sm
 then the line found before.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from drsim.arrays import Floats
-from drsim.limit.grip import SPEEDS_MPS, Grip
 from drsim.track.track import Track
+
+# What limits a lap: each car's grip and speed, as measured in the MuJoCo car.
+#
+# With random requests (99 % of windows of 0.2 s are below), raised to the fastest driving: see
+# docs/track-limit.md.
+
+
+SPEEDS_MPS = (0.0, 0.5, 0.85, 1.1, 1.4, 1.6, 1.9, 2.1, 2.4, 2.6, 2.9, 3.1, 3.4, 3.65, 4.5)
+"""Of `Grip.lateral_mps2`."""
+
+
+@dataclass(frozen=True)
+class Grip:
+    """What a car can do at most.
+
+    Attributes:
+        lateral_mps2: At each of `SPEEDS_MPS`. All wheels turn at one speed, so a slow car
+            understeers.
+        best_brake_mps2: At which the car corners best.
+        pull_per_s: Acceleration for each m/s below the top speed.
+        jerk_mps3: Of lateral acceleration: steering lag and inertia.
+    """
+
+    lateral_mps2: tuple[float, ...]
+    accelerate_mps2: float
+    brake_mps2: float
+    best_brake_mps2: float
+    pull_per_s: float
+    jerk_mps3: float
+    top_mps: float
+
+
+GRIPS: Mapping[str, Grip] = MappingProxyType(
+    {
+        "release-6": Grip(
+            (0.0, 1.0, 2.2, 3.4, 4.7, 5.5, 6.1, 6.5, 7.2, 7.75, 8.15, 8.3, 8.1, 7.6, 7.6),
+            accelerate_mps2=12.0,
+            brake_mps2=12.0,
+            best_brake_mps2=1.5,
+            pull_per_s=9.5,
+            jerk_mps3=75.0,
+            top_mps=3.66,
+        ),
+        "low-grip": Grip(
+            (0.0, 1.1, 2.4, 3.5, 4.2, 4.6, 4.9, 5.1, 5.4, 5.5, 5.6, 5.65, 5.65, 5.6, 5.6),
+            accelerate_mps2=10.0,
+            brake_mps2=10.0,
+            best_brake_mps2=1.0,
+            pull_per_s=7.5,
+            jerk_mps3=50.0,
+            top_mps=3.69,
+        ),
+        "2022": Grip(
+            (0.0, 1.0, 3.0, 4.2, 4.6, 4.9, 5.1, 5.4, 5.7, 6.0, 6.0, 5.9, 5.7, 5.1, 5.1),
+            accelerate_mps2=8.0,
+            brake_mps2=7.0,
+            best_brake_mps2=1.0,
+            pull_per_s=4.0,
+            jerk_mps3=30.0,
+            top_mps=3.7,
+        ),
+    }
+)
+"""By names in `drsim.car.car_parameters`."""
+
 
 STEP_M = 0.15
 """With 0.1 m, lap times are 0.2 % longer."""
@@ -192,3 +259,67 @@ def _solve(
     values = np.array(found["x"]).ravel()
     line = Line(reference + values[:count, None] * normals, values[count:])
     return line, bool(solver.stats()["success"])
+
+
+# A line by its offset from the centre line at stations along the lap.
+
+
+STATION_M = 0.2
+_FARTHEST_M = 2.0
+
+
+class Stations(NamedTuple):
+    """A line at evenly spaced places of the centre line, from waypoint 0. Shape (n,).
+
+    `offset_m` is to the left, along the section between the borders.
+    """
+
+    offset_m: Floats
+    speed_mps: Floats
+    clock_s: Floats
+
+
+def stations_of(track: Track, line: Line) -> Stations:
+    count = max(24, round(track.length_m / STATION_M))
+    centers, across = _sections(track, count)
+    apart = line.xy[None] - centers[:, None]
+    before = across[:, None, 0] * apart[..., 1] - across[:, None, 1] * apart[..., 0]
+    along = (apart * across[:, None]).sum(axis=2)
+    after, along_after = np.roll(before, -1, axis=1), np.roll(along, -1, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = before / (before - after)
+    offset = along + share * (along_after - along)
+    crossed = (before * after <= 0.0) & (before != after) & (np.abs(offset) < _FARTHEST_M)
+    # Of several crossings, the one where the line is as far on its lap as the section.
+    lap = np.arange(len(line.xy)) / len(line.xy)
+    apart_on_lap = np.abs((lap - np.arange(count)[:, None] / count + 0.5) % 1.0 - 0.5)
+    node = np.where(crossed, apart_on_lap, np.inf).argmin(axis=1)
+    row = np.arange(count)
+    part = np.where(crossed[row, node], share[row, node], 0.0)
+    clock = np.concatenate([[0.0], np.cumsum(line.step_s)])
+    later = (node + 1) % len(line.xy)
+    speed = line.speed_mps[node] * (1.0 - part) + line.speed_mps[later] * part
+    clock_s = clock[node] * (1.0 - part) + clock[node + 1] * part
+    clock_s = (clock_s - clock_s[0]) % line.lap_s
+    place = np.where(crossed[row, node], offset[row, node], along[row, node])
+    return Stations(place, speed, np.maximum.accumulate(clock_s))
+
+
+def points_of(track: Track, offset_m: Floats) -> Floats:
+    centers, across = _sections(track, len(offset_m))
+    return centers + offset_m[:, None] * across
+
+
+def _sections(track: Track, count: int) -> tuple[Floats, Floats]:
+    steps = np.hypot(*np.diff(track.center, axis=0).T)
+    along_m = np.concatenate([[0.0], np.cumsum(steps)])
+    kept = np.concatenate([[True], steps > 0.0])
+    at_m = np.arange(count) * along_m[-1] / count
+
+    def at(rows: Floats) -> Floats:
+        columns = [np.interp(at_m, along_m[kept], rows[kept, axis]) for axis in (0, 1)]
+        return np.column_stack(columns)
+
+    left, right = (track.inner, track.outer) if track.is_ccw else (track.outer, track.inner)
+    across = at(left) - at(right)
+    return at(track.center), across / np.hypot(*across.T)[:, None]

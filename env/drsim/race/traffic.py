@@ -1,19 +1,118 @@
 """What each car meets on the track: obstacles, bots and opponents."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from drsim.arrays import Bools, Floats, Ints, Seeds
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
+from drsim.jit import kernel
 from drsim.race.bots import Bots
 from drsim.race.objects import Objects
 from drsim.race.race import BotRules, ObstacleRules, Race
-from drsim.race.rectangles import overlaps
 from drsim.race.solids import SHAPES, Shape
-from drsim.race.spacing import check_room, drawn_places, even_places
 from drsim.track.lanes import LanePaths
 from drsim.track.track import CENTER, INNER, OUTER, Track
+
+# Whether rectangles on the floor overlap.
+
+
+Rectangles = tuple[Floats, Floats, Floats]
+"""Centres in metres, shape (n, 2) or (n, k, 2); directions, (n,) or (n, k); lengths and widths,
+(2,) or (k, 2).
+"""
+
+
+@kernel
+def overlaps(one: Rectangles, others: Rectangles) -> Bools:
+    """Compare n rectangles with k others each; touching is not overlapping. Shape (n, k).
+
+    Two are apart when one of their four axes separates their shadows on it.
+    """
+    one_xy, one_yaw_rad, one_size_m = one
+    other_xy, other_yaw_rad, other_size_m = others
+    out: Bools = np.empty(other_yaw_rad.shape, np.bool_)
+    length_m, width_m = 0.5 * one_size_m[0], 0.5 * one_size_m[1]
+    for i in range(out.shape[0]):
+        yaw_rad = one_yaw_rad[i]
+        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+        for k in range(out.shape[1]):
+            half_m, across_m = 0.5 * other_size_m[k, 0], 0.5 * other_size_m[k, 1]
+            dx, dy = other_xy[i, k, 0] - one_xy[i, 0], other_xy[i, k, 1] - one_xy[i, 1]
+            reach_m = math.hypot(length_m, width_m) + math.hypot(half_m, across_m)
+            # Written so that a distance that is NaN overlaps nothing.
+            if not dx * dx + dy * dy < reach_m * reach_m:
+                out[i, k] = False
+                continue
+            other_rad = other_yaw_rad[i, k]
+            c, s = abs(math.cos(other_rad - yaw_rad)), abs(math.sin(other_rad - yaw_rad))
+            other_cos, other_sin = math.cos(other_rad), math.sin(other_rad)
+            out[i, k] = (
+                abs(cos * dx + sin * dy) < length_m + half_m * c + across_m * s
+                and abs(cos * dy - sin * dx) < width_m + half_m * s + across_m * c
+                and abs(other_cos * dx + other_sin * dy) < half_m + length_m * c + width_m * s
+                and abs(other_cos * dy - other_sin * dx) < across_m + length_m * s + width_m * c
+            )
+    return out
+
+
+# Places along the track for objects that keep a distance.
+
+
+LAST_PLACE_M = 1.0
+"""Before the end of the lap. Source: the reference simulator."""
+
+FREE_START_M = 1.0
+MOST_OBJECTS = 100
+
+
+def check_room(track: Track, count: int, gap_m: float) -> None:
+    """Raise ValueError if so many objects do not fit on a track."""
+    fit = most_that_fit(track, gap_m)
+    if count > fit:
+        raise ValueError(
+            f"{count} objects at least {gap_m:g} m apart are too many for {track.name}, which is "
+            f"{track.length_m:.1f} m long: {fit} would fit."
+        )
+
+
+def most_that_fit(track: Track, gap_m: float) -> int:
+    """A single one always can."""
+    room_m = track.length_m - LAST_PLACE_M
+    if room_m >= MOST_OBJECTS * gap_m:
+        return MOST_OBJECTS
+    return max(int(room_m / gap_m + 1e-9), 1)
+
+
+def even_places(track: Track, count: int, gap_m: float) -> Floats:
+    """Metres along the lap, from the gap itself to a metre before the end. Shape (count,).
+
+    Source: the reference simulator, but for its gap, which was a percentage.
+    """
+    last_m = max(track.length_m - LAST_PLACE_M, 0.0)
+    return np.linspace(min(gap_m, last_m), last_m, count)
+
+
+def drawn_places(
+    track: Track, count: int, gap_m: float, start_m: float, random: np.random.Generator
+) -> Floats:
+    """Metres along the lap, drawn evenly among all places that keep the gap, also across its end.
+
+    In driving order from the start, which stays free; `count` objects must fit.
+    """
+    length_m = track.length_m
+    taken_m = max(count - 1, 0) * gap_m
+    if track.closed:
+        free_m = min(max(FREE_START_M, gap_m / 2), (length_m - taken_m) / 2)
+        room_m = length_m - taken_m - 2 * free_m
+        first_m = start_m + free_m
+    else:
+        first_m = min(FREE_START_M, length_m - taken_m)
+        room_m = max(length_m - LAST_PLACE_M - taken_m - first_m, 0.0)
+    places_m = first_m + np.sort(random.uniform(0.0, room_m, count)) + gap_m * np.arange(count)
+    return places_m % length_m if track.closed else np.minimum(places_m, length_m)
+
 
 NEAR_M = 1.0
 """Changes where a car starts or is put back. Source: the reference simulator."""

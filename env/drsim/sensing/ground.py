@@ -11,7 +11,7 @@ from drsim.arrays import Bytes, Floats, Singles
 from drsim.jit import kernel
 from drsim.track.appearance import Look, Paint
 from drsim.track.polyline import without_repeats
-from drsim.track.ring_crossings import cross_ring, sign_off_road
+from drsim.track.spline import cross_ring, sign_off_road
 from drsim.track.track import Track
 
 Single = np.float32

@@ -1,8 +1,11 @@
 """A closed cubic spline through points."""
 
+import math
+
 import numpy as np
 
-from drsim.arrays import Floats, Ints
+from drsim.arrays import Bools, Floats, Ints, Singles
+from drsim.jit import kernel
 
 _STEPS_PER_PIECE = 200
 
@@ -71,3 +74,30 @@ def _solved(matrix: Floats, right: Floats) -> Floats:
         factor[k] = 0.0
         rows -= factor * rows[k]
     return rows[:, len(matrix) :]
+
+
+# Which cells of a grid lie on the road: an odd number of borders to their left.
+
+
+@kernel
+def cross_ring(ring: Floats, crossed: Bools) -> None:
+    rows, columns = crossed.shape
+    for i in range(len(ring)):
+        ax, ay = ring[i - 1]
+        bx, by = ring[i]
+        low, high = min(ay, by), max(ay, by)
+        for row in range(max(math.ceil(low), 0), min(math.ceil(high), rows)):
+            column = max(math.ceil(ax + (row - ay) / (by - ay) * (bx - ax)), 0)
+            if column < columns:
+                crossed[row, column] = not crossed[row, column]
+
+
+@kernel
+def sign_off_road(crossed: Bools, distance: Singles) -> None:
+    rows, columns = crossed.shape
+    for row in range(rows):
+        on_road = False
+        for column in range(columns):
+            on_road ^= crossed[row, column]
+            if not on_road:
+                distance[row, column] = -distance[row, column]

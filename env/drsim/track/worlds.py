@@ -9,12 +9,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from drsim.errors import TrackError
-from drsim.track.appearance import look_of
+from drsim.track.appearance import look_of, split_direction
 from drsim.track.polyline import vertices
 from drsim.track.route_files import read_route
 from drsim.track.spline import ClosedSpline
 from drsim.track.track import Track
-from drsim.track.world_names import split_direction
 
 Direction = Literal["clockwise", "counterclockwise", "open"]
 

@@ -13,7 +13,7 @@ from drsim.arrays import Floats
 from drsim.race.solids import Shape
 from drsim.track.appearance import RGB, Look, look_of
 from drsim.track.track import Track
-from drsim.viewing.camera_paths import lens_above
+from drsim.viewing.car_eye import lens_above
 from drsim.viewing.meshes import (
     BLACK,
     GLASS,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.simulation import Simulation
 from drsim.race.solids import SHAPES
-from drsim.viewing.camera_paths import FollowingCamera, lens_above
+from drsim.viewing.car_eye import FollowingCamera, lens_above
 from drsim.viewing.placed_things import OPPONENT_COLOR, Thing
 from drsim.viewing.world_view import WorldView
 

@@ -12,10 +12,16 @@ from drsim.arrays import Floats
 from drsim.sensing.cuboids import TO_SUN
 from drsim.track.appearance import RGB, Look, look_of
 from drsim.track.track import Track
-from drsim.viewing.backdrop_painting import paint_barriers, paint_horizon
-from drsim.viewing.ground_fields import measure_ground
-from drsim.viewing.ground_painting import paint_ground
-from drsim.viewing.landscape import HAZE, HAZE_M, STEEPEST, grain_of, landscape_of
+from drsim.viewing.ground_painting import measure_ground, paint_ground
+from drsim.viewing.landscape import (
+    HAZE,
+    HAZE_M,
+    STEEPEST,
+    grain_of,
+    landscape_of,
+    paint_barriers,
+    paint_horizon,
+)
 from drsim.viewing.meshes import has_wheels
 from drsim.viewing.pixel_rows import LensParts, PixelRows, pixel_rows
 from drsim.viewing.placed_things import Thing, ThingMeshes, placed

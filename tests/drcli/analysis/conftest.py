@@ -22,7 +22,7 @@ def libraries() -> Any:
     """deepracer-utils, which warns about itself while it is loaded."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        from drcli.analysis.extra import deepracer_logs
+        from drcli.analysis.run import deepracer_logs
 
         return deepracer_logs()
 

@@ -5,9 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from drcli.analysis.bootstrap import compare_means
-from drcli.analysis.compare_runs import compare_runs
-from drcli.analysis.comparison_rows import comparison_rows
+from drcli.analysis.compare_runs import compare_means, compare_runs, comparison_rows
 from drcli.analysis.read_run import read_runs
 from drcli.base.errors import SettingsError
 from simtraces import put, write_model

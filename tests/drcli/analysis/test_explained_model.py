@@ -6,7 +6,7 @@ from PIL import Image
 
 from drcli.analysis.explained_model import explained_pictures
 from drcli.config.loading import load_settings
-from drcli.saliency.question import Question
+from drcli.view.saliency.question import Question
 from memory_bucket import MemoryBucket
 from small_model import put_small_model
 

@@ -10,19 +10,19 @@ from dataclasses import replace
 import pytest
 
 from drcli.analysis.findings.evidence import gather
-from drcli.analysis.read_evaluations import trials_of
+from drcli.analysis.read_metrics import trials_of
 from drcli.analysis.report.lap_choice import choose_laps
-from drcli.analysis.report.map_data import map_data
-from drcli.exchange.episode_metrics import (
+from drcli.analysis.report.map_section import map_data
+from drcli.races.race_queue import lap_driven
+from drcli.records.episode_metrics import (
     EpisodeMetrics,
     TrialMetrics,
     encode_metrics_file,
     is_clean,
 )
-from drcli.exchange.trace import STEP_S, Episode, log_lines, read_csv
-from drcli.races.race_queue import lap_driven
-from drcli.runs.evaluation_report import COMPLETE, trial_reports
-from drcli.video.recorded_lap import read_laps
+from drcli.records.trace import STEP_S, Episode, log_lines, read_csv
+from drcli.run.evaluation_report import COMPLETE, trial_reports
+from drcli.view.video.recorded_lap import read_laps
 from simtraces import episode, put, trace, with_reset, write_model
 
 

@@ -8,7 +8,7 @@ import zipfile
 
 import pytest
 
-from drcli.analysis.file_layout import find_models
+from drcli.analysis.model_source import find_models
 from drcli.base.errors import SettingsError
 from simtraces import mean_reward, put, write_model
 

@@ -9,7 +9,7 @@ import pytest
 from counted_episodes import counted_episodes
 from drcli.analysis.analysis import analyse
 from drcli.base.errors import SettingsError
-from drcli.exchange.trace import STEP_S
+from drcli.records.trace import STEP_S
 from simtraces import WORLD, episode, mean_reward, put, trace, write_model
 
 

@@ -9,15 +9,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from drcli.base.atomic_file import (
-    load_record,
-    read_json,
-    reserve,
-    rewrite,
-    save_record,
-    write_json,
-)
 from drcli.base.errors import SettingsError
+from drcli.base.files import load_record, read_json, reserve, rewrite, save_record, write_json
 
 
 @dataclass(frozen=True)
@@ -135,7 +128,7 @@ def test_on_a_full_disk_a_record_is_written_where_room_was_reserved(
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("drcli.base.atomic_file.write_json", full)
+    monkeypatch.setattr("drcli.base.files.write_json", full)
     with nullcontext() if written else pytest.raises(OSError, match="No space"):
         save_record(path, Spot(words, 3))
 

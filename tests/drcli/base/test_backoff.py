@@ -4,8 +4,8 @@ from itertools import islice
 
 import pytest
 
-from drcli.base import notices
-from drcli.base.backoff import SLOW_GROWTH, delays_s, wait_until
+from drcli.base import errors
+from drcli.base.clock import SLOW_GROWTH, delays_s, wait_until
 
 
 def test_delays_double_up_to_the_last():
@@ -40,7 +40,7 @@ def test_the_last_look_is_taken_exactly_when_the_patience_ends():
 @pytest.mark.parametrize(("takes_s", "shown"), [(0.9, []), (30.0, ["Waiting for tea ..."])])
 def test_the_user_is_told_once_what_takes_long(monkeypatch, takes_s, shown):
     now_s, said = 0.0, []
-    monkeypatch.setattr(notices, "show", said.append)
+    monkeypatch.setattr(errors, "show", said.append)
 
     def pause(seconds: float) -> None:
         nonlocal now_s

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.base.elapsed import LONGEST_STEP_S, AwakeClock, duration
+from drcli.base.clock import LONGEST_STEP_S, AwakeClock, duration
 
 
 def test_time_passes_while_the_clock_is_read():

@@ -4,10 +4,9 @@ import threading
 
 import pytest
 
-from drcli.base import file_lock, notices
-from drcli.base.atomic_file import rewrite
+from drcli.base import errors, files
 from drcli.base.errors import SettingsError, StorageError
-from drcli.base.file_lock import exclusive, only_writer
+from drcli.base.files import exclusive, only_writer, rewrite
 
 
 def test_writers_of_one_folder_take_turns(tmp_path):
@@ -32,9 +31,9 @@ def test_writers_of_one_folder_take_turns(tmp_path):
 @pytest.mark.parametrize("quiet_s", [-1.0, 1.0], ids=["long", "short"])
 def test_a_long_wait_says_what_it_waits_for_and_ends(tmp_path, monkeypatch, quiet_s):
     said = []
-    monkeypatch.setattr(notices, "show", said.append)
-    monkeypatch.setattr(notices, "QUIET_S", quiet_s)
-    monkeypatch.setattr(file_lock, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(errors, "show", said.append)
+    monkeypatch.setattr(errors, "QUIET_S", quiet_s)
+    monkeypatch.setattr(files, "PATIENCE_S", 0.0)
 
     with (
         only_writer(tmp_path),

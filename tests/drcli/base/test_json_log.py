@@ -7,9 +7,7 @@ import re
 import pytest
 
 from drcli.base import log
-from drcli.base.json_log import JsonLog
-from drcli.base.log import get_logger, plain, traces
-from drcli.base.rotating_file import LONGEST_LINE
+from drcli.base.log import LONGEST_LINE, JsonLog, get_logger, plain, traces
 
 logger = get_logger("drcli.test")
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from drcli.base import log, log_files
+from drcli.base import log
+from drcli.base import log as log_files
 from drcli.base.log import LogFile, get_logger, plain
 
 
@@ -26,7 +27,7 @@ def file(path):
 
 
 def test_a_record_has_a_time_in_utc_and_a_level(file, path):
-    get_logger("drcli.workers.sim").warning("%d cars are lost.", 3)
+    get_logger("drcli.train.sim").warning("%d cars are lost.", 3)
 
     time_utc, level, message = path.read_text().split(" ", 2)
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", time_utc)

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from drcli.base import log_files
+from drcli.base import log as log_files
 
 MAX_BYTES = 100
 

@@ -7,7 +7,7 @@ import sys
 import psutil
 import pytest
 
-from drcli.base.low_priority import NICE
+from drcli.base.processes import NICE
 
 LOWERS = """
 import os, subprocess, sys, threading

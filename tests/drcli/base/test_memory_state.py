@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from drcli.base.memory_state import read_memory
+from drcli.base.memory import read_memory
 
 GB = 1 << 30
 

@@ -7,8 +7,7 @@ import sys
 
 import pytest
 
-from drcli.base.atomic_file import rewrite, write_json
-from drcli.base.private_files import hand_out, make_folder, others_may_read, private
+from drcli.base.files import hand_out, make_folder, others_may_read, private, rewrite, write_json
 
 
 @pytest.fixture(params=[0o022, 0o027, 0o002, 0o077], ids=oct)

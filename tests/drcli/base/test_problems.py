@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.base.problems import Place, Problem, ProblemsError, of_severity, refuse
+from drcli.base.errors import Place, Problem, ProblemsError, of_severity, refuse
 
 
 def problem(message="LR=2 is above 1.", *, rule="V-41", severity="error", line=3, file="a.json"):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.base.regular_file import read_regular
+from drcli.base.files import read_regular
 
 
 def test_a_file_and_a_link_to_it_are_read(tmp_path):

@@ -7,7 +7,7 @@ import tempfile
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.base.replaceable import refuse_replacing, safe_name
+from drcli.base.files import refuse_replacing, safe_name
 
 
 def test_a_file_is_replaced_only_with_force(tmp_path):

@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from drcli.base import log_files
-from drcli.base.rotating_file import RotatingFile
+from drcli.base import log
+from drcli.base.log import RotatingFile
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def path(tmp_path):
 
 
 def everything(path):
-    return "".join(part.read_text() for part in [*log_files.older_parts(path), path])
+    return "".join(part.read_text() for part in [*log.older_parts(path), path])
 
 
 def test_there_is_no_file_before_the_first_line(path):

@@ -37,7 +37,7 @@ def test_a_file_of_the_working_folder_does_not_replace_a_module(tmp_path):
     (tmp_path / "runpy.py").write_text("raise SystemExit('the wrong runpy')")
 
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "drcli.base.start_module", "drcli.workers.sim", "0"],
+        [sys.executable, "-P", "-m", "drcli.base.start_module", "drcli.train.sim", "0"],
         cwd=tmp_path,
         capture_output=True,
         text=True,

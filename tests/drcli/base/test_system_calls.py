@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from drcli.base import elapsed, process_identity, system_calls
+from drcli.base import clock, processes, system_calls
 from drcli.base.errors import NotAvailable
 from drcli.checks.doctor import surroundings
-from drcli.runs.open_files_watch import open_files_limit
+from drcli.run.memory_watch import open_files_limit
 from drcli.workers import pulse
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -32,10 +32,10 @@ LINUX_ONLY = {
 
 ALLOWED = {
     "drcli/base/system_calls.py",  # each function has a fallback
-    "drcli/base/elapsed.py",  # chooses a clock
-    "drcli/base/signal_guard.py",  # guards the call only where it exists
+    "drcli/base/clock.py",  # chooses a clock
+    "drcli/base/confinement.py",  # guards the call only where it exists
     "drcli/config/secret_environment.py",  # returns at once on other systems
-    "drcli/workers/gradient_memory.py",  # only where there is /dev/shm
+    "drcli/train/learner_group.py",  # only where there is /dev/shm
 }
 
 
@@ -124,25 +124,25 @@ def test_cores_open_files_and_clock_have_another_source_elsewhere(monkeypatch, t
 
     assert system_calls.cores_of_process() == os.cpu_count()
     assert system_calls.open_files() >= 3
-    assert elapsed.elapsed_s() == pytest.approx(time.monotonic(), abs=1.0)
+    assert clock.elapsed_s() == pytest.approx(time.monotonic(), abs=1.0)
     monkeypatch.setattr(system_calls, "_DESCRIPTORS", (tmp_path / "absent",))
     assert system_calls.open_files() == 0
 
 
 def test_processes_are_recognised_without_proc(monkeypatch, tmp_path):
-    monkeypatch.setattr(process_identity, "_PROC", tmp_path / "absent")
+    monkeypatch.setattr(processes, "_PROC", tmp_path / "absent")
     monkeypatch.setattr(pulse, "_PROC", tmp_path / "absent")
-    process_identity.this_machine.cache_clear()
+    processes.this_machine.cache_clear()
     try:
-        name = process_identity.this_machine()
+        name = processes.this_machine()
     finally:
-        process_identity.this_machine.cache_clear()
-    began_s = process_identity.started_s(os.getpid())
+        processes.this_machine.cache_clear()
+    began_s = processes.started_s(os.getpid())
 
     assert name.startswith("booted ")
     assert began_s is not None
-    assert process_identity.is_alive(os.getpid(), began_s)
-    assert not process_identity.is_alive(os.getpid(), began_s - 100.0)
+    assert processes.is_alive(os.getpid(), began_s)
+    assert not processes.is_alive(os.getpid(), began_s - 100.0)
     assert pulse.own_memory_bytes() > 1 << 20
 
 

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from drcli.base.termination import STOPS, NotedSignals, Stopped, handle, restore, until_sigterm
+from drcli.base.processes import STOPS, NotedSignals, Stopped, handle, restore, until_sigterm
 
 
 @pytest.mark.parametrize("number", STOPS)

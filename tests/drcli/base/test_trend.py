@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from drcli.base.trend import MOST_SAMPLES, Trend
+from drcli.base.clock import MOST_SAMPLES, Trend
 
 
 def fed(values, every_s=5.0) -> Trend:

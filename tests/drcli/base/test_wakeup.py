@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from drcli.base.wakeup import Wakeup, wake
+from drcli.base.processes import Wakeup, wake
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="wake-ups are for Linux only")
 
@@ -22,7 +22,7 @@ def sleeper(tmp_path):
 
 
 def test_another_process_ends_a_pause(tmp_path, sleeper):
-    program = "import sys; from pathlib import Path; from drcli.base.wakeup import wake; "
+    program = "import sys; from pathlib import Path; from drcli.base.processes import wake; "
     program += "wake(Path(sys.argv[1]), 'sim-0', 'trainer')"
     with subprocess.Popen([sys.executable, "-c", program, tmp_path]) as other:
         began_s = time.monotonic()

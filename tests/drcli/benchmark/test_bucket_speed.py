@@ -5,8 +5,8 @@ import time
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.benchmark import bucket_speed
-from drcli.benchmark.bucket_speed import measure_bucket
+from drcli.checks.bench import bucket_speed
+from drcli.checks.bench.bucket_speed import measure_bucket
 from memory_bucket import MemoryBucket
 
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.benchmark.bucket_speed import BucketSpeed
-from drcli.benchmark.estimate import FIRST_LAP_STEPS, estimate, first_lap_s
-from drcli.benchmark.work_order import Rates, Ready
+from drcli.checks.bench.bucket_speed import BucketSpeed
+from drcli.checks.bench.machine_benchmark import FIRST_LAP_STEPS, estimate, first_lap_s
+from drcli.checks.bench.work_order import Rates, Ready
 
 READY = Ready(
     prepared_s=5.0,

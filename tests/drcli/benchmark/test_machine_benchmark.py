@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError, WorkerDied
-from drcli.benchmark import machine_benchmark, spare_bucket
-from drcli.benchmark.machine_benchmark import measure_machine
-from drcli.benchmark.processor_use import ProcessorUse
-from drcli.benchmark.work_order import WorkOrder
+from drcli.checks.bench import bucket_speed, machine_benchmark
+from drcli.checks.bench.machine_benchmark import ProcessorUse, measure_machine
+from drcli.checks.bench.work_order import WorkOrder
 
 from .test_estimate import RATES, READY
 
@@ -35,7 +34,7 @@ def test_a_machine_is_measured_in_a_folder_without_settings_and_nothing_stays(
     for name in ("run.env", "system.env"):
         (working_folder / name).unlink()
     temporary = tmp_path_factory.mktemp("temporary")
-    monkeypatch.setattr(spare_bucket.tempfile, "gettempdir", lambda: str(temporary))
+    monkeypatch.setattr(bucket_speed.tempfile, "gettempdir", lambda: str(temporary))
     monkeypatch.setattr(machine_benchmark, "MEASURED_S", 1.0)
     monkeypatch.setattr(machine_benchmark, "BUCKET_S", 0.5)
 
@@ -107,7 +106,7 @@ def test_folders_of_killed_measurements_are_removed_and_others_stay(tmp_path):
     for folder in (gone, mine, tmp_path / ".dr-bench-notes"):
         folder.mkdir()
 
-    spare_bucket.sweep(Path(tmp_path))
+    bucket_speed.sweep(Path(tmp_path))
 
     assert {path.name for path in tmp_path.iterdir()} == {mine.name, ".dr-bench-notes"}
 

@@ -10,13 +10,12 @@ from typing import Any, ClassVar
 
 import pytest
 
-from drcli.base.problems import Problem
-from drcli.checks.check_report import Report
-from drcli.checks.validate import validate
+from drcli.base.errors import Problem
+from drcli.checks.validate import Report, validate
+from drcli.model.checkpoints import CheckpointStore
+from drcli.rewards.sandbox.run_sandbox import SandboxRequest, SandboxResult
 from drcli.rewards.sandbox.sandbox_process import calls_of, try_function
-from drcli.rewards.sandbox.sandbox_records import SandboxRequest, SandboxResult
 from drcli.rewards.try_inputs import try_inputs
-from drcli.store.checkpoints import CheckpointStore
 from memory_bucket import MemoryBucket
 
 REWARD = "def reward_function(params):\n    return float(params['speed'])\n"

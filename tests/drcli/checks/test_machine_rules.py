@@ -10,8 +10,8 @@ import pytest
 
 from drcli.checks.machine_rules import review_disk, review_gpu, review_memory
 from drcli.config.loading import load_settings
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
 
 GB = 1_000_000_000
 

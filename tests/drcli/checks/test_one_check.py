@@ -8,8 +8,8 @@ import pytest
 
 from drcli.checks.before_start import examine
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.modelfiles.custom_files import find
+from drcli.model.files.custom_files import find
+from drcli.records.job import Job
 from drcli.rewards import check, live_check
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.reward_style import review_style
@@ -41,7 +41,7 @@ def drive_once():
 def told(folder, sandbox_here, drive_once, monkeypatch, tmp_path):
     """The problems of a reward function by check: rule, severity, line, message and remedy."""
     monkeypatch.setattr("drcli.rewards.course.Sandbox", sandbox_here)
-    monkeypatch.setattr("drcli.rewards.track_grid._MOST_ALONG", 20)
+    monkeypatch.setattr("drcli.rewards.course._MOST_ALONG", 20)
     for module in (check, live_check):
         monkeypatch.setattr(module, "drive", drive_once)
 

@@ -10,17 +10,16 @@ from typing import Any
 
 import pytest
 
-from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.base.problems import ProblemsError
+from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError
+from drcli.bucket.bucket import ObjectInfo
 from drcli.config.loading import load_settings
-from drcli.exchange.daily_spending import DaySpending, day_of, write_day
-from drcli.exchange.run_record import run_folder
-from drcli.formats.reference_checkpoint import refuse_other_networks
+from drcli.convert.reference_checkpoint import refuse_other_networks
 from drcli.learn.policy import PolicySpec
-from drcli.runs.plan import StartOptions, prepare
-from drcli.store import lease
-from drcli.store.bucket import ObjectInfo
-from drcli.store.keys import TEST_FOLDER
+from drcli.model import lease
+from drcli.model.keys import TEST_FOLDER
+from drcli.records.run_record import run_folder
+from drcli.records.training_record import DaySpending, day_of, write_day
+from drcli.run.plan import StartOptions, prepare
 from own_run import own_run
 
 Spoil = Callable[[Any], object]
@@ -809,7 +808,7 @@ def test_a_folder_that_breaks_a_rule_is_told_where_and_what_to_do(folder, case):
     ids=lambda case: f"{case.rule}-{case.severity}",
 )
 def test_a_start_stops_at_what_is_an_error_and_at_nothing_else(folder, case, monkeypatch):
-    monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
+    monkeypatch.setattr("drcli.run.plan.open_bucket", lambda *_, **__: folder.bucket)
     case.spoil(folder)
     ok = folder.report().ok
 
@@ -823,7 +822,7 @@ def test_a_start_stops_at_what_is_an_error_and_at_nothing_else(folder, case, mon
 
 
 def test_a_folder_whose_stages_hide_what_is_wrong_does_not_start_either(folder, monkeypatch):
-    monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
+    monkeypatch.setattr("drcli.run.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.settings(DR_CURRICULUM_FILE="stages.yaml", DR_RACE_TYPE="HEAD_TO_MODEL")
     folder.hyperparameters(lr=1)
     stages = "stages:\n- {name: one, hyperparameters: {lr: 0.001}, goal: {iterations: 3}, "

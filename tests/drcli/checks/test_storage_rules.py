@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.checks.storage_rules import probe
+from drcli.checks.start_rules import probe
 from memory_bucket import MemoryBucket
 
 

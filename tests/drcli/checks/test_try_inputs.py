@@ -13,11 +13,11 @@ import pytest
 
 from drcli.checks.before_start import examine
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.modelfiles.custom_files import InputFile
+from drcli.model.files.custom_files import InputFile
+from drcli.records.job import Job
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
-from drcli.rewards.sandbox.sandbox_records import Failure, SandboxRequest, SandboxResult
+from drcli.rewards.sandbox.run_sandbox import Failure, SandboxRequest, SandboxResult
 from drcli.rewards.try_inputs import races_of, try_inputs
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -11,9 +11,9 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks.validate import validate
 from drcli.config.loading import load_settings
-from drcli.modelfiles.custom_files import InputFile
+from drcli.model.files.custom_files import InputFile
 from drcli.rewards.reward_rules import read_source
-from drcli.runs.plan import StartOptions, prepare
+from drcli.run.plan import StartOptions, prepare
 from own_run import own_run
 from reference_model import HYPERPARAMETERS
 
@@ -241,7 +241,7 @@ def test_a_rule_for_the_console_is_an_error_only_when_it_shall_take_the_model(fo
 
 
 def test_the_start_of_a_training_reports_the_same_errors_in_a_line_each(folder, monkeypatch):
-    monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
+    monkeypatch.setattr("drcli.run.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.settings(DR_WORLD_NAME="nowhere")
     folder.hyperparameters(lr=1, loss_type="hubr")
     folder.reward("def reward_function(params):\n    return bonus\n")
@@ -257,7 +257,7 @@ def test_the_start_of_a_training_reports_the_same_errors_in_a_line_each(folder, 
 
 
 def test_the_start_warns_of_what_surprises_and_not_of_style(folder, monkeypatch):
-    monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
+    monkeypatch.setattr("drcli.run.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.reward("def reward_function(params):\n  return 1 if params['progress']==1 else 2\n")
 
     plan = prepare(load_settings(folder.path, environ={}), StartOptions())

@@ -11,7 +11,7 @@ import typer.main
 
 from drcli import __version__
 from drcli.base.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
-from drcli.base.termination import Stopped
+from drcli.base.processes import Stopped
 from drcli.cli.app import main
 from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS, program_names
@@ -28,7 +28,7 @@ def failing(working_folder, monkeypatch):
         def is_running(*_):
             raise failure
 
-        monkeypatch.setattr("drcli.runs.stopping.is_running", is_running)
+        monkeypatch.setattr("drcli.run.stopping.is_running", is_running)
 
     return fail_with
 

@@ -4,8 +4,8 @@ import io
 
 import pytest
 
-from drcli.cli import ascii_only
-from drcli.cli.views.sparkline import ALL, BLOCKS, NONE, SOME
+from drcli.cli import app
+from drcli.cli.views.iterations import ALL, BLOCKS, NONE, SOME
 
 
 @pytest.fixture
@@ -15,7 +15,7 @@ def shown():
     def write(text: str, encoding: str) -> str:
         raw = io.BytesIO()
         stream = io.TextIOWrapper(raw, encoding=encoding)
-        ascii_only.use(stream)
+        app.use(stream)
         stream.write(text)
         stream.flush()
         return raw.getvalue().decode(encoding)

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from drcli.bucket.s3_bucket import S3Bucket
 from drcli.cli.command_table import COMMANDS
-from drcli.exchange.iteration import encode_history
-from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.store import keys
-from drcli.store.s3_bucket import S3Bucket
+from drcli.model import keys
+from drcli.records.iteration import encode_history
+from drcli.records.run_record import RunRecord, run_folder
 from refusing_s3 import Refusals, refusing_server
 from stored_models import iteration
 from trained_model import put_trained_model

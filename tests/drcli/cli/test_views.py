@@ -7,15 +7,14 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from drcli.base.plain_json import plain
-from drcli.cli.views import evaluation_view, iterations, models_view, training_view
-from drcli.exchange.daily_spending import DayBudget
-from drcli.exchange.laps import Laps
-from drcli.exchange.phase import PHASES, PhaseMark
-from drcli.exchange.stage import StageMark
-from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
-from drcli.runs.phase_report import PhaseReport
-from drcli.runs.status import CheckpointLaps, JoinedReport
+from drcli.base.json_record import plain
+from drcli.cli.commands import evaluate
+from drcli.cli.views import iterations, models_view, training_view
+from drcli.model.model_list import CheckpointEntry, ModelEntry, ModelList
+from drcli.records.iteration import Laps
+from drcli.records.stage import PHASES, PhaseMark, StageMark
+from drcli.records.training_record import DayBudget
+from drcli.run.status import CheckpointLaps, JoinedReport, PhaseReport
 
 NOW_S = 1_000_000.0 + 75.0
 
@@ -188,7 +187,7 @@ def test_a_dead_worker_catches_the_eye(make_report):
 
 
 def test_an_evaluation_is_a_table_and_a_sentence(evaluation_report):
-    shown = screen(evaluation_view.evaluation(evaluation_report))
+    shown = screen(evaluate.show_evaluation(evaluation_report))
 
     assert shown == EVALUATION
 
@@ -198,7 +197,7 @@ def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
         "model", "reinvent_base", "1_Step-9.ckpt", evaluation_report.trials[2:], "", ""
     )
 
-    assert "0 of 1 lap clean; checkpoint 1_Step-9.ckpt" in screen(evaluation_view.evaluation(lost))
+    assert "0 of 1 lap clean; checkpoint 1_Step-9.ckpt" in screen(evaluate.show_evaluation(lost))
 
 
 def test_an_iteration_fits_a_line_of_80_columns(make_record):
@@ -307,7 +306,7 @@ def test_a_race_against_a_model_shows_both_and_names_the_winner(evaluation_repor
     slower = [replace(trial, lap_s=trial.lap_s + 1.0) for trial in own.trials]
     race = replace(own, opponent=replace(own, prefix="rival", trials=slower))
 
-    shown = screen(evaluation_view.evaluation(race))
+    shown = screen(evaluate.show_evaluation(race))
 
     assert "8_Step-4000.ckpt of rival on" in shown
     assert shown.splitlines()[-1] == "model wins, 2.00 s ahead of rival."
@@ -320,7 +319,7 @@ def test_more_laps_win_against_a_faster_time(evaluation_report):
     )
 
     assert (
-        screen(evaluation_view.evaluation(race)).splitlines()[-1]
+        screen(evaluate.show_evaluation(race)).splitlines()[-1]
         == "model wins with more finished laps."
     )
 
@@ -331,7 +330,7 @@ def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):
         trials=[replace(trial, status="Off track") for trial in evaluation_report.trials],
     )
 
-    assert "Nobody wins." in screen(evaluation_view.evaluation(replace(lost, opponent=lost)))
+    assert "Nobody wins." in screen(evaluate.show_evaluation(replace(lost, opponent=lost)))
 
 
 def test_a_collapse_is_told_in_every_display(make_report):
@@ -392,6 +391,6 @@ def test_an_evaluation_says_how_far_the_best_lap_is_from_the_limit(evaluation_re
     lost = ["waypoints 20 to 26: 0.31 s (0.93 s, the line 0.62 s)", "waypoints 3 to 9: 0.20 s"]
     report = replace(evaluation_report, limit=limit, lost=lost)
 
-    shown = " ".join(screen(evaluation_view.evaluation(report)).split())
+    shown = " ".join(screen(evaluate.show_evaluation(report)).split())
 
     assert f"{limit}. Most time is lost at {'; '.join(lost)}." in shown

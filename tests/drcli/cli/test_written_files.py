@@ -7,7 +7,7 @@ import typer.main
 
 from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS
-from drcli.config.example_files import model_file
+from drcli.config.presets import model_file
 
 OLD = b"an older file"
 

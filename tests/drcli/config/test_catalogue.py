@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config.setting_problems import hidden
+from drcli.config.fields import hidden
 from drcli.config.settings import catalogue
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drcli.base.problems import BadValue
-from drcli.config.checkpoint_words import WORDS, parse_checkpoint
+from drcli.base.errors import BadValue
+from drcli.config.value_types import WORDS, parse_checkpoint
 
 
 @pytest.mark.parametrize(

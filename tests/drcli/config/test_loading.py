@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config.settings import catalogue
-from drcli.remote.droa_site import PASSWORD_VARIABLE
+from drcli.outside.droa.droa_site import PASSWORD_VARIABLE
 
 
 @pytest.mark.parametrize("layers", [4, 3, 2, 1, 0])

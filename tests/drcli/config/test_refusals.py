@@ -4,8 +4,7 @@ import pwd
 
 import pytest
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import ProblemsError
+from drcli.base.errors import ProblemsError, SettingsError
 from drcli.config.loading import load_settings
 
 

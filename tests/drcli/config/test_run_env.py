@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.config.run_env import raised
+from drcli.config.editing import raised
 
 
 @pytest.mark.parametrize(

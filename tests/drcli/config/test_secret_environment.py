@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from drcli.bucket.endpoint import lend_to_refreshes
 from drcli.config import secret_environment
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.store.profiles import lend_to_refreshes
+from drcli.records.job import Job
 
 SECRETS = {
     "AWS_ACCESS_KEY_ID": "AKIA1",

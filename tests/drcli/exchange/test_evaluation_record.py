@@ -6,7 +6,7 @@ import time
 import psutil
 import pytest
 
-from drcli.exchange.evaluation_record import EvaluationRecord, claim, running_evaluations, sweep
+from drcli.records.run_record import EvaluationRecord, claim, running_evaluations, sweep
 
 
 @pytest.fixture

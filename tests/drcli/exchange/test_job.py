@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.exchange import job as jobs
-from drcli.exchange.job import THREAD_VARIABLES, Job, WorkerExit
+from drcli.records import job as jobs
+from drcli.records.job import THREAD_VARIABLES, Job, WorkerExit
 
 EXIT = WorkerExit("The bucket is gone.", "Start it.", 4)
 
@@ -64,8 +64,8 @@ def test_a_job_of_another_version_is_refused_with_a_reason(job, monkeypatch):
     "waits",
     [
         "from drcli.workers.worker_process import run; run('trainer', lambda job, lifeline: None)",
-        "import runpy; runpy.run_module('drcli.runs.training', run_name='__main__')",
-        "import runpy; runpy.run_module('drcli.runs.evaluation', run_name='__main__')",
+        "import runpy; runpy.run_module('drcli.run.training', run_name='__main__')",
+        "import runpy; runpy.run_module('drcli.run.evaluation', run_name='__main__')",
     ],
     ids=["worker", "supervisor", "evaluation"],
 )

@@ -5,7 +5,7 @@ from math import comb
 
 import pytest
 
-from drcli.exchange.laps import Laps, lap_time, paired_p, share_interval
+from drcli.records.iteration import Laps, lap_time, paired_p, share_interval
 
 
 def test_wilson_intervals_equal_published_ones():

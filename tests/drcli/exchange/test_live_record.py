@@ -6,7 +6,7 @@ import stat
 import pytest
 
 from drcli.base.json_record import RecordError
-from drcli.exchange.live_record import (
+from drcli.live.live_record import (
     LiveAddress,
     LiveCar,
     LiveMessage,

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from drcli.exchange.pulse_record import (
+from drcli.records.heartbeat import (
     FILE_BYTES,
     PulseRecord,
     open_pulse_file,

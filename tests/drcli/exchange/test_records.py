@@ -7,26 +7,20 @@ from typing import Any
 
 import pytest
 
-from drcli.base.fingerprint import Fingerprint
-from drcli.base.json_record import RecordError
-from drcli.exchange.checkpoint import (
-    CheckpointName,
-    CheckpointRecord,
-    Counters,
-    decode_pointer,
-)
-from drcli.exchange.episode_metrics import (
+from drcli.base.json_record import Fingerprint, RecordError
+from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters, decode_pointer
+from drcli.records.episode_metrics import (
     EpisodeMetrics,
     EvaluationTrials,
     TrialMetrics,
     decode_metrics,
     encode_metrics,
 )
-from drcli.exchange.iteration import decode_history, encode_history
-from drcli.exchange.rollout_manifest import Driving, Manifest, Part
-from drcli.exchange.run_state import ActivityRecord, Lease, TrainingEnd
-from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, Score, Scores
-from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
+from drcli.records.iteration import decode_history, encode_history
+from drcli.records.rollout import Driving, Manifest, Part
+from drcli.records.run_record import ActivityRecord, Lease, TrainingEnd
+from drcli.records.scores import EvaluationEpisodes, EvaluationResult, Score, Scores
+from drcli.records.training_record import GitState, Pretrained, TrainingStart
 from iterations import iteration_record
 
 ITERATION = iteration_record(3, elapsed_s=9.0)

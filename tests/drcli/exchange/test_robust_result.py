@@ -1,7 +1,6 @@
 """The number of a robust evaluation, worked by hand."""
 
-from drcli.exchange.evaluation_task import TaskOutcome
-from drcli.exchange.robust_result import RobustCell, RobustResult
+from drcli.records.evaluation_task import RobustCell, RobustResult, TaskOutcome
 
 
 def cell(axis: str, level: str, completed: int, progress: float) -> RobustCell:

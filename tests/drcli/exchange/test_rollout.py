@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
 from drcli.base.json_record import RecordError
-from drcli.exchange.rollout import Episodes, decode_episodes, encode_episodes
 from drcli.learn.rollout_buffer import Rollout
+from drcli.records.rollout import Episodes, decode_episodes, encode_episodes
 
 
 def played(lengths: list[int], *, first: int = 0, continuous: bool = False) -> Episodes:

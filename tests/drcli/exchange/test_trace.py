@@ -2,16 +2,8 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.exchange.episode_metrics import EpisodeMetrics, TrialMetrics
-from drcli.exchange.trace import (
-    CSV_HEADER,
-    Episode,
-    Row,
-    csv_text,
-    log_lines,
-    read_csv,
-    schedule,
-)
+from drcli.records.episode_metrics import EpisodeMetrics, TrialMetrics
+from drcli.records.trace import CSV_HEADER, Episode, Row, csv_text, log_lines, read_csv, schedule
 
 STEP_S = 1 / 15
 

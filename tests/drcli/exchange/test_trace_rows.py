@@ -14,11 +14,11 @@ import pytest
 from drcli.analysis.model_source import open_model
 from drcli.analysis.read_run import run_of
 from drcli.base.errors import SettingsError
+from drcli.cli.commands.action_space import traces_in_folders
 from drcli.config.loading import load_settings
-from drcli.exchange.trace_rows import COLUMNS
-from drcli.models.trace_files import traces_in_folders
-from drcli.runs.seen_in_bucket import lap_lines
-from drcli.video.trace_source import trace_of_file
+from drcli.records.trace import COLUMNS
+from drcli.run.seen_in_bucket import lap_lines
+from drcli.view.video.trace_source import trace_of_file
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.fidelity.recordings import RecordingError, load_recordings
 from drsim.track.worlds import load_track

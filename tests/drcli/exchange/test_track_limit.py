@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drcli.exchange.track_limit import (
+from drcli.tracks.limit_store import StoredLimit, fingerprint, read_limits, write_limits
+from drcli.tracks.track_limit import (
     LapRow,
     TrackLimit,
     above_limit,
@@ -15,7 +16,6 @@ from drcli.exchange.track_limit import (
     limit_text,
     lost_places,
 )
-from drcli.tracks.limit_store import StoredLimit, fingerprint, read_limits, write_limits
 
 STATIONS = 60
 LIMIT = StoredLimit(

@@ -10,16 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
+from drcli.checks.explain.explain_texts import EXIT_CODES, GLOSSARY, TRACE_COLUMNS
+from drcli.checks.explain.lookup import Explanation, every_entry, explain, shipped_values
+from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
 from drcli.config.settings import catalogue
-from drcli.exchange.trace import CSV_HEADER
-from drcli.explain.exit_code_texts import EXIT_CODES
-from drcli.explain.explanation import Explanation
-from drcli.explain.glossary_texts import GLOSSARY
-from drcli.explain.hyperparameter_texts import HYPERPARAMETER_TEXTS
-from drcli.explain.lookup import every_entry, explain, shipped_values
-from drcli.explain.reward_parameter_texts import REWARD_PARAMETERS
-from drcli.explain.trace_texts import TRACE_COLUMNS
-from drcli.modelfiles.hyperparameters import KEYS
+from drcli.model.files.hyperparameters import KEYS
+from drcli.records.trace import CSV_HEADER
+from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 from drsim.episode.simulation import Simulation
 from drsim.track.worlds import load_track
 

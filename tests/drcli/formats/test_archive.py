@@ -17,9 +17,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from drcli.base import archive
+from drcli.base import archive as gzip_stream
+from drcli.base.archive import read_archive, unpack_archive, unpack_readable
 from drcli.base.errors import SettingsError
-from drcli.formats import archive, gzip_stream
-from drcli.formats.archive import read_archive, unpack_archive, unpack_readable
 
 FORMATS = {"ustar": tarfile.USTAR_FORMAT, "gnu": tarfile.GNU_FORMAT, "pax": tarfile.PAX_FORMAT}
 FILES = {"model_metadata.json": b"{}", "agent/model.pb": b"\x0a graph" * 200}

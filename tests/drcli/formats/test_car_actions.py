@@ -2,14 +2,14 @@
 
 import pytest
 
-from drcli.formats.car_actions import (
+from drcli.convert.car_rules import (
     action_problems,
     car_actions,
     sensor_problems,
     stack_problems,
     throttle,
 )
-from drcli.modelfiles.action_space import ActionSpace
+from drcli.model.files.action_space import ActionSpace
 
 
 @pytest.mark.parametrize(

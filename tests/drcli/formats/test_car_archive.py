@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.formats.build_network import weights_of
-from drcli.formats.car_archive import car_archive, check_car_archive, lint_car_archive
-from drcli.formats.car_rules import car_file_name
-from drcli.formats.frozen_graph import policy_nodes
-from drcli.formats.tensorflow.graph import Node, Shape, encode_graph
+from drcli.convert.build_network import weights_of
+from drcli.convert.car_archive import car_archive, check_car_archive, lint_car_archive
+from drcli.convert.car_rules import car_file_name
+from drcli.convert.frozen_graph import policy_nodes
+from drcli.convert.tensorflow.graph import Node, Shape, encode_graph
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
 from drcli.learn.sac_networks import SACAgent
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.model.files.model_metadata import ModelMetadata
 
 REFERENCE = Path(__file__).resolve().parents[4] / "shared" / "reference-models"
 AGENT = "main_level/agent/main/online"

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import encode_policy
-from drcli.formats.tensorflow.graph import decode_graph
-from drcli.formats.tensorflow.interpreter import Graph
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import encode_policy
+from drcli.convert.tensorflow.graph import decode_graph
+from drcli.convert.tensorflow.interpreter import Graph
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.sac_networks import SACAgent

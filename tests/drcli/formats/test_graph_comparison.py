@@ -5,9 +5,8 @@ import pytest
 import torch
 
 from drcli.base.errors import SettingsError
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import encode_policy
-from drcli.formats.graph_comparison import compare_graph, compare_outputs
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import compare_graph, compare_outputs, encode_policy
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
 from drcli.learn.sac_networks import SACAgent

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import NotAvailable, SettingsError
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import policy_nodes
-from drcli.formats.onnx_graph import encode_onnx
-from drcli.formats.onnx_reader import read_onnx
-from drcli.formats.tensorflow.graph import Node, Shape, decode_graph, encode_graph
-from drcli.formats.tensorflow.interpreter import Graph
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import policy_nodes
+from drcli.convert.onnx_graph import encode_onnx
+from drcli.convert.onnx_reader import read_onnx
+from drcli.convert.tensorflow.graph import Node, Shape, decode_graph, encode_graph
+from drcli.convert.tensorflow.interpreter import Graph
 from small_policies import small_metadata, small_network
 
 onnx = pytest.importorskip("onnx")
@@ -144,7 +144,7 @@ def test_a_kernel_that_is_computed_is_refused():
 
 
 def test_without_the_package_it_is_named(monkeypatch):
-    monkeypatch.setattr("drcli.formats.extras.is_installed", lambda name: False)
+    monkeypatch.setattr("drcli.base.installation.is_installed", lambda name: False)
 
     with pytest.raises(NotAvailable, match="package onnx") as caught:
         encode_onnx(nodes_of("discrete", ["FRONT_FACING_CAMERA"]), "model.pb")

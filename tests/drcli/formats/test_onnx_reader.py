@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.formats.onnx_reader import read_onnx
-from drcli.formats.tensorflow.interpreter import Graph
+from drcli.convert.onnx_reader import read_onnx
+from drcli.convert.tensorflow.interpreter import Graph
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")

@@ -6,9 +6,8 @@ import tarfile
 
 import pytest
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import ProblemsError
-from drcli.formats.policy_file import metadata_path, read_policy_file
+from drcli.base.errors import ProblemsError, SettingsError
+from drcli.convert.policy_file import metadata_path, read_policy_file
 from small_policies import metadata_json
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.formats.read_checkpoint import read_reference_checkpoint
-from drcli.formats.reference_layout import SCOPE, reference_layout
-from drcli.formats.tensorflow.bundle import write_bundle
+from drcli.convert.imported_policy import read_reference_checkpoint
+from drcli.convert.reference_layout import SCOPE, reference_layout
+from drcli.convert.tensorflow.bundle import write_bundle
 
 DEEP = "DEEP_CONVOLUTIONAL_NETWORK_DEEP"
 CAMERA = "FRONT_FACING_CAMERA"

@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from drcli.base.errors import SettingsError
-from drcli.formats.build_network import load_arrays, weights_of
-from drcli.formats.frozen_graph import encode_policy, policy_nodes
-from drcli.formats.read_graph import read_graph, read_nodes
-from drcli.formats.tensorflow.graph import Node, Shape, encode_graph
-from drcli.formats.tensorflow.interpreter import Graph
+from drcli.convert.build_network import load_arrays, weights_of
+from drcli.convert.frozen_graph import encode_policy, policy_nodes
+from drcli.convert.read_graph import read_graph, read_nodes
+from drcli.convert.tensorflow.graph import Node, Shape, encode_graph
+from drcli.convert.tensorflow.interpreter import Graph
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.sac_networks import SACAgent

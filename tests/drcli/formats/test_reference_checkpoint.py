@@ -5,15 +5,15 @@ import pytest
 import torch
 
 from drcli.base.errors import SettingsError
-from drcli.formats.build_network import weights_of
-from drcli.formats.read_checkpoint import read_reference_checkpoint
-from drcli.formats.reference_checkpoint import (
+from drcli.convert.build_network import weights_of
+from drcli.convert.imported_policy import read_reference_checkpoint
+from drcli.convert.reference_checkpoint import (
     encode_reference_checkpoint,
     export_notes,
     reference_variables,
     refuse_other_networks,
 )
-from drcli.formats.tensorflow.bundle import DATA, INDEX, read_bundle
+from drcli.convert.tensorflow.bundle import DATA, INDEX, read_bundle
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.sac_networks import SACAgent
@@ -181,8 +181,8 @@ def test_an_export_that_the_reference_would_not_read_completely_is_refused():
 
 def test_tensorflow_restores_the_checkpoint_and_computes_the_same(tmp_path):
     tensorflow = pytest.importorskip("tensorflow", reason="TensorFlow is not installed.")
-    from drcli.formats.frozen_graph import policy_nodes
-    from drcli.formats.tensorflow.meta_graph import encode_meta_graph
+    from drcli.convert.frozen_graph import policy_nodes
+    from drcli.convert.tensorflow.graph import encode_meta_graph
 
     sensors = ["FRONT_FACING_CAMERA"]
     model, spec = policy_of(DEEP, sensors, continuous=True)

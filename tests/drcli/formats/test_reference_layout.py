@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drcli.formats.reference_layout import SCOPE, differences, reference_layout
-from drcli.formats.tensorflow.graph import decode_graph
+from drcli.convert.reference_layout import SCOPE, differences, reference_layout
+from drcli.convert.tensorflow.graph import decode_graph
 
 GOLDEN = json.loads(
     (Path(__file__).parents[2] / "data" / "tensorflow" / "variables.json").read_text()

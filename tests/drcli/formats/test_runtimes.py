@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import NotAvailable, SettingsError
-from drcli.formats import write_form as forms
-from drcli.formats.engine_fit import check_file
-from drcli.formats.policy_file import PolicyFile, read_policy_file
-from drcli.formats.runtimes import policy_of_file, policy_of_model
+from drcli.convert.policy_file import PolicyFile, read_policy_file
+from drcli.convert.runtimes import check_file, policy_of_file, policy_of_model
 from drcli.learn.policy import Observation, decide
+from drcli.transfer import export_forms as forms
 from small_policies import metadata_json, small_metadata, small_network
 
 onnx = pytest.importorskip("onnx")
@@ -239,7 +238,7 @@ def test_a_file_that_does_not_fit_its_metadata_is_refused(stranger, how, metadat
 )
 def test_what_is_not_installed_is_named(monkeypatch, runtime, missing, extra):
     monkeypatch.setattr(
-        "drcli.formats.extras.is_installed", lambda name: name not in missing.split()
+        "drcli.base.installation.is_installed", lambda name: name not in missing.split()
     )
     metadata = small_metadata()
 
@@ -278,8 +277,8 @@ def test_values_that_are_not_numbers_are_refused(stranger):
 
 def test_openvinos_own_files_run(tmp_path):
     pytest.importorskip("openvino")
-    from drcli.formats.convert_graph import openvino_of
-    from drcli.formats.frozen_graph import encode_policy
+    from drcli.convert.engines import openvino_of
+    from drcli.convert.frozen_graph import encode_policy
 
     metadata = small_metadata()
     model = small_network(metadata)
@@ -300,7 +299,7 @@ def test_a_signal_may_come_after_engines_are_gone():
     pytest.importorskip("openvino")
     code = (
         "import gc, os, signal\n"
-        "from drcli.formats.extras import openvino_core\n"
+        "from drcli.base.installation import openvino_core\n"
         "signal.signal(signal.SIGTERM, lambda *_: print('heard'))\n"
         "cores = [openvino_core() for _ in range(3)]\n"
         "for core in cores:\n"

@@ -6,12 +6,10 @@ import torch
 
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig, SACConfig
-from drcli.learn.captured_step import WARM_UP, CapturedStep
 from drcli.learn.compute import Compute
-from drcli.learn.gpu_policy import GpuPolicy
+from drcli.learn.cuda import WARM_UP, CapturedStep, GpuPolicy, ReusedMemory
 from drcli.learn.policy import Observation, PolicySpec, decide
 from drcli.learn.ppo import PPO
-from drcli.learn.reused_memory import ReusedMemory
 from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
 from drcli.learn.update_result import NonFiniteLossError, require_finite_losses

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.gpu_policy import ROWS, GpuPolicy
+from drcli.learn.cuda import POLICY_ROWS, GpuPolicy
 from drcli.learn.policy import Observation, PolicySpec, decide
 from drcli.learn.sac_networks import SACAgent
 
@@ -32,10 +32,10 @@ def test_it_chooses_what_the_policy_itself_chooses_for_any_number_of_cars(epsilo
 def test_a_car_chooses_the_same_bits_beside_any_number_of_cars():
     on_gpu = GpuPolicy(_policy(PolicySpec(4, network="COMPACT_CONVOLUTIONAL_NETWORK")), CPU)
     on_gpu.follow(torch.float32)
-    seen, noise, most_likely = _drive(ROWS + CARS, 2)
+    seen, noise, most_likely = _drive(POLICY_ROWS + CARS, 2)
 
     whole = decide(on_gpu, seen, noise, most_likely)
-    for cars in (slice(0, 1), slice(CARS, 2 * CARS), slice(CARS, ROWS + CARS)):
+    for cars in (slice(0, 1), slice(CARS, 2 * CARS), slice(CARS, POLICY_ROWS + CARS)):
         part = decide(on_gpu, seen.part(cars), noise[cars], most_likely[cars])
 
         for own, other in zip(vars(part).values(), vars(whole).values(), strict=True):

@@ -8,11 +8,11 @@ import torch
 from safetensors.torch import load, save
 
 from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.advantages import UNITS, ReturnScale
 from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.policy import Observation, PolicySpec, decide
 from drcli.learn.ppo import PPO
-from drcli.learn.return_scale import UNITS, ReturnScale
 from drcli.learn.rollout_buffer import Rollout
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")

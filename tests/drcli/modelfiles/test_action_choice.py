@@ -5,7 +5,7 @@ import math
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.modelfiles.action_choice import close_share, grid, needed, smoothed, used
+from drcli.model.files.action_choice import close_share, grid, needed, smoothed, used
 
 
 def pairs(actions):

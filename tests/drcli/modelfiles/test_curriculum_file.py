@@ -2,10 +2,10 @@
 
 import pytest
 
-from drcli.base.problems import ProblemsError
-from drcli.config.example_files import model_file
-from drcli.exchange.stage import StageGoal
-from drcli.modelfiles.curriculum_file import MOST_STAGES, CurriculumFile
+from drcli.base.errors import ProblemsError
+from drcli.config.presets import model_file
+from drcli.model.files.curriculum_file import MOST_STAGES, CurriculumFile
+from drcli.records.stage import StageGoal
 
 GOOD = """\
 stages:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.modelfiles.custom_files import find
+from drcli.model.files.custom_files import find
 
 
 @pytest.mark.parametrize("look", ["is_file", "read_bytes"])

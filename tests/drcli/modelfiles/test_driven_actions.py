@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.modelfiles.driven_actions import complete_laps, read_steps
+from drcli.model.files.action_choice import complete_laps, read_steps
 
 RUNS = Path(__file__).resolve().parents[4] / "shared" / "reference-runs"
 

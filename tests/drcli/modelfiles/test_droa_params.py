@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from drcli.modelfiles.droa_params import (
+from drcli.model.files.params_yaml import (
     CLOCKWISE,
     COUNTER_CLOCKWISE,
     DROA_TRACKS,

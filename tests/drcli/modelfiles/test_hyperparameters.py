@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.modelfiles.hyperparameters import REFERENCE_KEYS, Hyperparameters
+from drcli.model.files.hyperparameters import REFERENCE_KEYS, Hyperparameters
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = (ROOT / "defaults" / "hyperparameters.json").read_bytes()

@@ -5,7 +5,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drcli.modelfiles.json_file import read_json_object
+from drcli.model.files.data_file import read_json_object
 
 TEXTS = st.text(max_size=4) | st.sampled_from(['"', "\\", "a:b", "{", "x,y]", "é\n"])
 VALUES = st.recursive(

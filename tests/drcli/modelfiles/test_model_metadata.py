@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.model.files.model_metadata import ModelMetadata
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = (ROOT / "defaults" / "model_metadata.json").read_bytes()

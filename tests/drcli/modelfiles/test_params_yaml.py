@@ -5,7 +5,7 @@ import yaml
 
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.modelfiles.params_yaml import (
+from drcli.model.files.params_yaml import (
     evaluation_parameters,
     moved_training_parameters,
     training_parameters,

@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
+from drcli.bucket.bucket import Watch
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.exchange.checkpoint import Counters
-from drcli.models.download import DownloadOptions, DownloadReport, download, plan_download
-from drcli.models.upload import UploadOptions, UploadReport, plan_upload, upload
-from drcli.store import keys
-from drcli.store.bucket import Watch
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.records.checkpoint import Counters
+from drcli.transfer.download import DownloadOptions, DownloadReport, download, plan_download
+from drcli.transfer.upload import UploadOptions, UploadReport, plan_upload, upload
 from evaluations import evaluated
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
@@ -44,7 +44,7 @@ class Mover:
         self.here = MemoryBucket("bucket")
         self.use(MemoryBucket("uploads"))
         monkeypatch.setattr(
-            "drcli.models.transfer_buckets.open_running_bucket", lambda *_: self.here
+            "drcli.transfer.transfer_buckets.open_running_bucket", lambda *_: self.here
         )
         for module in (
             "upload",
@@ -53,18 +53,18 @@ class Mover:
             "upload_prefix",
             "copy_custom_files",
         ):
-            monkeypatch.setattr(f"drcli.models.{module}.open_bucket", lambda *_, **__: self.here)
+            monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: self.here)
 
     def use(self, there: MemoryBucket) -> None:
         """Take another bucket for uploads."""
         self.there = there
         self._patch.setattr(
-            "drcli.models.transfer_buckets.open_upload_bucket", lambda *_, **__: self.there
+            "drcli.transfer.transfer_buckets.open_upload_bucket", lambda *_, **__: self.there
         )
 
     def use_as_source(self) -> None:
         """Let addresses lead to the bucket of uploads."""
-        self._patch.setattr("drcli.models.download.source_bucket", lambda *_, **__: self.there)
+        self._patch.setattr("drcli.transfer.download.source_bucket", lambda *_, **__: self.there)
 
     def run_env(self, *lines: str) -> None:
         (self.folder / "run.env").write_text("\n".join(lines) + "\n")
@@ -160,8 +160,8 @@ def exporter(mover: Mover, monkeypatch: pytest.MonkeyPatch) -> Mover:
     """A racer without a model yet, whose exports into buckets go to `there`."""
     mover.here.delete([info.key for info in mover.here.list("")])
     for module in ("export_model", "export_checkpoint", "export_droa", "write_export"):
-        monkeypatch.setattr(f"drcli.models.{module}.open_bucket", lambda *_, **__: mover.here)
-    monkeypatch.setattr("drcli.models.write_export.source_bucket", lambda *_, **__: mover.there)
+        monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: mover.here)
+    monkeypatch.setattr("drcli.transfer.export_model.source_bucket", lambda *_, **__: mover.there)
     monkeypatch.chdir(mover.folder)
     return mover
 
@@ -169,10 +169,8 @@ def exporter(mover: Mover, monkeypatch: pytest.MonkeyPatch) -> Mover:
 @pytest.fixture
 def small_checkpoints(monkeypatch: pytest.MonkeyPatch) -> None:
     """Exports have a few bytes instead of weights, for tests of all that is around them."""
-    from drcli.formats.training_checkpoint import TrainingCheckpoint
+    from drcli.transfer.export_forms import TrainingCheckpoint
 
     parts = {end: end.encode() for end in (".index", ".data-00000-of-00001", ".meta")}
     small = TrainingCheckpoint(parts, b"graph", 22, ["A note."])
-    monkeypatch.setattr(
-        "drcli.formats.training_checkpoint.encode_training_checkpoint", lambda *_: small
-    )
+    monkeypatch.setattr("drcli.transfer.export_forms.encode_training_checkpoint", lambda *_: small)

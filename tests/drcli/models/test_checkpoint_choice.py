@@ -3,16 +3,15 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.config.bucket_config import ModelConfig
-from drcli.exchange.scores import EvaluationResult
-from drcli.models.checkpoint_choice import CheckpointGone, find_choice, take_choice
-from drcli.models.checkpoint_list import list_checkpoints
-from drcli.store import keys
-from drcli.store.best_checkpoint import write_evaluation
-from drcli.store.checkpoint_retention import KEEP_ALL_MARKED, KeepRules
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import History
-from drcli.store.repair import Model
+from drcli.config.run_config import ModelConfig
+from drcli.model import keys
+from drcli.model.best_checkpoint import write_evaluation
+from drcli.model.checkpoint_choice import CheckpointGone, find_choice, take_choice
+from drcli.model.checkpoint_list import list_checkpoints
+from drcli.model.checkpoints import KEEP_ALL_MARKED, CheckpointStore, KeepRules
+from drcli.model.history import History
+from drcli.model.repair import Model
+from drcli.records.scores import EvaluationResult
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
@@ -53,7 +52,7 @@ def test_each_word_and_number_finds_its_checkpoint(choice, number):
 @pytest.fixture
 def shown(monkeypatch):
     said = []
-    monkeypatch.setattr("drcli.base.notices.show", said.append)
+    monkeypatch.setattr("drcli.base.errors.show", said.append)
     return said
 
 

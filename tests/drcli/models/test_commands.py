@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from drcli.store import keys
+from drcli.model import keys
 
 from .conftest import driven, put_model
 

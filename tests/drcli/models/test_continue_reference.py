@@ -6,12 +6,12 @@ import pytest
 from safetensors.numpy import load
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.checkpoint import Counters
-from drcli.formats.stored_checkpoint import load_checkpoint
-from drcli.models.continue_reference import plan_conversion
-from drcli.models.model_list import list_models
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
+from drcli.convert.stored_checkpoint import load_checkpoint
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_list import list_models
+from drcli.records.checkpoint import Counters
+from drcli.transfer.continue_reference import plan_conversion
 from evaluations import evaluated
 from reference_model import BEST, HYPERPARAMETERS, LAST, METADATA, NEWEST, reference_model
 

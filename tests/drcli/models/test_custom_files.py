@@ -5,7 +5,7 @@ import os
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.models.copy_custom_files import download_custom_files, upload_custom_files
+from drcli.transfer.copy_custom_files import download_custom_files, upload_custom_files
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import yaml
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.cli.views import models_view
-from drcli.models.download import DownloadOptions, plan_download
-from drcli.store import keys, lease
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model import keys, lease
+from drcli.model.checkpoints import CheckpointStore
+from drcli.transfer.download import DownloadOptions, plan_download
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 
-from drcli.base.errors import SettingsError, StorageError
-from drcli.base.problems import ProblemsError
+from drcli.base.errors import ProblemsError, SettingsError, StorageError
+from drcli.bucket.bucket import ObjectDamaged
 from drcli.config.loading import load_settings
 from drcli.config.run_config import RaceConfig
-from drcli.formats.graph_comparison import GraphComparison
-from drcli.models.export_car import (
+from drcli.convert.frozen_graph import GraphComparison
+from drcli.model import keys
+from drcli.transfer.export_car import (
     CarExport,
     archive_path,
     export_car,
@@ -21,10 +22,8 @@ from drcli.models.export_car import (
     upload_names,
     write_archive,
 )
-from drcli.models.export_model import ExportSource, Selection, read_export_source
-from drcli.models.upload_retention import Retention
-from drcli.store import keys
-from drcli.store.bucket import ObjectDamaged
+from drcli.transfer.export_model import ExportSource, Selection, read_export_source
+from drcli.transfer.upload import Retention
 from memory_bucket import MemoryBucket
 from reference_model import LAST, reference_model
 from small_model import put_small_model
@@ -45,7 +44,7 @@ def here(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> MemoryBucket:
     bucket = MemoryBucket("bucket")
     put_small_model(bucket, "team/model.1")
     for module in ("export_model", "transfer_buckets"):
-        monkeypatch.setattr(f"drcli.models.{module}.open_bucket", lambda *_, **__: bucket)
+        monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: bucket)
     return bucket
 
 
@@ -53,7 +52,9 @@ def here(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> MemoryBucket:
 def there(here: MemoryBucket, monkeypatch: pytest.MonkeyPatch) -> MemoryBucket:
     """The bucket of uploads."""
     bucket = MemoryBucket("uploads")
-    monkeypatch.setattr("drcli.models.transfer_buckets.open_upload_bucket", lambda *_, **__: bucket)
+    monkeypatch.setattr(
+        "drcli.transfer.transfer_buckets.open_upload_bucket", lambda *_, **__: bucket
+    )
     return bucket
 
 

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from drcli.formats.read_checkpoint import read_reference_checkpoint
-from drcli.store import keys
+from drcli.convert.imported_policy import read_reference_checkpoint
+from drcli.model import keys
 from trained_model import put_trained_model
 
 MODEL = "team/model"

@@ -6,7 +6,7 @@ import tarfile
 import pytest
 import yaml
 
-from drcli.store import keys
+from drcli.model import keys
 from trained_model import put_trained_model
 
 from .test_export_checkpoint import MODEL, files_of

@@ -6,11 +6,10 @@ import pytest
 from safetensors.torch import save
 
 from drcli.base.errors import NotAvailable, SettingsError
-from drcli.formats.policy_file import read_policy_file
-from drcli.formats.runtimes import policy_of_file
-from drcli.formats.write_form import Comparison, compare, sample_inputs
-from drcli.models.export_forms import export_form, plan_form
-from drcli.models.export_model import Selection
+from drcli.convert.policy_file import read_policy_file
+from drcli.convert.runtimes import policy_of_file
+from drcli.transfer.export_forms import Comparison, compare, export_form, plan_form, sample_inputs
+from drcli.transfer.export_model import Selection
 from small_policies import metadata_json, small_metadata, small_network
 
 
@@ -27,7 +26,7 @@ def exporter(racer, network, monkeypatch):
     tensors = save({name: t.contiguous() for name, t in network.state_dict().items()})
     for number in range(2):
         racer.store("model-1").save(number, number, tensors, optimizer=b"")
-    monkeypatch.setattr("drcli.models.export_model.open_bucket", lambda *_, **__: racer.bucket)
+    monkeypatch.setattr("drcli.transfer.export_model.open_bucket", lambda *_, **__: racer.bucket)
     monkeypatch.chdir(racer.folder)
 
     def export(form, out=None, *, choice="last", **options):
@@ -78,7 +77,7 @@ def test_a_file_of_another_ending_is_refused(exporter, racer):
 def test_a_file_that_gives_other_actions_is_not_written(exporter, racer, monkeypatch):
     before = sorted(racer.folder.iterdir())
     wrong = Comparison(32, 0.5, 0.3)
-    monkeypatch.setattr("drcli.formats.write_form.compare", lambda *_: wrong)
+    monkeypatch.setattr("drcli.transfer.export_forms.compare", lambda *_: wrong)
 
     with pytest.raises(SettingsError, match=r"other actions than PyTorch: they differ by 0\.3"):
         exporter("pb")
@@ -97,7 +96,7 @@ def test_a_file_that_gives_other_actions_is_not_written(exporter, racer, monkeyp
 def test_a_missing_converter_is_named_before_anything_is_read(
     exporter, racer, monkeypatch, form, install
 ):
-    monkeypatch.setattr("drcli.formats.extras.is_installed", lambda name: False)
+    monkeypatch.setattr("drcli.base.installation.is_installed", lambda name: False)
 
     with pytest.raises(NotAvailable) as caught:
         plan_form(racer.settings(), Selection(), form, None)

@@ -15,19 +15,18 @@ from safetensors.numpy import load as load_arrays_of
 
 from drcli.base.errors import DrError, SettingsError
 from drcli.config.loading import load_settings
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import encode_policy
-from drcli.formats.reference_checkpoint import encode_reference_checkpoint, reference_variables
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import encode_policy
+from drcli.convert.reference_checkpoint import encode_reference_checkpoint, reference_variables
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
-from drcli.modelfiles.network_shape import Design
-from drcli.models.download import download, plan_download
-from drcli.models.find_checkpoint import OwnModel
-from drcli.models.import_model import copy_of_own, import_model, plan_import
-from drcli.models.imported_model import ImportOptions
-from drcli.models.model_list import list_models
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.lease import take
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.network_shape import Design
+from drcli.model.lease import take
+from drcli.model.model_list import list_models
+from drcli.transfer.download import download, plan_download
+from drcli.transfer.find_checkpoint import OwnModel
+from drcli.transfer.import_model import ImportOptions, copy_of_own, import_model, plan_import
 from memory_bucket import MemoryBucket
 
 from .conftest import no_bar, put_model
@@ -103,8 +102,10 @@ class Importer:
         self.folder = folder
         self.here = MemoryBucket("bucket")
         self.there = MemoryBucket("uploads")
-        monkeypatch.setattr("drcli.models.import_model.open_bucket", lambda *_, **__: self.here)
-        monkeypatch.setattr("drcli.models.source_files.source_bucket", lambda *_, **__: self.there)
+        monkeypatch.setattr("drcli.transfer.import_model.open_bucket", lambda *_, **__: self.here)
+        monkeypatch.setattr(
+            "drcli.transfer.find_checkpoint.source_bucket", lambda *_, **__: self.there
+        )
 
     def plan(self, source, prefix="new", **options):
         settings = load_settings(self.folder)
@@ -457,7 +458,7 @@ def own_files(importer):
 
 @pytest.mark.parametrize("top", ["", "model-1/"])
 def test_an_archive_of_a_model_of_ours_becomes_the_same_model(importer, tmp_path, top, monkeypatch):
-    monkeypatch.setattr("drcli.models.download.open_bucket", lambda *_, **__: importer.here)
+    monkeypatch.setattr("drcli.transfer.download.open_bucket", lambda *_, **__: importer.here)
     files = own_files(importer)
     path = pack(tmp_path / "ours.tar.gz", {f"{top}{name}": data for name, data in files.items()})
     settings = load_settings(importer.folder)

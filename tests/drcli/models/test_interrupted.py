@@ -6,10 +6,10 @@ from contextlib import suppress
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.models.checkpoint_choice import CheckpointGone
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model import keys
+from drcli.model.checkpoint_choice import CheckpointGone
+from drcli.model.checkpoints import CheckpointStore
+from drcli.records.checkpoint import CheckpointName
 from memory_bucket import MemoryBucket
 
 from .conftest import driven, put_model

@@ -2,9 +2,9 @@
 
 import pytest
 
-from drcli.exchange.training_start import TrainingStart
-from drcli.models.model_list import CheckpointEntry, list_models
-from drcli.store import keys, lease
+from drcli.model import keys, lease
+from drcli.model.model_list import CheckpointEntry, list_models
+from drcli.records.training_record import TrainingStart
 from memory_bucket import MemoryBucket
 
 from .conftest import put_model

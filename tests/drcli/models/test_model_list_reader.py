@@ -1,7 +1,7 @@
 """Lists of models that are read again and again."""
 
-from drcli.models.model_list import ModelListReader, list_models
-from drcli.store import keys
+from drcli.model import keys
+from drcli.model.model_list import ModelListReader, list_models
 from memory_bucket import MemoryBucket
 from removable_models import put_all
 

@@ -5,22 +5,16 @@ import json
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.models.model_list import list_models
-from drcli.models.model_notes import (
-    delete_note,
-    list_notes,
-    notes_of,
-    rewrite_note,
-    write_note,
-)
-from drcli.store import keys
-from drcli.store.notes import describe
+from drcli.model import keys
+from drcli.model.model_list import list_models
+from drcli.model.notes import describe
+from drcli.transfer.model_notes import delete_note, list_notes, notes_of, rewrite_note, write_note
 
 
 @pytest.fixture
 def mine(mover, monkeypatch):
     """The settings of a racer whose notes go to the bucket of the mover."""
-    monkeypatch.setattr("drcli.models.model_notes.open_bucket", lambda *_, **__: mover.here)
+    monkeypatch.setattr("drcli.transfer.model_notes.open_bucket", lambda *_, **__: mover.here)
     return mover.settings()
 
 

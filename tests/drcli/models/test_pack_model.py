@@ -5,7 +5,7 @@ import tarfile
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.models.pack_model import pack_logs, pack_model
+from drcli.web.model_work import pack_logs, pack_model
 from memory_bucket import MemoryBucket
 from removable_models import put_all
 

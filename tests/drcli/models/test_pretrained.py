@@ -5,8 +5,8 @@ import json
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.checkpoint import Counters
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.checkpoint import Counters
 from reference_model import METADATA
 
 CLONE = (

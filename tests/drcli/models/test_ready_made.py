@@ -8,23 +8,23 @@ import pytest
 from drive_laps import drive_laps
 
 from drcli.base.errors import SettingsError
-from drcli.config import example_files
-from drcli.config.example_files import READY_MADE, model_file, ready_made
+from drcli.bucket.connect import FolderBucket
+from drcli.bucket.server import server
+from drcli.config import presets
 from drcli.config.loading import load_settings
-from drcli.formats.build_network import build_policy, load_weights
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.modelfiles.network_shape import Design
-from drcli.models.pretrained import read_weights
-from drcli.models.ready_made import (
+from drcli.config.presets import READY_MADE, model_file, ready_made
+from drcli.convert.build_network import build_policy, load_weights
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.network_shape import Design
+from drcli.transfer.pretrained import read_weights
+from drcli.transfer.ready_made import (
     CARD_FILE,
     TRAINING_FILE,
     WEIGHTS_FILE,
     read_ready_made,
     read_recipe,
 )
-from drcli.store.folder_bucket import FolderBucket
-from drcli.store.server import server
 
 SLOWER_S = 0.5
 """Another processor rounds differently, so a lap may take a little longer or shorter."""
@@ -70,7 +70,7 @@ def test_every_recipe_can_be_read_and_begins_with_a_model_before_it(name):
 def test_a_damaged_model_is_refused_with_its_file(tmp_path, monkeypatch):
     name = ready_made()[0]
     shutil.copytree(model_file(f"models/{name}"), tmp_path / "models" / name)
-    monkeypatch.setattr("drcli.models.ready_made.model_file", lambda file: tmp_path / file)
+    monkeypatch.setattr("drcli.transfer.ready_made.model_file", lambda file: tmp_path / file)
     weights = tmp_path / "models" / name / WEIGHTS_FILE
     weights.write_bytes(weights.read_bytes()[:-1] + b"!")
 
@@ -121,7 +121,7 @@ def test_an_unknown_model_and_one_that_is_not_shipped_are_refused(
 
     assert dr("init", "racer", "--model", "saef") == 2
     assert "Did you mean safe?" in capsys.readouterr().err.replace("\n", " ")
-    monkeypatch.setattr(example_files, "model_file", lambda file: tmp_path / "none" / file)
+    monkeypatch.setattr(presets, "model_file", lambda file: tmp_path / "none" / file)
     assert dr("init", "racer", "--model", "safe") == 2
 
     assert set(working_folder.iterdir()) == before

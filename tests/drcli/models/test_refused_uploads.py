@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
 from refusing_s3 import Refusals, contents, refusing_server
 
 OLD = {"team/model-1/model/9_Step-9.ckpt.index": b"old", "team/model-2/a": b"older"}

@@ -7,13 +7,13 @@ import pytest
 import torch
 from safetensors.torch import load as load_tensors
 
-from drcli.formats.build_network import build_policy, weights_of
-from drcli.formats.frozen_graph import encode_policy, policy_nodes
-from drcli.formats.onnx_graph import encode_onnx
-from drcli.formats.training_checkpoint import encode_training_checkpoint
+from drcli.convert.build_network import build_policy, weights_of
+from drcli.convert.frozen_graph import encode_policy, policy_nodes
+from drcli.convert.onnx_graph import encode_onnx
 from drcli.learn.policy import Observation
-from drcli.modelfiles.network_shape import Design
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.network_shape import Design
+from drcli.transfer.export_forms import encode_training_checkpoint
 
 from .test_import_model import Importer, lay
 

@@ -3,8 +3,8 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.models.trace_files import traces_of_model
-from drcli.store import keys
+from drcli.cli.commands.action_space import traces_of_model
+from drcli.model import keys
 from memory_bucket import MemoryBucket
 
 TRACE = b"episode,steps,steer,throttle,progress,tstamp\n0,0,5.0,2.0,1.0,0.1\n"

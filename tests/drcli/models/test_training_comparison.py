@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.models.family_tree import family_tree
-from drcli.models.training_comparison import Compared, compare
-from drcli.models.training_entry import entry_of
-from drcli.models.training_list import KnownTrainings
+from drcli.transfer.family_tree import family_tree
+from drcli.transfer.training_details import Compared, compare
+from drcli.transfer.training_list import KnownTrainings, entry_of
 from past_trainings import child, training
 
 

@@ -5,9 +5,7 @@ from datetime import UTC, datetime
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.models.training_choice import values_of
-from drcli.models.training_entry import entry_of
-from drcli.models.training_filter import began, in_state, of_model, where
+from drcli.transfer.training_list import began, entry_of, in_state, of_model, values_of, where
 from past_trainings import training
 
 VALUES = values_of(training(1), entry_of(training(1), exists=True))

@@ -9,20 +9,23 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.frozen_curriculum import FrozenCurriculum
-from drcli.exchange.iteration import encode_history
-from drcli.exchange.race_recording import RaceRecording
-from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.training_record import RecordedStart, TrainingRecord
-from drcli.models import training_list
-from drcli.models.training_choice import ORDERS, chosen, ordered
-from drcli.models.training_entry import entry_of
-from drcli.models.training_list import known_trainings
-from drcli.models.training_results import on_track, results_of
-from drcli.models.training_table import csv_table
-from drcli.store import keys, lease
-from drcli.store.last_outcome import write_outcome
-from drcli.store.training_records import write_training
+from drcli.model import keys, lease
+from drcli.model.training_records import write_training
+from drcli.model.training_state import write_outcome
+from drcli.records.evaluation_task import RaceRecording
+from drcli.records.iteration import encode_history
+from drcli.records.stage import FrozenCurriculum
+from drcli.records.training_record import RecordedStart, RunOutcome, TrainingRecord
+from drcli.transfer import training_list
+from drcli.transfer.record_training import on_track, results_of
+from drcli.transfer.training_list import (
+    ORDERS,
+    chosen,
+    csv_table,
+    entry_of,
+    known_trainings,
+    ordered,
+)
 from memory_bucket import MemoryBucket
 from past_trainings import training
 

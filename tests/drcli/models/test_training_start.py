@@ -5,8 +5,8 @@ import subprocess
 
 import pytest
 
-from drcli.models.run_metadata import chosen_settings
-from drcli.store import keys
+from drcli.model import keys
+from drcli.model.run_metadata import chosen_settings
 from evaluations import evaluated
 
 

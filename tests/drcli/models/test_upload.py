@@ -6,10 +6,10 @@ import pytest
 import yaml
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.models.checkpoint_choice import CheckpointGone
-from drcli.store import keys, lease
-from drcli.store.best_checkpoint import read_scores
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model import keys, lease
+from drcli.model.best_checkpoint import read_scores
+from drcli.model.checkpoint_choice import CheckpointGone
+from drcli.model.checkpoints import CheckpointStore
 from memory_bucket import MemoryBucket
 
 from .conftest import driven, put_model
@@ -46,7 +46,7 @@ def test_the_target_holds_one_checkpoint_and_all_that_belongs_to_it(mover, names
     ],
 )
 def test_the_chosen_checkpoint_is_the_one_that_drives(mover, choice, line, weights):
-    from drcli.models.upload import UploadOptions, plan_upload
+    from drcli.transfer.upload import UploadOptions, plan_upload
 
     planned = plan_upload(mover.settings(), UploadOptions(choice))
     report = mover.upload(choice=choice)

@@ -3,8 +3,8 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.models.upload_prefix import make_upload_increment, plan_upload_increment
-from drcli.store import lease
+from drcli.model import lease
+from drcli.transfer.upload import make_upload_increment, plan_upload_increment
 
 from .conftest import put_model
 

@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.models.upload_retention import Retention, delete_surplus_archives, surplus
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.records.checkpoint import CheckpointName
+from drcli.transfer.upload import Retention, delete_surplus_archives, surplus
 from memory_bucket import MemoryBucket
 
 from .conftest import put_model

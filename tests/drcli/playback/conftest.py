@@ -2,9 +2,9 @@
 
 import pytest
 
-from drcli.config.bucket_config import ModelConfig
-from drcli.playback.episode_player import EpisodePlayer
-from drcli.video.video_job import Defaults
+from drcli.config.run_config import ModelConfig
+from drcli.view.playback.episode_player import EpisodePlayer
+from drcli.view.video.video_job import Defaults
 from played_model import MODEL, played_model
 
 

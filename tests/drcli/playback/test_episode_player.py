@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.playback.episode_player import CACHE_BYTES, MOST_STEPS, KeptPictures
-from drcli.playback.packed_answer import facts_of, pack, unpack
-from drcli.playback.player_process import answer_of
-from drcli.store import keys
+from drcli.model import keys
+from drcli.view.playback.episode_player import CACHE_BYTES, MOST_STEPS, KeptPictures
+from drcli.view.playback.player_handle import facts_of, pack, unpack
+from drcli.view.playback.player_process import answer_of
 from played_model import EVALUATION, GONE, TRAINING
 
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from drcli.exchange.trace import Episode, Row, csv_text
-from drcli.playback.lap_parameters import (
+from drcli.records.trace import Episode, Row, csv_text
+from drcli.view.playback.lap_parameters import (
     OBJECT_KEYS,
     KnownRace,
     directed_track,
     lap_parameters,
 )
-from drcli.video.recorded_lap import read_laps
+from drcli.view.video.recorded_lap import read_laps
 from drsim.episode.episode_rules import Status
 from drsim.episode.simulation import Simulation
 from drsim.race.race import TIME_TRIAL, ObstacleRules, Race

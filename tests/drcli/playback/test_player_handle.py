@@ -8,9 +8,8 @@ import time
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.playback import player_handle
-from drcli.playback.packed_answer import unpack
-from drcli.playback.player_handle import PlayerBusy, PlayerEnded, PlayerHandle
+from drcli.view.playback import player_handle
+from drcli.view.playback.player_handle import PlayerBusy, PlayerEnded, PlayerHandle, unpack
 from played_model import EVALUATION, working_folder
 
 ECHO = """

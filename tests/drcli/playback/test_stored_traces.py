@@ -3,16 +3,16 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.config.bucket_config import ModelConfig
-from drcli.exchange.episode_metrics import encode_metrics_file
-from drcli.exchange.iteration import encode_history
-from drcli.playback.stored_traces import (
+from drcli.config.run_config import ModelConfig
+from drcli.model import keys
+from drcli.records.episode_metrics import encode_metrics_file
+from drcli.records.iteration import encode_history
+from drcli.view.playback.stored_traces import (
     models_with_traces,
     parse_name,
     stored_traces,
     trace_key,
 )
-from drcli.store import keys
 from memory_bucket import MemoryBucket
 from stored_models import trial
 

@@ -14,7 +14,7 @@ from drcli.races.lap_ranking import (
     ranked,
     same_racer,
 )
-from drcli.runs.evaluation_report import TrialReport, best_average_s
+from drcli.run.evaluation_report import TrialReport, best_average_s
 
 from .conftest import COMPLETE, lap
 

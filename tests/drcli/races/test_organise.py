@@ -4,20 +4,20 @@ import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.json_record import RecordError
-from drcli.exchange.race_rules import RaceRules
+from drcli.model import race_keys
 from drcli.races.organise import (
     close_race,
     create_race,
     delete_race,
     list_races,
+    only_tournament,
     open_race,
     show_race,
 )
+from drcli.races.race_records import RaceRules
 from drcli.races.race_settings import settings_of_rules, shown_settings
 from drcli.races.race_wish import RaceWish, rules_of
 from drcli.races.stored_race import find_race
-from drcli.races.tournament_choice import only_tournament
-from drcli.store import race_keys
 
 from .conftest import RACE
 

@@ -8,16 +8,15 @@ import pytest
 from rich.console import Console
 
 from drcli.cli.views import race_view
-from drcli.exchange.race_submission import DrivenLap
+from drcli.model import race_keys
 from drcli.races.organise import show_race
-from drcli.races.race_export import COLUMNS, csv_of, videos_of
-from drcli.races.race_moments import moments_of
-from drcli.races.race_page import race_page
-from drcli.races.race_runs import NOBODY
+from drcli.races.race_export import COLUMNS, csv_of, race_page, videos_of
+from drcli.races.race_records import DrivenLap
 from drcli.races.race_words import lap_of, lap_time, laps_in_pair
+from drcli.races.standings import NOBODY
 from drcli.races.stored_race import read_race
-from drcli.runs.evaluation_report import TrialReport
-from drcli.store import race_keys
+from drcli.run.evaluation_report import TrialReport
+from drcli.web.race_reader import moments_of
 from home_races import COMPLETE
 
 from .conftest import RACE

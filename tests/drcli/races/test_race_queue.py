@@ -6,13 +6,13 @@ import signal
 import pytest
 
 from drcli.base.errors import NotAvailable, OwnershipLost, SettingsError, StorageError, WorkerDied
-from drcli.base.termination import Stopped
-from drcli.exchange.race_submission import RaceResult
+from drcli.base.processes import Stopped
+from drcli.model import race_keys
 from drcli.races import queue_lease
 from drcli.races.organise import close_race, delete_race, show_race
+from drcli.races.race_records import RaceResult
 from drcli.races.stored_race import put, read_race
 from drcli.races.submissions import restart, withdraw
-from drcli.store import race_keys
 
 from .conftest import RACE
 
@@ -212,7 +212,7 @@ def test_without_the_encoder_laps_are_driven_and_the_race_says_why_it_has_no_vid
     def missing():
         raise NotAvailable("An MP4 needs av.", remedy="Install drcli[video].")
 
-    monkeypatch.setattr("drcli.video.encode.require_encoder", missing)
+    monkeypatch.setattr("drcli.view.video.encode.require_encoder", missing)
     home.race()
     home.submit("ann")
     with pytest.raises(NotAvailable):
@@ -233,8 +233,8 @@ def test_a_film_is_put_beside_the_race_and_a_film_that_fails_costs_no_laps(home,
         path.write_bytes(b"film of " + report.prefix.encode())
         return []
 
-    monkeypatch.setattr("drcli.races.race_film._film", film)
-    monkeypatch.setattr("drcli.video.encode.require_encoder", lambda: None)
+    monkeypatch.setattr("drcli.races.race_queue._film", film)
+    monkeypatch.setattr("drcli.view.video.encode.require_encoder", lambda: None)
     home.race()
     home.submit("ann")
     home.submit("bob")

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.races.organise import change_rules, wish_of
 from drcli.races.race_wish import RaceWish, rules_of
-from drcli.races.rules_change import change_rules, wish_of
 from drcli.races.stored_race import read_rules
 
 from .conftest import RACE

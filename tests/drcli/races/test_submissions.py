@@ -3,13 +3,13 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.models.model_list import list_models
+from drcli.model import keys, race_keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_list import list_models
+from drcli.model.traces import models_in
 from drcli.races.organise import close_race, show_race
 from drcli.races.stored_race import read_race
 from drcli.races.submissions import move, restart, submit, withdraw
-from drcli.store import keys, race_keys
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.model_traces import models_in
 
 from .conftest import RACE
 

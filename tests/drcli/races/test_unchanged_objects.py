@@ -2,13 +2,12 @@
 
 import pytest
 
+from drcli.bucket.bucket import ObjectMissing
+from drcli.model import race_keys
 from drcli.races.organise import list_races, show_race
-from drcli.races.race_moments import moments_of
-from drcli.races.race_runs import NOBODY, Runner
-from drcli.races.stored_race import read_race
-from drcli.races.unchanged_objects import RaceObjects
-from drcli.store import race_keys
-from drcli.store.bucket import ObjectMissing
+from drcli.races.standings import NOBODY, Runner
+from drcli.races.stored_race import RaceObjects, read_race
+from drcli.web.race_reader import moments_of
 
 from .conftest import RACE
 
@@ -73,7 +72,7 @@ def test_ages_grow_and_other_objects_are_read_through(home, monkeypatch):
     objects = RaceObjects()
     ages = []
     for now in (10.0, 25.0):
-        monkeypatch.setattr("drcli.races.unchanged_objects.time.monotonic", lambda now=now: now)
+        monkeypatch.setattr("drcli.races.stored_race.time.monotonic", lambda now=now: now)
         seen = objects.look(home.bucket, race_keys.folder(RACE))
         ages.append(seen.get_with_age(race_keys.lease(RACE))[1])
     assert ages[1] - ages[0] == pytest.approx(15.0, abs=1.0)

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from drcli.remote import car_models
-from drcli.remote.car_address import CarAddress
-from drcli.remote.car_login import CarLogin, save_login
+from drcli.outside.car import car_models
+from drcli.outside.car.car_address import CarAddress, CarLogin, save_login
 from droa_models import Files, accepted_model, write_files
 from droa_server import PASSWORD, USER, FakeDroa
 from fake_car import FakeCar, make_certificate, served
@@ -96,7 +95,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The seconds that commands would have waited; they do not."""
     waited: list[float] = []
-    monkeypatch.setattr("drcli.cli.droa_options.pause", waited.append)
+    monkeypatch.setattr("drcli.cli.commands.droa.pause", waited.append)
     return waited
 
 

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from drcli.remote import car_driving, car_models, car_web
-from drcli.remote.car_address import CarAddress
-from drcli.remote.car_login import load_login, login_file
+from drcli.outside.car import car_driving, car_models, car_web
+from drcli.outside.car.car_address import CarAddress, load_login, login_file
 from fake_car import PASSWORD, FakeCar, Installed, archive, graph, make_certificate, served
 
 METADATA = {"sensor": ["FRONT_FACING_CAMERA"]}

@@ -7,7 +7,7 @@ import tarfile
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.remote.car_file import check_file
+from drcli.outside.car.car_models import check_file
 from fake_car import archive, graph
 
 

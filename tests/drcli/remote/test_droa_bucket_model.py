@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from drcli.formats.training_checkpoint import TrainingCheckpoint
+from drcli.transfer.export_forms import TrainingCheckpoint
 from droa_models import accepted_model, write_files
 from droa_server import PASSWORD
 from memory_bucket import MemoryBucket
@@ -98,7 +98,7 @@ def test_the_route_says_the_direction_where_the_name_does_not(
 ):
     facts = SimpleNamespace(name="reInvent2019_wide", direction=direction)
     monkeypatch.setattr(
-        "drcli.remote.droa_bucket_model.list_tracks", lambda *_: SimpleNamespace(tracks=[facts])
+        "drcli.cli.commands.droa.list_tracks", lambda *_: SimpleNamespace(tracks=[facts])
     )
     bucket(world="reInvent2019_wide")
 
@@ -109,7 +109,7 @@ def test_the_route_says_the_direction_where_the_name_does_not(
 
 def test_a_direction_that_nobody_knows_is_asked_for(droa, fake, bucket, monkeypatch, capsys):
     monkeypatch.setattr(
-        "drcli.remote.droa_bucket_model.list_tracks", lambda *_: SimpleNamespace(tracks=[])
+        "drcli.cli.commands.droa.list_tracks", lambda *_: SimpleNamespace(tracks=[])
     )
     bucket(world="arctic_open")
 
@@ -131,9 +131,7 @@ def own(working_folder, monkeypatch):
     """A model that was trained here, in the bucket of the working folder, with small weights."""
     parts = {end: end.encode() for end in (".index", ".data-00000-of-00001", ".meta")}
     small = TrainingCheckpoint(parts, b"graph", 22, ["A note."])
-    monkeypatch.setattr(
-        "drcli.formats.training_checkpoint.encode_training_checkpoint", lambda *_: small
-    )
+    monkeypatch.setattr("drcli.transfer.export_forms.encode_training_checkpoint", lambda *_: small)
     kept = MemoryBucket()
     put_trained_model(kept, "model")
     kept.put("model/training_params.yaml", PARAMETERS.format(world="reinvent_base").encode())
@@ -159,7 +157,7 @@ def test_without_an_address_nothing_is_converted(dr, home, own, monkeypatch, cap
     def never(*_):
         raise AssertionError("the model is converted for nobody")
 
-    monkeypatch.setattr("drcli.remote.droa_bucket_model.read_bucket_model", never)
+    monkeypatch.setattr("drcli.cli.commands.droa.read_bucket_model", never)
 
     assert dr("droa-import-model") == 3
     assert "DR_DROA_URL is not set" in capsys.readouterr().err

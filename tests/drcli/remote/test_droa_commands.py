@@ -315,9 +315,9 @@ def test_who_may_not_write_sends_one_small_file_only(droa, fake, laid, model, ca
 
 
 def test_an_upload_that_is_interrupted_is_removed(droa, fake, laid, model, monkeypatch):
-    from drcli.remote import droa_upload
+    from drcli.outside.droa import droa_import
 
-    put, done = droa_upload._put, []
+    put, done = droa_import._put, []
 
     def interrupted(*arguments):
         if len(done) == 3:
@@ -325,7 +325,7 @@ def test_an_upload_that_is_interrupted_is_removed(droa, fake, laid, model, monke
             raise KeyboardInterrupt
         done.append(put(*arguments))
 
-    monkeypatch.setattr(droa_upload, "_put", interrupted)
+    monkeypatch.setattr(droa_import, "_put", interrupted)
 
     assert droa("droa-import-model", "--from", str(laid(model))) == 130
     assert fake.objects == {}

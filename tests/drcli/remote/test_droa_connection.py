@@ -5,8 +5,8 @@ import socket
 
 import pytest
 
-from drcli.remote.droa_site import SiteOptions, find_site
-from drcli.remote.web_request import Web
+from drcli.outside.droa.droa_site import SiteOptions, find_site
+from drcli.outside.web_request import Web
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drcli.remote.droa_env_js import NotEnvJs, read_env_js
+from drcli.outside.droa.droa_site import NotEnvJs, read_env_js
 
 WANTED = {"region": "us-east-1", "apiEndpointUrl": "https://a.example/prod/"}
 

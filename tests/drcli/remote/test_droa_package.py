@@ -9,8 +9,8 @@ import zipfile
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.remote import droa_package
-from drcli.remote.droa_package import read_package
+from drcli.outside.droa import droa_package
+from drcli.outside.droa.droa_package import read_package
 
 FILES = {"model_metadata.json": b"{}", "model/x.index": b"index", ".hidden": b"kept"}
 

@@ -10,8 +10,8 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.remote import droa_keys
-from drcli.remote.droa_keys import Keys, cache_path, load_keys, save_keys
+from drcli.outside.droa import droa_session
+from drcli.outside.droa.droa_session import Keys, cache_path, load_keys, save_keys
 from droa_server import IDENTITIES, PASSWORD, USER
 
 NOW = datetime(2026, 11, 22, 12, tzinfo=UTC)
@@ -293,7 +293,7 @@ def test_a_cache_is_whole_or_absent(tmp_path, monkeypatch):
     def full(path, target):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(droa_keys.Path, "replace", full)
+    monkeypatch.setattr(droa_session.Path, "replace", full)
     with pytest.raises(OSError, match="No space"):
         save_keys(tmp_path / "keys.json", some_keys(7200))
 

@@ -7,9 +7,9 @@ import pytest
 from moto.server import ThreadedMotoServer
 
 from drcli.base.errors import DrError
+from drcli.bucket import endpoint
 from drcli.config.loading import load_settings
-from drcli.remote.message_channels import Message, open_channels, try_channels
-from drcli.store import profiles
+from drcli.outside.messages import Message, open_channels, try_channels
 from message_servers import hook, post_office
 
 MESSAGE = Message(
@@ -160,7 +160,7 @@ def topic(monkeypatch, working_folder):
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "testing")
     monkeypatch.setenv("AWS_CONFIG_FILE", str(working_folder / "none"))
     monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(working_folder / "none"))
-    profiles.session_of.cache_clear()
+    endpoint.session_of.cache_clear()
     region = {"region_name": "eu-west-1"}
     sns, sqs = boto3.client("sns", **region), boto3.client("sqs", **region)
     arn = sns.create_topic(Name="racing")["TopicArn"]
@@ -179,7 +179,7 @@ def topic(monkeypatch, working_folder):
     )
     sns.close()
     sqs.close()
-    profiles.session_of.cache_clear()
+    endpoint.session_of.cache_clear()
     moto.stop()
 
 

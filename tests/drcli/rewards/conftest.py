@@ -7,14 +7,13 @@ import pytest
 
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
-from drcli.modelfiles.custom_files import InputFile
+from drcli.model.files.custom_files import InputFile
 from drcli.rewards.course import Course, TriedReward
-from drcli.rewards.drivers import STEADY
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
+from drcli.rewards.sandbox.run_sandbox import SandboxResult
 from drcli.rewards.sandbox.sample_calls import LATE
-from drcli.rewards.sandbox.sandbox_records import SandboxResult
-from drcli.rewards.scripted_drive import drive
+from drcli.rewards.scripted_drive import STEADY, drive
 from drsim.episode.reward import RewardFunction
 
 

@@ -8,9 +8,17 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.rewards.check import _parameters
 from drcli.rewards.course import TriedReward
-from drcli.rewards.drivers import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING
-from drcli.rewards.sandbox.sandbox_records import SandboxResult
-from drcli.rewards.scripted_drive import drive
+from drcli.rewards.sandbox.run_sandbox import SandboxResult
+from drcli.rewards.scripted_drive import (
+    FAST,
+    LEAVING,
+    RAMMING,
+    STANDING,
+    STEADY,
+    TURNED,
+    WEAVING,
+    drive,
+)
 
 ALONG = (STEADY, FAST, WEAVING)
 ALWAYS_THE_SAME = {"track_length"}

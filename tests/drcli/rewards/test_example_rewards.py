@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from drcli.config.example_files import model_file, presets_folder
+from drcli.config.presets import model_file, presets_folder
 from drcli.rewards.sandbox.sample_calls import sample_params
 from drsim.episode.load_reward import load_reward_function
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drcli.rewards.check import report_of
-from drcli.rewards.sandbox.sandbox_records import (
+from drcli.rewards.sandbox.run_sandbox import (
     CallIndex,
     Difference,
     Effect,

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from drcli.rewards.pictures import (
-    Curve,
-    curve_range,
-    draw_comparison,
-    draw_reward,
-    number,
-)
+from drcli.rewards.pictures import Curve, curve_range, draw_comparison, draw_reward, number
 
 
 def pixels(picture: bytes) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import pyflakes.checker
 
-from drcli.modelfiles.custom_files import InputFile
+from drcli.model.files.custom_files import InputFile
 from drcli.rewards.reward_rules import read_source, review_source
 from drcli.rewards.reward_style import review_style
 

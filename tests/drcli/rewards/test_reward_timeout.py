@@ -4,7 +4,7 @@ import faulthandler
 
 import pytest
 
-from drcli.rewards.reward_timeout import stuck_place
+from drcli.rewards.source import stuck_place
 
 CALLING = """
 def reward_function(dump):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.rewards.step_conditions import idle_conditions
+from drcli.rewards.reward_rules import idle_conditions
 
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drcli.exchange.car_trial import CarTrial
-from drcli.runs.car_trials import best_of, chance
+from drcli.records.evaluation_task import CarTrial
+from drcli.run.car_trials import best_of, chance
 
 
 def trial(car, laps, progress):

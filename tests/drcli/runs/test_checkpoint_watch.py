@@ -1,7 +1,7 @@
 """The last and the best checkpoint of a running training, as its duties see them."""
 
 from drcli.base.errors import StorageError
-from drcli.runs.checkpoint_watch import CheckpointWatch
+from drcli.run.checkpoint_watch import CheckpointWatch
 from memory_bucket import MemoryBucket
 from unwatched import put_scores
 

@@ -8,16 +8,21 @@ import boto3
 import pytest
 from moto import mock_aws
 
-from drcli.base import log_files
+from drcli.base import log
 from drcli.base.errors import WorkerDied
-from drcli.exchange.log_places import json_log, log_file
-from drcli.runs import cloud_watch
-from drcli.runs.cloud_watch import CloudWatchLogs, sent_to_cloud_watch
-from drcli.runs.log_events import LogClock, LogEvent
-from drcli.runs.log_sender import LogSender, batches
-from drcli.runs.outcome import Ending, Outcome
-from drcli.runs.run_logs import empty_logs
-from drcli.runs.warnings_board import WarningsBoard
+from drcli.records.run_record import json_log, log_file
+from drcli.run import log_sender
+from drcli.run.log_sender import (
+    CloudWatchLogs,
+    LogClock,
+    LogEvent,
+    LogSender,
+    batches,
+    sent_to_cloud_watch,
+)
+from drcli.run.outcome import Ending, Outcome
+from drcli.run.run_logs import empty_logs
+from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 NOW_S = 1_795_000_000.0
@@ -119,7 +124,7 @@ def test_after_rotation_and_restart_every_line_is_there_once(sender, client):
     path = training.add("sim-0", "one\ntwo\n")
     training.sender.send()
     training.add("sim-0", "three\n")
-    os.close(log_files.rotate(path, 10**9))
+    os.close(log.rotate(path, 10**9))
     training.add("sim-0", "four\n")
 
     again = sender()
@@ -268,7 +273,7 @@ def test_at_the_end_the_last_lines_are_sent_within_the_time(tmp_path, client):
     duty.leave(ENDING)
 
     assert texts(client, "model/supervisor") == ["the end"]
-    assert cloud_watch.END_PATIENCE_S <= 10.0
+    assert log_sender.END_PATIENCE_S <= 10.0
 
 
 @pytest.fixture

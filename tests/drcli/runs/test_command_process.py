@@ -7,7 +7,7 @@ import psutil
 import pytest
 
 from drcli.config import secret_environment
-from drcli.runs.command_process import CommandProcess
+from drcli.run.command_process import CommandProcess
 from unwatched import job_of
 
 

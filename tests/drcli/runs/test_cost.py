@@ -3,12 +3,12 @@
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.bucket.request_count import CountFile, RequestCounter
 from drcli.config.loading import load_settings
-from drcli.exchange.spending import Spending, StartSpending
-from drcli.runs.cost import Cost
-from drcli.spot.spot_price import SpotPrice
-from drcli.store import keys
-from drcli.store.request_count import CountFile, RequestCounter
+from drcli.model import keys
+from drcli.outside.aws.prices import SpotPrice
+from drcli.records.training_record import Spending, StartSpending
+from drcli.run.cost import Cost
 from memory_bucket import MemoryBucket
 from unwatched import Clock, ending, job_of, running
 

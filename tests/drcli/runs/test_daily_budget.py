@@ -8,9 +8,9 @@ import pytest
 
 from drcli.base.errors import BudgetUsedUp, SettingsError
 from drcli.config.loading import load_settings
-from drcli.exchange.daily_spending import FOLDER, DaySpending, day_of, read_day, write_day
-from drcli.runs.daily_budget import DailyBudget, forget_old_days
-from drcli.runs.outcome import INTERRUPTED
+from drcli.records.training_record import FOLDER, DaySpending, day_of, read_day, write_day
+from drcli.run.cost import DailyBudget, forget_old_days
+from drcli.run.outcome import INTERRUPTED
 from memory_bucket import MemoryBucket
 from unwatched import ending, job_of, running
 
@@ -121,7 +121,7 @@ def test_a_full_disk_ends_no_training(tmp_path, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("drcli.runs.daily_budget.write_day", full)
+    monkeypatch.setattr("drcli.run.cost.write_day", full)
     it.train(1.0)
 
     assert it.duty.check() is None

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drcli.runs.disk_contents import largest
-from drcli.runs.disk_watch import Disk, DiskWatch, measure
-from drcli.runs.warnings_board import WarningsBoard
+from drcli.run.disk_watch import Disk, DiskWatch, largest, measure
+from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 GB = 10**9

@@ -6,8 +6,8 @@ import time
 import pytest
 
 from drcli.config import secret_environment
-from drcli.runs.end_command import EndCommand
-from drcli.runs.outcome import INTERRUPTED
+from drcli.run.end_of_training import EndCommand
+from drcli.run.outcome import INTERRUPTED
 from unwatched import Watched, ending, job_of
 
 

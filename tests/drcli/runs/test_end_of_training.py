@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import pytest
 
-from drcli.runs.command_process import CommandEnd
-from drcli.runs.end_of_training import EndOfTraining, import_name
-from drcli.runs.outcome import INTERRUPTED, Ending
+from drcli.run.command_process import CommandEnd
+from drcli.run.end_of_training import EndOfTraining, import_name
+from drcli.run.outcome import INTERRUPTED, Ending
 from unwatched import Commands, ending, entries, job_of, running
 
 UPLOADED = CommandEnd(0, {"target": "s3://uploads/team/model"}, seconds=2.0)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.exchange.evaluation_record import running_evaluations
-from drcli.runs import evaluation_loop
-from drcli.runs.evaluation_loop import MOST_ROWS, BestLap, BestLaps, read_best_laps, run_loop
-from drcli.runs.evaluation_report import EvaluationReport, TrialReport
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.run_record import running_evaluations
+from drcli.run import evaluation_loop
+from drcli.run.evaluation_loop import MOST_ROWS, BestLap, BestLaps, read_best_laps, run_loop
+from drcli.run.evaluation_report import EvaluationReport, TrialReport
 
 TABLE = keys.best_laps("model-1/metrics")
 

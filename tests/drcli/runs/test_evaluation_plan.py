@@ -3,10 +3,10 @@
 import pytest
 
 from drcli.base.errors import NotAvailable, SettingsError
-from drcli.exchange.policy_source import PolicySource
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import encode_policy
-from drcli.runs.evaluation_plan import prepare_evaluation
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import encode_policy
+from drcli.records.evaluation_task import PolicySource
+from drcli.run.evaluation_plan import prepare_evaluation
 from small_policies import metadata_json, small_metadata, small_network
 
 
@@ -14,7 +14,7 @@ from small_policies import metadata_json, small_metadata, small_network
 def test_a_track_that_is_not_installed_is_refused_before_anything_is_said(
     trained, monkeypatch, world
 ):
-    monkeypatch.setattr("drcli.runs.evaluation_plan.open_bucket", lambda *_, **__: trained.bucket)
+    monkeypatch.setattr("drcli.run.evaluation_plan.open_bucket", lambda *_, **__: trained.bucket)
     trained.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", f"DR_WORLD_NAME={world}")
     said: list[str] = []
 
@@ -37,7 +37,7 @@ def graph_file(tmp_path):
 
 @pytest.fixture
 def empty(racer, monkeypatch):
-    monkeypatch.setattr("drcli.runs.evaluation_plan.open_bucket", lambda *_, **__: racer.bucket)
+    monkeypatch.setattr("drcli.run.evaluation_plan.open_bucket", lambda *_, **__: racer.bucket)
     racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_WORLD_NAME=reinvent_base")
     return racer
 
@@ -63,7 +63,7 @@ def test_a_file_that_does_not_fit_is_refused_before_anything_is_written(empty, g
 def test_an_engine_that_is_not_installed_is_named_before_anything_is_written(
     empty, graph_file, monkeypatch
 ):
-    monkeypatch.setattr("drcli.formats.extras.is_installed", lambda name: False)
+    monkeypatch.setattr("drcli.base.installation.is_installed", lambda name: False)
 
     for own in (PolicySource("openvino"), PolicySource("openvino", graph_file)):
         with pytest.raises(NotAvailable, match="openvino"):
@@ -73,7 +73,7 @@ def test_an_engine_that_is_not_installed_is_named_before_anything_is_written(
 
 
 def test_each_racer_is_told_the_option_that_chooses_its_own_checkpoint(trained, monkeypatch):
-    monkeypatch.setattr("drcli.runs.evaluation_plan.open_bucket", lambda *_, **__: trained.bucket)
+    monkeypatch.setattr("drcli.run.evaluation_plan.open_bucket", lambda *_, **__: trained.bucket)
     trained.run_env(
         "DR_LOCAL_S3_MODEL_PREFIX=model-1",
         "DR_EVAL_OPP_S3_MODEL_PREFIX=model-1",

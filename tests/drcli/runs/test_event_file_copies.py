@@ -4,10 +4,10 @@ import pytest
 
 from drcli.base.errors import StorageError
 from drcli.config.loading import load_settings
-from drcli.runs import run_logs, tensorboard_server
-from drcli.runs.event_file_copies import EventFileCopies, fetch_event_files
-from drcli.runs.run_logs import LogUpload
-from drcli.store import keys
+from drcli.model import keys
+from drcli.run import run_logs, tensorboard_server
+from drcli.run.run_logs import LogUpload
+from drcli.run.timed_uploads import EventFileCopies, fetch_event_files
 from memory_bucket import MemoryBucket
 
 FIRST, SECOND, THIRD = (

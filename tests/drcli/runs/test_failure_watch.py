@@ -1,15 +1,10 @@
 """Journal and status of a training that goes on after failures."""
 
-from drcli.exchange.reward_error_record import (
-    RewardCounts,
-    RewardErrorEntry,
-    RewardErrorRecord,
-)
-from drcli.exchange.rollback_record import Rollback, Rollbacks
-from drcli.runs.failure_watch import FailureWatch
-from drcli.runs.warnings_board import WarningsBoard
-from drcli.store import keys
-from drcli.store.rollbacks import write_rollbacks
+from drcli.model import keys
+from drcli.model.training_state import Rollback, Rollbacks, write_rollbacks
+from drcli.records.reward import RewardCounts, RewardErrorEntry, RewardErrorRecord
+from drcli.run.warnings_board import WarningsBoard
+from drcli.run.watches import FailureWatch
 from watched_run import WatchedRun
 
 BACK = Rollback(

@@ -10,9 +10,8 @@ import time
 import pytest
 
 from drcli.base.errors import Absent, SettingsError
-from drcli.runs.foreign_watch import ForeignWatch, NoticeHandling, signal_named
-from drcli.spot.cloud_notices import Notice
-from drcli.spot.notice_watch import NoticeWatch
+from drcli.cli.commands.spot_watch import ForeignWatch, NoticeHandling, signal_named
+from drcli.outside.notices.notice_watch import Notice, NoticeWatch
 
 
 class Source:

@@ -9,10 +9,10 @@ import time
 import psutil
 import pytest
 
-from drcli.runs import frozen_watch
-from drcli.runs.frozen_watch import FrozenWatch
-from drcli.runs.seen_pulses import SeenPulses
-from drcli.runs.warnings_board import WarningsBoard
+from drcli.run import stall_watch
+from drcli.run.seen_pulses import SeenPulses
+from drcli.run.stall_watch import FrozenWatch
+from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 
@@ -28,7 +28,7 @@ class Stage:
         self.used_s = 7.0
         self.uses = 0.0
         self.asked = []
-        monkeypatch.setattr(frozen_watch.psutil, "Process", lambda pid: self)
+        monkeypatch.setattr(stall_watch.psutil, "Process", lambda pid: self)
         monkeypatch.setattr(os, "kill", lambda pid, number: self.asked.append((pid, number)))
 
     def status(self):
@@ -137,7 +137,7 @@ def test_a_worker_that_loads_slowly_has_two_minutes_for_its_first_pulse(stage):
 
 def test_a_sleep_of_the_whole_machine_is_nobodys_fault(tmp_path):
     """Here the watch has a real `AwakeClock` on a clock that jumps by hours."""
-    from drcli.base.elapsed import AwakeClock
+    from drcli.base.clock import AwakeClock
 
     run = WatchedRun(tmp_path)
     pulses = SeenPulses(tmp_path, AwakeClock(run.clock))
@@ -153,7 +153,7 @@ def test_a_sleep_of_the_whole_machine_is_nobodys_fault(tmp_path):
 
 
 def test_a_process_that_is_really_stopped_is_killed(tmp_path, monkeypatch):
-    monkeypatch.setattr(frozen_watch, "STARTING_S", 12.0)
+    monkeypatch.setattr(stall_watch, "STARTING_S", 12.0)
     run = WatchedRun(tmp_path)
     pulses = SeenPulses(tmp_path, run.clock)
     watch = FrozenWatch(pulses, WarningsBoard(tmp_path, "start"))

@@ -8,9 +8,9 @@ import psutil
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.runs.increment import make_increment, plan_increment
-from drcli.store import lease
+from drcli.model import lease
+from drcli.records.run_record import RunRecord, run_folder
+from drcli.run.increment import make_increment, plan_increment
 
 
 @pytest.fixture
@@ -227,7 +227,7 @@ def test_a_file_that_was_changed_meanwhile_is_left_alone(trained):
 
 
 def overrides(**options):
-    from drcli.runs.increment_overrides import Overrides
+    from drcli.run.increment import Overrides
 
     return Overrides(**options)
 

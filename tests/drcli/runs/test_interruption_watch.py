@@ -6,13 +6,11 @@ from typing import ClassVar
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.runs import interruption_watch
-from drcli.runs.interruption_watch import InterruptionWatch, chosen_source
-from drcli.runs.journal import Journal
-from drcli.runs.journal_reader import read_journal
-from drcli.spot.cloud_notices import Notice
-from drcli.spot.notice_watch import Announced
+from drcli.outside.notices.notice_watch import Announced, Notice
+from drcli.records.job import Job
+from drcli.run import interruption_watch
+from drcli.run.interruption_watch import InterruptionWatch, chosen_source
+from drcli.run.journal import Journal, read_journal
 from memory_bucket import MemoryBucket
 
 

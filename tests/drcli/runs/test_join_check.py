@@ -8,11 +8,9 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.exchange.joined_worker import JoinRecord
-from drcli.runs.join_check import SOURCE, refuse_other_machine, versions
-from drcli.runs.join_offer import offer
-from drcli.runs.planned_job import planned_job
+from drcli.records.job import Job, JoinRecord
+from drcli.run.join_check import SOURCE, offer, refuse_other_machine, versions
+from drcli.run.plan import planned_job
 
 
 def job_in(folder: Path, **settings: str) -> Job:

@@ -8,14 +8,12 @@ from collections.abc import Callable
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.exchange.journal_entry import JournalEntry
-from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.training_start import TrainingStart
-from drcli.runs import journal as journal_module
-from drcli.runs.journal import Journal
-from drcli.runs.journal_of_start import start_entries
-from drcli.runs.journal_reader import read_journal
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.run_record import JournalEntry
+from drcli.records.training_record import RunOutcome, TrainingStart
+from drcli.run import journal as journal_module
+from drcli.run.journal import Journal, read_journal
+from drcli.run.plan import start_entries
 from memory_bucket import MemoryBucket
 
 

@@ -6,16 +6,15 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drcli.base.errors import OwnershipLost, SettingsError, StorageError
-from drcli.exchange.checkpoint import Counters
-from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
-from drcli.runs.lease_renewal import LOOK_S, RENEW_S, Renewal
-from drcli.store import keys, lease
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import History
-from drcli.store.lease import Ownership, read_lease, write_lease
-from drcli.store.rollout_reader import RolloutReader
-from drcli.store.rollout_writer import RolloutWriter
+from drcli.model import keys, lease
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import History
+from drcli.model.lease import Ownership, read_lease, write_lease
+from drcli.records.checkpoint import Counters
+from drcli.records.iteration import IterationRecord
+from drcli.records.rollout import Driving, Manifest, session_of_worker
+from drcli.run.interruption_watch import LOOK_S, RENEW_S, Renewal
+from drcli.train.rollouts import RolloutReader, RolloutWriter
 from memory_bucket import MemoryBucket
 
 PREFIX = "model"

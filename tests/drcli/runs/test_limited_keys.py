@@ -3,9 +3,9 @@
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.checks.storage_rules import probe
-from drcli.store.bucket_trial import try_bucket
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.checks.doctor.bucket_health import try_bucket
+from drcli.checks.start_rules import probe
 from racer import Racer
 from refusing_s3 import refusing_server
 
@@ -28,7 +28,7 @@ def limited():
 def test_a_training_starts_with_keys_for_its_own_folders(
     limited, working_folder, monkeypatch, told
 ):
-    monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: limited)
+    monkeypatch.setattr("drcli.run.plan.open_bucket", lambda *_, **__: limited)
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
 
     plan = Racer(working_folder, limited).start()

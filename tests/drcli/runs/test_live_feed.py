@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.exchange.live_record import LiveAddress, live_file
-from drcli.exchange.live_wire import HOST
-from drcli.exchange.run_record import run_folder
-from drcli.runs import live_feed
-from drcli.runs.live_feed import LiveFeed, LiveWorker
+from drcli.live import live_feed
+from drcli.live.live_feed import LiveFeed, LiveWorker
+from drcli.live.live_record import HOST, LiveAddress, live_file
+from drcli.records.run_record import run_folder
 from live_worker import Received, SmallDrive, shown, until
 
 LOOK_S = 0.02

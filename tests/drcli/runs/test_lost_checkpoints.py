@@ -6,17 +6,17 @@ from functools import partial
 
 import pytest
 
-from drcli.base.problems import ProblemsError
-from drcli.checks.storage_rules import review_prefix
+from drcli.base.errors import ProblemsError
+from drcli.checks.start_rules import review_prefix
 from drcli.config.loading import load_settings
-from drcli.exchange.iteration import IterationRecord
-from drcli.runs.plan import StartOptions, prepare
-from drcli.runs.resume_or_start import prepare_next
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointsLost, checkpoint_objects
-from drcli.store.history import write_history
-from drcli.store.lost_checkpoints import find_lost, refuse_lost
-from drcli.store.reconstruct import traced_iterations
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointsLost, checkpoint_objects
+from drcli.model.history import write_history
+from drcli.model.reconstruct import traced_iterations
+from drcli.model.repair_model import find_lost, refuse_lost
+from drcli.records.iteration import IterationRecord
+from drcli.run.plan import StartOptions, prepare
+from drcli.run.resume_or_start import prepare_next
 
 MODEL = "model-1"
 

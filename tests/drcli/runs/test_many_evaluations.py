@@ -5,17 +5,15 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.base.atomic_file import save_record
 from drcli.base.errors import SettingsError
-from drcli.exchange.episode_metrics import TrialMetrics
-from drcli.exchange.evaluation_record import EvaluationRecord
-from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
-from drcli.exchange.job import Job
-from drcli.exchange.robust_result import RobustCell, RobustResult
-from drcli.runs import many_evaluations
-from drcli.runs.many_evaluations import run_many, training_command
-from drcli.runs.many_evaluations_plan import ManyPlan, Refused
-from drcli.store import keys
+from drcli.base.files import save_record
+from drcli.model import keys
+from drcli.records.episode_metrics import TrialMetrics
+from drcli.records.evaluation_task import EvaluationTask, RobustCell, RobustResult, TaskOutcome
+from drcli.records.job import Job
+from drcli.records.run_record import EvaluationRecord
+from drcli.run import many_evaluations
+from drcli.run.many_evaluations import ManyPlan, Refused, run_many, training_command
 
 STAMP = "20260102030405"
 

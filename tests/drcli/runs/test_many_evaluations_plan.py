@@ -2,12 +2,11 @@
 
 import pytest
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import ProblemsError
-from drcli.runs import many_evaluations, many_evaluations_plan
-from drcli.runs.many_evaluations import run_many
-from drcli.runs.many_evaluations_plan import Rival, matching_models, prepare_many
-from drcli.store import keys
+from drcli.base.errors import ProblemsError, SettingsError
+from drcli.model import keys
+from drcli.run import many_evaluations
+from drcli.run import many_evaluations as many_evaluations_plan
+from drcli.run.many_evaluations import Rival, matching_models, prepare_many, run_many
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import signal
 
 import pytest
 
-from drcli.base.memory_state import MemoryState
-from drcli.exchange.job import WorkerExit
-from drcli.runs.memory_watch import MemoryWatch
-from drcli.runs.warnings_board import WarningsBoard
+from drcli.base.memory import MemoryState
+from drcli.records.job import WorkerExit
+from drcli.run.memory_watch import MemoryWatch
+from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 GB = 10**9

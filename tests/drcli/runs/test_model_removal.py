@@ -7,16 +7,14 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.base.process_identity import started_s
-from drcli.exchange.evaluation_record import EvaluationRecord, claim
-from drcli.exchange.log_places import log_file
-from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.exchange.training_start import TrainingStart
-from drcli.models.model_list import list_models
-from drcli.runs.model_removal import plan_removal, remove_models
-from drcli.runs.tidy import TidyOptions, find_surplus
-from drcli.store import keys, lease
-from drcli.store.training_records import read_files, read_trainings, write_training
+from drcli.base.processes import started_s
+from drcli.model import keys, lease
+from drcli.model.model_list import list_models
+from drcli.model.training_records import read_files, read_trainings, write_training
+from drcli.records.run_record import EvaluationRecord, RunRecord, claim, log_file, run_folder
+from drcli.records.training_record import TrainingStart
+from drcli.transfer.model_removal import plan_removal, remove_models
+from drcli.transfer.tidy import TidyOptions, find_surplus
 from memory_bucket import MemoryBucket
 from past_trainings import training
 from removable_models import OTHERS, Killed, objects, put_all
@@ -160,7 +158,7 @@ def test_a_training_that_starts_after_the_question_keeps_its_model(bucket, setti
 def test_a_deletion_that_is_cut_off_leaves_nothing_that_looks_like_a_model(
     bucket, settings, monkeypatch, deletes
 ):
-    monkeypatch.setattr("drcli.runs.model_removal.BATCH", 3)
+    monkeypatch.setattr("drcli.transfer.model_removal.BATCH", 3)
     bucket.deletes_left = deletes
 
     with pytest.raises(Killed):
@@ -197,7 +195,7 @@ def test_a_deletion_that_is_cut_off_anywhere_is_completed_by_the_same_command(
     bucket, settings, monkeypatch, working_folder
 ):
     """Also of metrics in another folder, which only a record of the model names."""
-    monkeypatch.setattr("drcli.runs.model_removal.BATCH", 1)
+    monkeypatch.setattr("drcli.transfer.model_removal.BATCH", 1)
     (working_folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=other\n")
     log = log_file(working_folder, "model-1", "trainer")
 

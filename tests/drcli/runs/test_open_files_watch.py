@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from drcli.runs.open_files_watch import OpenFilesWatch
-from drcli.runs.seen_pulses import SeenPulses
-from drcli.runs.warnings_board import WarningsBoard
+from drcli.run.memory_watch import OpenFilesWatch
+from drcli.run.seen_pulses import SeenPulses
+from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 

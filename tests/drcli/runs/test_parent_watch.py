@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from drcli.runs.outcome import INTERRUPTED
-from drcli.runs.parent_watch import ParentWatch
+from drcli.run.outcome import INTERRUPTED
+from drcli.run.watches import ParentWatch
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import threading
 
 from drcli.base.errors import StorageError
-from drcli.runs.periodic import Periodic, within
+from drcli.run.periodic import Periodic, within
 
 PATIENCE_S = 20.0
 

@@ -7,19 +7,24 @@ from pathlib import Path
 
 import pytest
 
-from drcli.base.elapsed import elapsed_s
+from drcli.base.clock import elapsed_s
 from drcli.base.errors import SettingsError
 from drcli.base.log import add_handler, remove_handler
 from drcli.checks.start_rules import refuse_start
 from drcli.config.loading import load_settings
-from drcli.exchange.job import WorkerExit
-from drcli.exchange.log_places import json_log, log_file
-from drcli.exchange.pulse_record import PulseRecord
-from drcli.runs.placed_trainer import SILENT_S, PlacedTrainer, gpus_to_ask
-from drcli.runs.planned_job import planned_job
-from drcli.runs.trainer_host import HostReport, TrainerHost
-from drcli.tracking.open_sinks import tensorboard_folder
-from drcli.workers.ray_cluster import NodeLost, RayMessages
+from drcli.metrics.open_sinks import tensorboard_folder
+from drcli.records.heartbeat import PulseRecord
+from drcli.records.job import WorkerExit
+from drcli.records.run_record import json_log, log_file
+from drcli.run.launchers.placed_trainer import (
+    SILENT_S,
+    HostReport,
+    PlacedTrainer,
+    TrainerHost,
+    gpus_to_ask,
+)
+from drcli.run.plan import planned_job
+from drcli.train.ray_cluster import NodeLost, RayMessages
 from drcli.workers.worker_process import Lifeline, StopRequested
 
 

@@ -9,11 +9,10 @@ import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks import before_start
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.log_places import log_file
-from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.runs import plan, training
-from drcli.store import keys, lease
+from drcli.model import keys, lease
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.run_record import RunRecord, log_file, run_folder
+from drcli.run import plan, training
 from memory_bucket import MemoryBucket
 from own_run import own_run
 

@@ -5,10 +5,9 @@ import json
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.checkpoint import Counters
-from drcli.exchange.frozen_curriculum import FrozenCurriculum
-from drcli.exchange.stage import StageMark
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.checkpoint import Counters
+from drcli.records.stage import FrozenCurriculum, StageMark
 
 TWO = """\
 stages:

@@ -4,10 +4,10 @@ import os
 
 import pytest
 
-from drcli.exchange.run_record import WorkerRecord, run_folder
-from drcli.exchange.trace import csv_text
-from drcli.runs.process_list import Process, SpeedReport, speed_of
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.run_record import WorkerRecord, run_folder
+from drcli.records.trace import csv_text
+from drcli.run.worker_processes import Process, SpeedReport, speed_of
 from own_run import own_run
 from simtraces import episode
 
@@ -24,8 +24,8 @@ def speed(racer, monkeypatch, make_record):
     own_run(
         workers=[WorkerRecord(name, os.getpid(), 0) for name in ("trainer", "sim-0", "sim-1")]
     ).write(run_folder(racer.folder, settings.run_id))
-    monkeypatch.setattr("drcli.runs.process_list.open_running_bucket", lambda _: racer.bucket)
-    monkeypatch.setattr("drcli.runs.process_list.read_history", lambda *_: [make_record(3)])
+    monkeypatch.setattr("drcli.run.worker_processes.open_running_bucket", lambda _: racer.bucket)
+    monkeypatch.setattr("drcli.run.worker_processes.read_history", lambda *_: [make_record(3)])
 
     def measure(trace: str | None) -> SpeedReport:
         if trace is not None:

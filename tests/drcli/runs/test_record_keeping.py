@@ -7,16 +7,15 @@ from types import SimpleNamespace
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.exchange.iteration import encode_history
-from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.spending import StartSpending
-from drcli.models.record_training import settle
-from drcli.runs.outcome import INTERRUPTED, Outcome
-from drcli.runs.record_keeping import RecordKeeping
-from drcli.store import keys
-from drcli.store.last_outcome import write_outcome
-from drcli.store.repair import Model
-from drcli.store.training_records import read_files, read_trainings
+from drcli.model import keys
+from drcli.model.repair import Model
+from drcli.model.training_records import read_files, read_trainings
+from drcli.model.training_state import write_outcome
+from drcli.records.iteration import encode_history
+from drcli.records.training_record import RunOutcome, StartSpending
+from drcli.run.outcome import INTERRUPTED, Outcome
+from drcli.run.record_keeping import RecordKeeping
+from drcli.transfer.record_training import settle
 from evaluations import evaluated
 from unwatched import ending, running
 

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drcli.runs.redaction import Redaction, Redactor
+from drcli.run.redaction import Redaction, Redactor
 
 SECRET = "wJalr/XUtnFEMI+K7MDENG=bPxRfiCY&é"
 KNOWN = {SECRET: "key of somebody"}

@@ -7,16 +7,16 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError, TrainedElsewhere
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
 from drcli.checks import before_start
-from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.run_state import Lease
-from drcli.runs import resume_or_start
-from drcli.runs.plan import EndWorkPlan, RunPlan, StartOptions
-from drcli.runs.resume_or_start import NothingToDo, prepare_next
-from drcli.store import keys, lease
-from drcli.store.endpoint import Endpoint
-from drcli.store.last_outcome import read_outcome, write_outcome
-from drcli.store.s3_bucket import S3Bucket
+from drcli.model import keys, lease
+from drcli.model.training_state import read_outcome, write_outcome
+from drcli.records.run_record import Lease
+from drcli.records.training_record import RunOutcome
+from drcli.run import resume_or_start
+from drcli.run.plan import EndWorkPlan, RunPlan, StartOptions
+from drcli.run.resume_or_start import NothingToDo, prepare_next
 
 MODEL = "model-1"
 

@@ -11,20 +11,19 @@ from dataclasses import replace
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job, WorkerExit
-from drcli.exchange.log_places import log_file
-from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.run_record import RunRecord, StopRequest
-from drcli.runs import supervisor
-from drcli.runs.command_process import CommandEnd
-from drcli.runs.duty import Duty
-from drcli.runs.end_of_training import EndOfTraining
-from drcli.runs.journal_reader import read_journal
-from drcli.runs.lease_renewal import Renewal
-from drcli.runs.outcome import Outcome, interrupted
-from drcli.runs.supervisor import Supervisor
-from drcli.store import keys, lease
-from drcli.store.last_outcome import read_outcome
+from drcli.model import keys, lease
+from drcli.model.training_state import read_outcome
+from drcli.records.job import Job, WorkerExit
+from drcli.records.run_record import RunRecord, StopRequest, log_file
+from drcli.records.training_record import RunOutcome
+from drcli.run import supervisor
+from drcli.run.command_process import CommandEnd
+from drcli.run.duty import Duty
+from drcli.run.end_of_training import EndOfTraining
+from drcli.run.interruption_watch import Renewal
+from drcli.run.journal import read_journal
+from drcli.run.outcome import Outcome, interrupted
+from drcli.run.supervisor import Supervisor
 from memory_bucket import MemoryBucket
 from unwatched import Commands, job_of
 
@@ -302,7 +301,7 @@ def test_work_at_the_end_is_told_when_it_is_done_and_an_error_when_it_failed(
 
 def test_the_lease_is_renewed_until_the_end(run, monkeypatch):
     monkeypatch.setattr(supervisor, "LOOK_S", 0.02)
-    monkeypatch.setattr("drcli.runs.lease_renewal.RENEW_S", 0.02)
+    monkeypatch.setattr("drcli.run.interruption_watch.RENEW_S", 0.02)
     bucket = SlowBucket()
     ages = []
 

@@ -6,12 +6,12 @@ import time
 
 import pytest
 
-from drcli.base import log_files
+from drcli.base import log as log_files
 from drcli.base.errors import StorageError
 from drcli.config.loading import load_settings
-from drcli.exchange.log_places import json_log, log_file
-from drcli.runs import run_logs
-from drcli.runs.run_logs import LogCopy, LogUpload, begin_logs, empty_logs
+from drcli.records.run_record import json_log, log_file
+from drcli.run import run_logs
+from drcli.run.run_logs import LogCopy, LogUpload, begin_logs, empty_logs
 from memory_bucket import MemoryBucket
 
 KEY = "model/logs/robomaker/sim-0.log"

@@ -5,9 +5,9 @@ import threading
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.remote.message_channels import Channel
-from drcli.runs.outcome import INTERRUPTED
-from drcli.runs.run_messages import MOST, Messages
+from drcli.outside.messages import Channel
+from drcli.run.outcome import INTERRUPTED
+from drcli.run.run_messages import MOST, Messages
 from unwatched import Clock, Watched, ending, job_of, running
 
 

@@ -9,13 +9,18 @@ import time
 import psutil
 import pytest
 
-from drcli.base.process_identity import exists, is_alive, started_s
-from drcli.config.bucket_config import StorageConfig
+from drcli.base.processes import exists, is_alive, started_s
 from drcli.config.loading import load_settings
-from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
-from drcli.exchange.run_record import RunRecord, WorkerRecord, run_folder
-from drcli.runs.status import inspect
-from drcli.runs.stopping import running_trainings, stop_runs
+from drcli.config.run_config import StorageConfig
+from drcli.records.run_record import (
+    EvaluationRecord,
+    RunRecord,
+    WorkerRecord,
+    run_folder,
+    running_evaluations,
+)
+from drcli.run.status import inspect
+from drcli.run.stopping import running_trainings, stop_runs
 
 DAMAGED = ["", "{", "[]", "null", "7", "{}", '{"workers": [1]}', '{"workers": []}']
 

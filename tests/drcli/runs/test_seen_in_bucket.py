@@ -4,12 +4,12 @@ import time
 
 import pytest
 
-from drcli.exchange.run_state import ActivityRecord, Lease
-from drcli.exchange.trace import CSV_HEADER
-from drcli.runs.seen_in_bucket import MOST_LINES, SeenRun, distant_run, lap_lines, read_lap_lines
-from drcli.store import keys
-from drcli.store.lease import write_lease
-from drcli.store.repair import Model
+from drcli.model import keys
+from drcli.model.lease import write_lease
+from drcli.model.repair import Model
+from drcli.records.run_record import ActivityRecord, Lease
+from drcli.records.trace import CSV_HEADER
+from drcli.run.seen_in_bucket import MOST_LINES, SeenRun, distant_run, lap_lines, read_lap_lines
 from memory_bucket import MemoryBucket
 
 

@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
-from drcli.exchange.stage import Stage, StageGoal
-from drcli.exchange.stage_note import StageNote
-from drcli.runs.stage_watch import StageWatch
+from drcli.records.stage import Stage, StageGoal, StageNote
+from drcli.run.watches import StageWatch
 from memory_bucket import MemoryBucket
 from unwatched import ending, job_of, running
 

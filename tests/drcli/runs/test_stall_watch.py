@@ -2,10 +2,10 @@
 
 import pytest
 
-from drcli.exchange.job import WorkerExit
-from drcli.runs.seen_pulses import SeenPulses
-from drcli.runs.stall_watch import StallWatch
-from drcli.runs.warnings_board import WarningsBoard
+from drcli.records.job import WorkerExit
+from drcli.run.seen_pulses import SeenPulses
+from drcli.run.stall_watch import StallWatch
+from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 

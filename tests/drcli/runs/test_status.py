@@ -6,19 +6,17 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.base.elapsed import elapsed_s
-from drcli.exchange import run_record
-from drcli.exchange.pulse_record import open_pulse_file
-from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.run_record import StorageRecord, WorkerRecord, run_folder
-from drcli.exchange.run_state import Lease
-from drcli.exchange.scores import EvaluationResult, SecondEvaluation
-from drcli.exchange.watch_record import WatchRecord
-from drcli.runs.status import inspect
-from drcli.runs.worker_health import WorkerHealth
-from drcli.store import keys
-from drcli.store.best_checkpoint import write_evaluation
-from drcli.store.checkpoints import CheckpointStore
+from drcli.base.clock import elapsed_s
+from drcli.model import keys
+from drcli.model.best_checkpoint import write_evaluation
+from drcli.model.checkpoints import CheckpointStore
+from drcli.records import run_record
+from drcli.records.heartbeat import WatchRecord, open_pulse_file
+from drcli.records.run_record import Lease, StorageRecord, WorkerRecord, run_folder
+from drcli.records.scores import EvaluationResult, SecondEvaluation
+from drcli.records.training_record import RunOutcome
+from drcli.run.seen_pulses import WorkerHealth
+from drcli.run.status import inspect
 from drcli.workers.pulse import Pulse
 from memory_bucket import MemoryBucket
 from own_run import own_run
@@ -88,7 +86,7 @@ def test_a_model_whose_index_is_lost_still_has_its_checkpoints(racer, running, m
     bucket = MemoryBucket()
     CheckpointStore(bucket, running.prefix).save(4, 100, b"weights")
     bucket.delete([keys.deepracer_checkpoints(running.prefix)])
-    monkeypatch.setattr("drcli.runs.status.open_running_bucket", lambda _: bucket)
+    monkeypatch.setattr("drcli.run.status.open_running_bucket", lambda _: bucket)
 
     report = inspect(racer.settings().run)
 
@@ -200,7 +198,7 @@ def test_a_training_on_another_machine_is_said_where_nothing_was_started(elsewhe
 def test_laps_of_the_best_are_of_the_training_track_whichever_track_chose_it(
     racer, running, monkeypatch
 ):
-    monkeypatch.setattr("drcli.runs.status.open_running_bucket", lambda *_: racer.bucket)
+    monkeypatch.setattr("drcli.run.status.open_running_bucket", lambda *_: racer.bucket)
     store = racer.store(running.prefix)
     store.save(3, 300, b"weights")
     second = SecondEvaluation([100.0] * 2, [1.0] * 2, [7.0, 7.1], "oval")

@@ -16,19 +16,18 @@ from pathlib import Path
 import pytest
 
 from drcli.base.log import LogFile
-from drcli.base.termination import STOPS
+from drcli.base.processes import STOPS
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job, WorkerExit
-from drcli.exchange.log_places import log_file
-from drcli.exchange.run_record import RunRecord
-from drcli.runs import frozen_watch, run_ending, seen_pulses, supervisor
-from drcli.runs.duty import Duty
-from drcli.runs.frozen_watch import FrozenWatch
-from drcli.runs.lease_renewal import Renewal
-from drcli.runs.seen_pulses import SeenPulses
-from drcli.runs.supervisor import Supervisor
-from drcli.runs.warnings_board import WarningsBoard
-from drcli.store import keys, lease
+from drcli.model import keys, lease
+from drcli.records.job import Job, WorkerExit
+from drcli.records.run_record import RunRecord, log_file
+from drcli.run import run_ending, seen_pulses, stall_watch, supervisor
+from drcli.run.duty import Duty
+from drcli.run.interruption_watch import Renewal
+from drcli.run.seen_pulses import SeenPulses
+from drcli.run.stall_watch import FrozenWatch
+from drcli.run.supervisor import Supervisor
+from drcli.run.warnings_board import WarningsBoard
 from memory_bucket import MemoryBucket
 
 STAYS = "import time; time.sleep(60)"
@@ -389,7 +388,7 @@ def test_a_run_goes_on_without_a_worker_that_a_duty_leaves_out(stage):
 
 
 def test_a_worker_that_somebody_stops_is_replaced(stage, monkeypatch):
-    monkeypatch.setattr(frozen_watch, "STARTING_S", 0.3)
+    monkeypatch.setattr(stall_watch, "STARTING_S", 0.3)
     monkeypatch.setattr(seen_pulses, "LOOK_S", 0.02)
     monkeypatch.setattr(seen_pulses, "QUIET_S", 0.1)
     ends = stage.job.folder / "end"

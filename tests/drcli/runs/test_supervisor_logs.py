@@ -5,8 +5,8 @@ import json
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.exchange.log_places import json_log, log_file
-from drcli.runs import training
+from drcli.records.run_record import json_log, log_file
+from drcli.run import training
 from unwatched import job_of
 
 

@@ -17,11 +17,10 @@ from urllib.parse import quote
 import pytest
 
 from drcli.checks.doctor.findings import DoctorReport, Finding
-from drcli.exchange.journal_entry import JournalEntry
-from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.runs import support_bundle
-from drcli.runs.redaction import Redactor
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.run_record import JournalEntry, RunRecord, run_folder
+from drcli.run import support_bundle
+from drcli.run.redaction import Redactor
 
 CANARIES = {
     "environment": "env/Canary+0123456789abcdefghijklmnop=",

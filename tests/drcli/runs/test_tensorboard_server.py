@@ -6,13 +6,13 @@ import urllib.request
 import pytest
 
 from drcli.base.errors import NotAvailable, SettingsError
-from drcli.base.process_identity import exists
+from drcli.base.processes import exists
 from drcli.config.loading import load_settings
-from drcli.exchange.iteration import encode_history
-from drcli.runs import stopping
-from drcli.runs import tensorboard_server as metrics
-from drcli.store import keys
-from drcli.store.history import decode_history
+from drcli.model import keys
+from drcli.model.history import decode_history
+from drcli.records.iteration import encode_history
+from drcli.run import stopping
+from drcli.run import tensorboard_server as metrics
 from memory_bucket import MemoryBucket
 
 SERVER = """

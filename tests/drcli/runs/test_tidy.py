@@ -7,9 +7,9 @@ from datetime import timedelta
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.log_places import log_file
-from drcli.runs.tidy import TidyOptions, checked_rules, find_surplus, read_kinds, tidy
-from drcli.store import keys, lease
+from drcli.model import keys, lease
+from drcli.records.run_record import log_file
+from drcli.transfer.tidy import TidyOptions, checked_rules, find_surplus, read_kinds, tidy
 from removable_models import objects, put_all, put_checkpoints
 
 
@@ -18,7 +18,7 @@ def test_tidy_deletes_what_nobody_misses(bucket, settings, monkeypatch):
     bucket.put("model-1/model/model_metadata.json", b'{"training_algorithm": "clipped_ppo"}')
     bucket.put("model-1-old/model/model_metadata.json", b'{"training_algorithm": "sac"}')
     young = find_surplus(settings(), TidyOptions(keep=["model-1/inner"]))
-    monkeypatch.setattr("drcli.runs.tidy.RECENT_S", -1.0)
+    monkeypatch.setattr("drcli.transfer.tidy.RECENT_S", -1.0)
 
     found = find_surplus(settings(), TidyOptions(keep=["model-1/inner"]))
     tidy(found, settings())
@@ -38,7 +38,7 @@ def test_tidy_deletes_what_nobody_misses(bucket, settings, monkeypatch):
 
 
 def test_tidy_leaves_models_of_other_systems_without_a_pointer_alone(bucket, settings, monkeypatch):
-    monkeypatch.setattr("drcli.runs.tidy.RECENT_S", -1.0)
+    monkeypatch.setattr("drcli.transfer.tidy.RECENT_S", -1.0)
     theirs = [
         "console/model/model_metadata.json",
         "console/model/30_Step-9000.ckpt.index",

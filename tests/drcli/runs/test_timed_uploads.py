@@ -2,9 +2,9 @@
 
 import pytest
 
-from drcli.runs.command_process import CommandEnd
-from drcli.runs.outcome import INTERRUPTED
-from drcli.runs.timed_uploads import BEST_EVERY_S, TimedUploads
+from drcli.run.command_process import CommandEnd
+from drcli.run.outcome import INTERRUPTED
+from drcli.run.timed_uploads import BEST_EVERY_S, TimedUploads
 from unwatched import Clock, Commands, Watched, ending, entries, job_of, running
 
 

@@ -5,11 +5,10 @@ import json
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.checkpoint import Counters
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.training_method import with_method
-from drcli.store import keys
-from drcli.workers.trainer import _learners
+from drcli.model import keys
+from drcli.model.files.hyperparameters import Hyperparameters, with_method
+from drcli.records.checkpoint import Counters
+from drcli.train.trainer import _learners
 
 
 def method_of(plan) -> str:
@@ -61,7 +60,7 @@ def test_a_resumed_training_keeps_its_teacher_until_somebody_says_otherwise(race
 
 
 def test_a_model_with_the_weights_of_one_that_has_a_teacher_keeps_it(racer):
-    from drcli.modelfiles.training_method import kept_method
+    from drcli.model.files.hyperparameters import kept_method
 
     begun(racer, method="teacher")
 

@@ -5,11 +5,11 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.exchange.log_places import log_file
-from drcli.runs import run_logs, uploaded_log
-from drcli.runs.run_logs import LogCopy
-from drcli.runs.uploaded_log import UploadedTail, find_uploaded
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.run_record import log_file
+from drcli.run import read_logs, run_logs
+from drcli.run.read_logs import UploadedTail, find_uploaded
+from drcli.run.run_logs import LogCopy
 from memory_bucket import MemoryBucket
 
 KEY = "model/logs/robomaker/sim-0.log"
@@ -118,7 +118,7 @@ def test_a_training_that_begins_anew_is_followed_from_its_beginning(bucket):
 def test_a_copy_of_which_only_the_end_came_in_time_is_followed_when_the_rest_comes(
     bucket, monkeypatch
 ):
-    monkeypatch.setattr(uploaded_log, "_KNOWN_BYTES", len(lines(20, 22)))
+    monkeypatch.setattr(read_logs, "_KNOWN_BYTES", len(lines(20, 22)))
     put(bucket, lines(0, 5), newest=lines(20, 22))  # as at the end of a training
     tail = UploadedTail(bucket, KEY, lines(0, 5) + lines(20, 22))
 

@@ -6,11 +6,10 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError, TrainedElsewhere
-from drcli.base.process_identity import started_s
-from drcli.exchange.run_record import RunRecord, WaitingStart
-from drcli.exchange.run_state import Lease
-from drcli.runs.wait_for_owner import OwnerWait
-from drcli.store import keys, lease
+from drcli.base.processes import started_s
+from drcli.model import keys, lease
+from drcli.records.run_record import Lease, RunRecord, WaitingStart
+from drcli.run.take_model import OwnerWait
 from memory_bucket import MemoryBucket
 
 
@@ -43,8 +42,8 @@ def bucket(time):
 @pytest.fixture
 def said(monkeypatch):
     lines: list[str] = []
-    monkeypatch.setattr("drcli.base.notices.show", lines.append)
-    monkeypatch.setattr("drcli.base.notices.warn", lines.append)
+    monkeypatch.setattr("drcli.base.errors.show", lines.append)
+    monkeypatch.setattr("drcli.base.errors.warn", lines.append)
     return lines
 
 

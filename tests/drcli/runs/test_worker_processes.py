@@ -6,14 +6,14 @@ from contextlib import contextmanager
 
 import pytest
 
-from drcli.base import log_files
+from drcli.base import log
 from drcli.base.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
-from drcli.exchange.job import Job, WorkerExit
-from drcli.exchange.log_places import log_file
-from drcli.modelfiles.custom_files import InputFile, Inputs
-from drcli.runs import evaluation, training, worker_processes
-from drcli.runs.evaluation_plan import EvaluationPlan
-from drcli.runs.plan import RunPlan
+from drcli.model.files.custom_files import InputFile, Inputs
+from drcli.records.job import Job, WorkerExit
+from drcli.records.run_record import log_file
+from drcli.run import evaluation, training, worker_processes
+from drcli.run.evaluation_plan import EvaluationPlan
+from drcli.run.plan import RunPlan
 
 SOON_S = 30.0
 SLEEPS = "import time; time.sleep(600)"
@@ -165,7 +165,7 @@ def test_the_log_of_an_evaluation_is_sent_while_its_worker_runs(job, started, mo
 
 
 def test_a_process_knows_its_log_so_that_it_can_rotate_it(job):
-    say = f"import os; print(os.environ['{log_files.VARIABLE}'])"
+    say = f"import os; print(os.environ['{log.VARIABLE}'])"
 
     process = worker_processes.start_process(job, "sim-0", "timeit", "-n1", "-r1", say)
 

@@ -10,13 +10,14 @@ from PIL import Image
 
 from drcli.base.errors import SettingsError
 from drcli.config.loading import load_settings
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import encode_policy
-from drcli.saliency import explain_model, saliency_page
-from drcli.saliency.explained_episode import explain_episode
-from drcli.saliency.explanation_pictures import decision, lidar_finding, still
-from drcli.saliency.maps import ExplainedPolicy, saliency_maps
-from drcli.saliency.question import Question
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import encode_policy
+from drcli.view.saliency import explain_model
+from drcli.view.saliency import explain_model as saliency_page
+from drcli.view.saliency.explained_episode import explain_episode
+from drcli.view.saliency.explanation_pictures import decision, lidar_finding, still
+from drcli.view.saliency.maps import ExplainedPolicy, saliency_maps
+from drcli.view.saliency.question import Question
 from memory_bucket import MemoryBucket
 from reference_model import LAST, reference_model
 from small_model import put_small_model

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.formats.runtimes import policy_of_model
+from drcli.convert.runtimes import policy_of_model
 from drcli.learn.policy import Observation, decide
-from drcli.saliency.maps import ExplainedPolicy, NotExplainable, saliency_maps
-from drcli.saliency.perturbation import lidar_sectors
-from drcli.saliency.policy_outputs import outputs_of
+from drcli.view.saliency.maps import ExplainedPolicy, NotExplainable, lidar_sectors, saliency_maps
+from drcli.view.saliency.policy_outputs import outputs_of
 from small_policies import small_metadata, small_network
 
 STEREO = {"sensor": ["STEREO_CAMERAS"], "neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"}

@@ -7,8 +7,8 @@ import pytest
 from moto import mock_aws
 from moto.server import ThreadedMotoServer
 
-from drcli.spot.aws_account import Account
-from drcli.store import profiles
+from drcli.bucket import endpoint
+from drcli.outside.aws.aws_account import Account
 
 REGION = "us-east-1"
 UBUNTU = "ami-1e749f67"
@@ -18,7 +18,7 @@ UBUNTU = "ami-1e749f67"
 @pytest.fixture(scope="module")
 def keys() -> Iterator[None]:
     """Access keys, and no other settings of the AWS library."""
-    profiles.session_of.cache_clear()
+    endpoint.session_of.cache_clear()
     with pytest.MonkeyPatch.context() as patch:
         for name in ("AWS_PROFILE", "AWS_ENDPOINT_URL", "AWS_REGION", "AWS_SESSION_TOKEN"):
             patch.delenv(name, raising=False)
@@ -27,7 +27,7 @@ def keys() -> Iterator[None]:
         patch.setenv("AWS_CONFIG_FILE", "/nonexistent")
         patch.setenv("AWS_SHARED_CREDENTIALS_FILE", "/nonexistent")
         yield
-    profiles.session_of.cache_clear()
+    endpoint.session_of.cache_clear()
 
 
 @pytest.fixture(scope="module")

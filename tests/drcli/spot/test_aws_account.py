@@ -4,7 +4,7 @@ import pytest
 from botocore import exceptions as boto
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.spot.aws_account import Account, explained
+from drcli.outside.aws.aws_account import Account, explained
 
 
 def refused(code: str, message: str = "No.") -> boto.ClientError:

@@ -13,10 +13,10 @@ from botocore.awsrequest import AWSRequest
 from botocore.credentials import Credentials
 
 from drcli.base.errors import EndWorkFailed
-from drcli.explain.exit_code_texts import EXIT_CODES
-from drcli.spot import boot
-from drcli.spot.install_source import InstallSource
-from drcli.spot.machine_marks import MachineMark
+from drcli.checks.explain.explain_texts import EXIT_CODES
+from drcli.outside.aws import boot
+from drcli.outside.aws.machine_marks import MachineMark
+from drcli.outside.aws.racer_files import InstallSource
 from fake_amazon import client, machine_facts, make_group
 from fake_machine import FakeMachine
 

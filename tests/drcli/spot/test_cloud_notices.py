@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.spot.cloud_notices import AZURE_ASSET_TAG, cloud_of_machine
+from drcli.outside.notices.notice_watch import AZURE_ASSET_TAG, cloud_of_machine
 
 
 @pytest.mark.parametrize(

@@ -12,21 +12,19 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError
 from drcli.cli.views import spot_view
 from drcli.config.loading import load_settings
-from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.run_state import Lease
-from drcli.models.transfer_buckets import parse_url, source_bucket
-from drcli.spot import creation, network, stack_end
-from drcli.spot.before_spending import Wishes
-from drcli.spot.install_source import InstallSource
-from drcli.spot.instance_types import InstanceType
-from drcli.spot.machine_cost import cost_of
-from drcli.spot.machine_marks import MachineMark, read_marks, stack_folder
-from drcli.spot.machines import machines_of
-from drcli.spot.stack_access import add_access
-from drcli.spot.stack_report import report_on
-from drcli.spot.stacks import find_stack, need_stack, our_stacks
-from drcli.store import keys, lease
-from drcli.store.last_outcome import read_outcome, write_outcome
+from drcli.model import keys, lease
+from drcli.model.training_state import read_outcome, write_outcome
+from drcli.outside.aws import creation, instance_types, stack_end
+from drcli.outside.aws.creation import Wishes
+from drcli.outside.aws.instance_types import InstanceType
+from drcli.outside.aws.machine_marks import MachineMark, read_marks, stack_folder
+from drcli.outside.aws.machines import cost_of, machines_of
+from drcli.outside.aws.racer_files import InstallSource
+from drcli.outside.aws.stack_report import report_on
+from drcli.outside.aws.stacks import add_access, find_stack, need_stack, our_stacks
+from drcli.records.run_record import Lease
+from drcli.records.training_record import RunOutcome
+from drcli.transfer.transfer_buckets import parse_url, source_bucket
 
 WHEEL = InstallSource("", "drcli-9-py3-none-any.whl", b"a wheel")
 WISHES = Wishes("run", "models", types=("c7i.xlarge", "c7g.xlarge"), image="ami-1e749f67")
@@ -196,9 +194,9 @@ def test_a_stack_that_cannot_be_made_leaves_no_files(amazon, settings, wishes, m
 def test_both_architectures_have_their_own_image(amazon, monkeypatch):
     base = "/aws/service/ami-amazon-linux-latest/al2023-ami-kernel-default-"
     names = {"x86_64": base + "x86_64", "arm64": base + "arm64"}
-    monkeypatch.setattr(network, "IMAGE_NAMES", names)
+    monkeypatch.setattr(instance_types, "IMAGE_NAMES", names)
 
-    found = network.find_images(amazon, ["x86_64", "arm64", "x86_64"], "")
+    found = instance_types.find_images(amazon, ["x86_64", "arm64", "x86_64"], "")
 
     assert set(found) == {"x86_64", "arm64"}
     assert found["x86_64"].id != found["arm64"].id
@@ -206,7 +204,7 @@ def test_both_architectures_have_their_own_image(amazon, monkeypatch):
 
 def test_an_image_that_does_not_exist_is_refused(amazon):
     with pytest.raises(StorageError, match="no image ami-00000000"):
-        network.find_images(amazon, ["x86_64"], "ami-00000000")
+        instance_types.find_images(amazon, ["x86_64"], "ami-00000000")
 
 
 def test_files_and_tracks_of_an_experiment_are_sent(amazon, tmp_path, wishes):

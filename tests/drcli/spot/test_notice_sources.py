@@ -8,8 +8,8 @@ from email.utils import format_datetime
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.spot.metadata_service import Ec2Metadata, MetadataService, MetadataSilent
-from drcli.spot.notice_sources import AzureNotices, Ec2Notices, GoogleNotices, source_of
+from drcli.outside.notices.metadata_service import Ec2Metadata, MetadataService, MetadataSilent
+from drcli.outside.notices.notice_watch import AzureNotices, Ec2Notices, GoogleNotices, source_of
 from metadata_server import MetadataServer
 
 SPOT = "/latest/meta-data/spot/instance-action"

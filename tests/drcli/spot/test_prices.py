@@ -10,12 +10,20 @@ from botocore.stub import Stubber
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.json_record import RecordError
-from drcli.spot import quotas
-from drcli.spot.aws_account import Account
-from drcli.spot.instance_types import ARM_TYPES, X86_TYPES, InstanceType, find_types
-from drcli.spot.machine_cost import at_prices
-from drcli.spot.prices import Offer, arranged, current_prices, on_demand_prices
-from drcli.spot.spot_advisor import ADDRESS_VARIABLE, Advisor, advisor_of, read_advisor
+from drcli.outside.aws import instance_types
+from drcli.outside.aws.aws_account import Account
+from drcli.outside.aws.instance_types import ARM_TYPES, X86_TYPES, InstanceType, find_types
+from drcli.outside.aws.machines import at_prices
+from drcli.outside.aws.prices import (
+    ADDRESS_VARIABLE,
+    Advisor,
+    Offer,
+    advisor_of,
+    arranged,
+    current_prices,
+    on_demand_prices,
+    read_advisor,
+)
 
 START = datetime(2026, 5, 1, tzinfo=UTC)
 SMALL = InstanceType("c7i.xlarge", "x86_64", 4, 8192)
@@ -183,7 +191,7 @@ def test_types_that_the_quota_forbids_are_left_out(stubbed):
     ]
     answers_of_quotas(stub, 8.0, others)
 
-    room = quotas.check_quotas(account, [SMALL, LARGE], spot=True)
+    room = instance_types.check_quotas(account, [SMALL, LARGE], spot=True)
 
     assert room.types == [SMALL]
     assert "L-34B43A08 allows 8 vCPUs" in room.notes[0]
@@ -195,7 +203,7 @@ def test_a_quota_that_allows_nothing_is_an_error_with_the_place_to_ask(stubbed):
     answers_of_quotas(stub, 0.0, [])
 
     with pytest.raises(SettingsError, match="L-1216C47A allows 0 vCPUs") as caught:
-        quotas.check_quotas(account, [SMALL], spot=False)
+        instance_types.check_quotas(account, [SMALL], spot=False)
 
     assert "servicequotas" in caught.value.remedy
 
@@ -205,7 +213,7 @@ def test_a_quota_that_may_not_be_read_is_only_a_warning(stubbed):
     said = "User: me is not authorized to perform: servicequotas:GetServiceQuota because no"
     stub("service-quotas").add_client_error("get_service_quota", "AccessDeniedException", said, 400)
 
-    room = quotas.check_quotas(account, [SMALL], spot=True)
+    room = instance_types.check_quotas(account, [SMALL], spot=True)
 
     assert room.types == [SMALL]
     assert "servicequotas:GetServiceQuota" in room.notes[0]

@@ -9,11 +9,18 @@ import pytest
 import requests
 
 from drcli.base.errors import StorageError
-from drcli.spot import boot
-from drcli.spot.role_permissions import ANY, Permission, Places, permissions, policy, run_folders
-from drcli.store import profiles
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket import endpoint as profiles
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.outside.aws import boot
+from drcli.outside.aws.training_template import (
+    ANY,
+    Permission,
+    Places,
+    permissions,
+    policy,
+    run_folders,
+)
 from fake_amazon import client, machine_facts, make_group
 from fake_machine import FakeMachine
 

@@ -9,10 +9,10 @@ import boto3
 import pytest
 
 from drcli.cli.app import main
-from drcli.spot import stacks
-from drcli.spot.racer_files import environment, lay_out
-from drcli.spot.spot_advisor import ADDRESS_VARIABLE
-from drcli.spot.training_template import KIND_TAG, MODEL_TAG, STACK_TAG
+from drcli.outside.aws import stacks
+from drcli.outside.aws.prices import ADDRESS_VARIABLE
+from drcli.outside.aws.racer_files import environment, lay_out
+from drcli.outside.aws.training_template import KIND_TAG, MODEL_TAG, STACK_TAG
 
 
 @pytest.fixture

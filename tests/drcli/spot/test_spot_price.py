@@ -7,9 +7,9 @@ import pytest
 from botocore.stub import ANY, Stubber
 
 from drcli.base.errors import StorageError
-from drcli.spot import spot_price
-from drcli.spot.spot_price import own_spot_price
-from drcli.store import profiles
+from drcli.bucket import endpoint
+from drcli.outside.aws import prices
+from drcli.outside.aws.prices import own_spot_price
 from metadata_server import MetadataServer
 
 SPOT = {
@@ -35,13 +35,13 @@ def ec2(monkeypatch):
     """EC2 with prepared answers."""
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "testing")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "testing")
-    profiles.session_of.cache_clear()
-    client = spot_price._client("eu-west-1", None)
-    monkeypatch.setattr(spot_price, "_client", lambda region, profile: client)
+    endpoint.session_of.cache_clear()
+    client = prices._client("eu-west-1", None)
+    monkeypatch.setattr(prices, "_client", lambda region, profile: client)
     with Stubber(client) as stub:
         yield stub
     client.close()
-    profiles.session_of.cache_clear()
+    endpoint.session_of.cache_clear()
 
 
 WANTED = {

@@ -11,11 +11,17 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drcli.spot import boot
-from drcli.spot.base_template import base_template
-from drcli.spot.role_permissions import Places, run_folders
-from drcli.spot.training_template import Group, Image, training_template
-from drcli.spot.user_data import MOST_BYTES, user_data
+from drcli.outside.aws import boot
+from drcli.outside.aws.training_template import (
+    MOST_BYTES,
+    Group,
+    Image,
+    Places,
+    base_template,
+    run_folders,
+    training_template,
+    user_data,
+)
 
 PLACES = Places("models", (*run_folders("training/m"), "spot/run"), ("training/old",))
 TOPIC = "arn:aws:sns:us-east-1:123456789012:races"

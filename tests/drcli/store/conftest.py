@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from moto.server import ThreadedMotoServer
 
-from drcli.config.bucket_config import StorageConfig
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
-from drcli.store.server import server
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.server import server
+from drcli.config.run_config import StorageConfig
 from memory_bucket import MemoryBucket
 
 

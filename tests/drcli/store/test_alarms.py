@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.store.alarms import alarms, convergence
+from drcli.model.alarms import alarms, convergence
 from iterations import iteration_record
 
 

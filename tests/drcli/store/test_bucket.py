@@ -3,8 +3,8 @@
 import pytest
 
 from drcli.base.errors import OwnershipLost, StorageError
-from drcli.exchange.run_state import TrainingEnd
-from drcli.store.bucket import ObjectDamaged, ObjectMissing, ObjectNewer, Watch, read_record
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, ObjectNewer, Watch, read_record
+from drcli.records.run_record import TrainingEnd
 from memory_bucket import MemoryBucket
 
 

@@ -5,9 +5,9 @@ import time
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.store.bucket_trial import try_bucket
-from drcli.store.model_prefix import is_used
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.checks.doctor.bucket_health import try_bucket
+from drcli.model.model_prefix import is_used
 from refusing_s3 import contents, refusing_server
 
 FOLDERS = ["model/", "runs/model/", "rollouts/model/"]

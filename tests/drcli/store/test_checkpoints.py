@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drcli.base.errors import StorageError
-from drcli.exchange.checkpoint import CheckpointName, Counters
-from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, Score, Scores, encode_single
-from drcli.store import keys
-from drcli.store.best_checkpoint import forget_scores, is_better, is_hopeful, score_of
-from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import KEEP, CheckpointStore
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
+from drcli.model import keys
+from drcli.model.best_checkpoint import forget_scores, is_better, is_hopeful, score_of
+from drcli.model.checkpoints import KEEP, CheckpointStore
+from drcli.records.checkpoint import CheckpointName, Counters
+from drcli.records.scores import EvaluationEpisodes, EvaluationResult, Score, Scores, encode_single
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
 

@@ -6,12 +6,11 @@ import json
 
 import pytest
 
-from drcli.store import growing_file, keys
-from drcli.store.bucket import ObjectMissing
-from drcli.store.complete_files import read_complete
-from drcli.store.growing_file import list_parts
-from drcli.store.history import History
-from drcli.workers.learner_metrics import LearnerMetrics, row_of
+from drcli.bucket.bucket import ObjectMissing
+from drcli.model import growing_file, keys
+from drcli.model.growing_file import list_parts, read_complete
+from drcli.model.history import History
+from drcli.train.learner_metrics import LearnerMetrics, row_of
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import DiskFull, StorageError
-from drcli.config.bucket_config import StorageConfig
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.connect import open_bucket
-from drcli.store.disk_flush import DiskFlush
-from drcli.store.server import server
+from drcli.bucket.connect import open_bucket
+from drcli.bucket.s3_bucket import DiskFlush
+from drcli.bucket.server import server
+from drcli.config.run_config import StorageConfig
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """What is said of a server."""
 
-from drcli.store.endpoint import Endpoint
+from drcli.bucket.endpoint import Endpoint
 
 
 def test_a_password_in_an_address_is_not_repeated():

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from drcli.store.bucket import ObjectMissing
-from drcli.store.folder_bucket import FolderBucket
+from drcli.bucket.bucket import ObjectMissing
+from drcli.bucket.connect import FolderBucket
 
 
 @pytest.fixture

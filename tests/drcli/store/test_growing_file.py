@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.store.growing_file import SMALL_BYTES, GrowingFile, Layout, list_parts
+from drcli.model.growing_file import SMALL_BYTES, GrowingFile, Layout, list_parts
 from memory_bucket import MemoryBucket
 
 KEY = "model/metrics/file.json"

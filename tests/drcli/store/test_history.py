@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.base.fingerprint import Fingerprint
-from drcli.exchange.checkpoint import CheckpointRecord, Counters
-from drcli.store import keys
-from drcli.store.growing_file import list_parts
-from drcli.store.history import REMEMBERED, History, HistoryReader, collapse, read_history
+from drcli.base.json_record import Fingerprint
+from drcli.model import keys
+from drcli.model.growing_file import list_parts
+from drcli.model.history import REMEMBERED, History, HistoryReader, collapse, read_history
+from drcli.records.checkpoint import CheckpointRecord, Counters
 from evaluations import evaluated
 from iterations import iteration_record
 from memory_bucket import MemoryBucket

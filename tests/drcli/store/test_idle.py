@@ -15,15 +15,16 @@ from dataclasses import replace
 import psutil
 import pytest
 
-from drcli.base.backoff import wait_until
+from drcli.base.clock import wait_until
 from drcli.base.errors import StorageError
-from drcli.base.file_lock import exclusive
-from drcli.config.bucket_config import StorageConfig
-from drcli.store.connect import open_bucket
-from drcli.store.s3_bucket import S3Bucket
-from drcli.store.server import idle, server, server_process
-from drcli.store.server.idle import IdleWatcher
-from drcli.store.server.state import LOG_BYTES
+from drcli.base.files import exclusive
+from drcli.bucket.connect import open_bucket
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.server import server, server_process
+from drcli.bucket.server import server as idle
+from drcli.bucket.server.server import IdleWatcher
+from drcli.bucket.server.server_process import LOG_BYTES
+from drcli.config.run_config import StorageConfig
 
 MINUTE_S = 60.0
 
@@ -210,7 +211,9 @@ def test_a_watcher_of_little_size_comes_and_goes_with_the_server(local):
         user.stdout.readline()
         user.kill()  # whoever started them both
     first = psutil.Process(state_of(local)["watcher"])
-    assert wait_until(lambda: "drcli.store.server.idle" in " ".join(first.cmdline()), patience_s=10)
+    assert wait_until(
+        lambda: "drcli.bucket.server.server" in " ".join(first.cmdline()), patience_s=10
+    )
 
     os.kill(state_of(local)["pid"], signal.SIGKILL)
     assert wait_until(lambda: not first.is_running(), patience_s=10)

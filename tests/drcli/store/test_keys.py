@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drcli.config.value_types import RUN_FOLDERS
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.store import keys, race_keys
+from drcli.model import keys, race_keys
+from drcli.records.checkpoint import CheckpointName
 
 PREFIX = "team/x/model-1"
 

@@ -11,9 +11,9 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import OwnershipLost, SettingsError
-from drcli.base.process_identity import started_s
-from drcli.store import keys, lease
-from drcli.store.lease import read_lease, write_lease
+from drcli.base.processes import started_s
+from drcli.model import keys, lease
+from drcli.model.lease import read_lease, write_lease
 from memory_bucket import MemoryBucket
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drcli.exchange.episode_metrics import EpisodeMetrics, encode_metrics
-from drcli.store.metrics_reader import DrivenEpisode, MetricsReader
+from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
+from drcli.web.episode_routes import DrivenEpisode, MetricsReader
 from memory_bucket import MemoryBucket
 
 FOLDER = "model/metrics"

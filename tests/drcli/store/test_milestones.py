@@ -7,21 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.milestone_record import Milestones
-from drcli.exchange.scores import EvaluationResult, SecondEvaluation
-from drcli.store import keys
-from drcli.store.bucket import ObjectDamaged
-from drcli.store.checkpoint_retention import KeepRules, kept_besides
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import write_history
-from drcli.store.milestones import (
+from drcli.bucket.bucket import ObjectDamaged
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore, KeepRules, kept_besides
+from drcli.model.history import write_history
+from drcli.model.milestones import (
     NO_MILESTONES,
+    Milestones,
     read_milestones,
     readable_milestones,
     with_history,
 )
-from drcli.store.repair import Model, find_damage, repair
+from drcli.model.repair import Model, find_damage, repair
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.scores import EvaluationResult, SecondEvaluation
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.store.model_kind import import_command, kind_of, model_kind, what_helps
+from drcli.model.model_prefix import import_command, kind_of, model_kind, what_helps
 from memory_bucket import MemoryBucket
 
 FILES = ["reward_function.py", "model/model_metadata.json", "ip/hyperparameters.json"]

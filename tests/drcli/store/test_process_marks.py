@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from drcli.store.server import server_process
+from drcli.bucket.server import server_process
 
 ASKING = """
 import sys

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import StorageError
+from drcli.bucket import endpoint
+from drcli.bucket.connect import open_upload_bucket
+from drcli.bucket.endpoint import Profile, read_profile
 from drcli.config.loading import load_settings
-from drcli.store import profiles
-from drcli.store.connect import open_upload_bucket
-from drcli.store.profiles import Profile, read_profile
 
 CONFIG = """
 [default]
@@ -35,9 +35,9 @@ def files(tmp_path, monkeypatch):
     (tmp_path / "credentials").write_text(
         "[minio]\naws_access_key_id=AKmine\naws_secret_access_key=s\n"
     )
-    profiles.session_of.cache_clear()
+    endpoint.session_of.cache_clear()
     yield tmp_path
-    profiles.session_of.cache_clear()
+    endpoint.session_of.cache_clear()
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_the_default_profile_need_not_exist(files):
     Path(files / "config").unlink()
 
     assert read_profile("default", "X") == Profile(None, None)
-    assert profiles.session_of("default", "X").profile_name == "default"
+    assert endpoint.session_of("default", "X").profile_name == "default"
 
 
 def test_another_profile_must_exist(files):

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.checks.storage_rules import probe
-from drcli.store import profiles
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
-from drcli.store.s3_errors import AccessRefused
+from drcli.bucket import endpoint as profiles
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.s3_errors import AccessRefused
+from drcli.checks.start_rules import probe
 from metadata_server import MetadataServer
 from refusing_s3 import Refusals, refusing_server
 

@@ -4,16 +4,16 @@ from collections import Counter
 
 import pytest
 
-from drcli.base.fingerprint import Fingerprint
-from drcli.exchange.checkpoint import CheckpointRecord
-from drcli.exchange.scores import EvaluationResult
-from drcli.store import keys
-from drcli.store.best_checkpoint import write_evaluation
-from drcli.store.bucket import ObjectNewer, Watch
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import write_history
-from drcli.store.reconstruct import reconstruct_scores
-from drcli.store.repair import Model, find_damage, repair, set_aside
+from drcli.base.json_record import Fingerprint
+from drcli.bucket.bucket import ObjectNewer, Watch
+from drcli.model import keys
+from drcli.model.best_checkpoint import write_evaluation
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import write_history
+from drcli.model.reconstruct import reconstruct_scores
+from drcli.model.repair import Model, find_damage, repair, set_aside
+from drcli.records.checkpoint import CheckpointRecord
+from drcli.records.scores import EvaluationResult
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
@@ -82,7 +82,7 @@ def test_a_damaged_object_is_kept_as_it_was(bucket):
 
 
 def test_of_many_damaged_objects_the_newest_are_kept(monkeypatch):
-    monkeypatch.setattr("drcli.store.repair.KEPT_DAMAGED", 5)
+    monkeypatch.setattr("drcli.model.repair.KEPT_DAMAGED", 5)
     seconds = iter(range(10**6))
     bucket = MemoryBucket(clock=lambda: float(next(seconds)))
     for number in range(20):

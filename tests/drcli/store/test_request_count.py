@@ -2,8 +2,8 @@
 
 import pytest
 
-from drcli.store.request_count import CountFile, RequestCount, RequestCounter, read_counts
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket.request_count import CountFile, RequestCount, RequestCounter, read_counts
+from drcli.bucket.s3_bucket import S3Bucket
 
 
 @pytest.fixture

@@ -8,17 +8,16 @@ import pytest
 
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
-from drcli.exchange.joined_worker import MemberRecord
-from drcli.exchange.rollout import Episodes
-from drcli.exchange.rollout_manifest import Driving, Manifest
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.learn.rollout_buffer import Rollout
-from drcli.store import keys, rollout_reader
-from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.members import MemberReader
-from drcli.store.model_prefix import delete_unlearned
-from drcli.store.rollout_reader import RolloutReader, find_manifest
-from drcli.store.rollout_writer import RolloutWriter
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_prefix import delete_unlearned
+from drcli.model.training_state import MemberReader
+from drcli.records.job import MemberRecord
+from drcli.records.rollout import Driving, Episodes, Manifest
+from drcli.train import rollouts
+from drcli.train.rollouts import RolloutReader, RolloutWriter, find_manifest
 from memory_bucket import MemoryBucket
 
 PREFIX = "team/model-1"
@@ -219,7 +218,7 @@ def test_parts_are_fetched_before_their_manifest_comes(memory, clock):
 
 
 def test_no_more_is_fetched_ahead_than_memory_allows(memory, reader, monkeypatch):
-    monkeypatch.setattr(rollout_reader, "PREFETCH_BYTES", 0)
+    monkeypatch.setattr(rollouts, "PREFETCH_BYTES", 0)
     manifest = hand_in(memory)
 
     wait(reader, [0])

@@ -11,13 +11,14 @@ from botocore.exceptions import ClientError, EndpointConnectionError
 from botocore.parsers import ResponseParserError
 from botocore.response import StreamingBody
 
-from drcli.base import notices
+from drcli.base import errors
 from drcli.base.errors import OwnershipLost, StorageError
-from drcli.checks.storage_rules import probe
-from drcli.store import profiles, s3_bucket, s3_errors
-from drcli.store.bucket import ObjectMissing
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
+from drcli.bucket import endpoint as profiles
+from drcli.bucket import s3_bucket, s3_errors
+from drcli.bucket.bucket import ObjectMissing
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.checks.start_rules import probe
 from refusing_s3 import refusing_server
 
 LOCAL = Endpoint("http://127.0.0.1:1", "AKkey", "secret", engine="rclone")
@@ -87,7 +88,7 @@ def test_a_read_during_an_overwrite_is_repeated(scripted):
 
 def test_a_silent_server_is_given_up_after_the_patience(scripted, clock, monkeypatch):
     said = []
-    monkeypatch.setattr(notices, "show", said.append)
+    monkeypatch.setattr(errors, "show", said.append)
     bucket = scripted(SILENT, endpoint=REMOTE, repeat=True)
 
     with pytest.raises(StorageError, match=r"no server answers") as failure:
@@ -183,7 +184,7 @@ def test_an_answer_that_is_no_xml_is_asked_for_again(scripted):
 
 def test_an_outage_is_said_once_however_many_calls_it_meets(scripted, clock, monkeypatch):
     said = []
-    monkeypatch.setattr(notices, "show", said.append)
+    monkeypatch.setattr(errors, "show", said.append)
     bucket = scripted(*[SILENT] * 40, endpoint=REMOTE)
     bucket._patience_s = 15
 
@@ -198,7 +199,7 @@ def test_an_outage_is_said_once_however_many_calls_it_meets(scripted, clock, mon
 
 def test_short_failures_are_not_said_again_and_again(scripted, clock, monkeypatch):
     said = []
-    monkeypatch.setattr(notices, "show", said.append)
+    monkeypatch.setattr(errors, "show", said.append)
     for _ in range(5):  # several buckets of one process, each with its own client
         bucket = scripted(*[SILENT] * 6)
         for _ in range(3):
@@ -267,7 +268,7 @@ def test_a_refusal_by_a_server_with_another_time_is_one_because_of_the_clock(
 
 def test_a_process_that_waits_for_the_clock_to_be_set_says_so(scripted, monkeypatch):
     said: list[str] = []
-    monkeypatch.setattr(notices, "show", said.append)
+    monkeypatch.setattr(errors, "show", said.append)
     bucket = scripted(answer("RequestTimeTooSkewed", 403), endpoint=REMOTE, repeat=True)
     bucket._unattended = True
 

@@ -18,18 +18,18 @@ from pathlib import Path
 import pytest
 from botocore.exceptions import ClientError
 
-from drcli.base import notices
-from drcli.base.backoff import wait_until
+from drcli.base import errors
+from drcli.base.clock import wait_until
 from drcli.base.errors import StorageError
-from drcli.base.file_lock import exclusive
-from drcli.checks.storage_rules import probe
-from drcli.config.bucket_config import StorageConfig
-from drcli.store import s3_bucket
-from drcli.store.connect import open_bucket
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
-from drcli.store.server import server, server_process
-from drcli.store.server import state as server_state
+from drcli.base.files import exclusive
+from drcli.bucket import s3_bucket
+from drcli.bucket.connect import open_bucket
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.server import server, server_process
+from drcli.bucket.server import server_process as server_state
+from drcli.checks.start_rules import probe
+from drcli.config.run_config import StorageConfig
 
 FIND = """
 import sys
@@ -76,7 +76,7 @@ def test_buckets_with_dots_are_served(local):
 )
 def test_an_empty_object_that_stands_for_a_folder_makes_way(local, monkeypatch, placeholder, parts):
     warnings = []
-    monkeypatch.setattr(notices, "warn", warnings.append)
+    monkeypatch.setattr(errors, "warn", warnings.append)
     if parts:
         monkeypatch.setattr(s3_bucket, "MULTIPART_FROM_BYTES", 1)
     with closing(open_bucket(local, patience_s=5)) as bucket:
@@ -449,7 +449,7 @@ def test_a_lock_that_stays_held_is_a_failure_with_its_file(tmp_path):
 @pytest.mark.parametrize("state", ["", "{", "[]", "7", '{"engine": "rclone", "port": "x"}'])
 def test_a_damaged_state_file_is_named_and_put_aside(local, monkeypatch, state):
     told: list[str] = []
-    monkeypatch.setattr("drcli.base.notices.warn", told.append)
+    monkeypatch.setattr("drcli.base.errors.warn", told.append)
     local.data_dir.mkdir()
     path = local.data_dir / ".server.json"
     path.write_text(state)

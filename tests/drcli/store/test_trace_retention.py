@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import pytest
 
-from drcli.store import keys
-from drcli.store.trace_retention import MOST_ITERATIONS, NEWEST, TraceRetention, chosen
+from drcli.model import keys
+from drcli.model.traces import MOST_ITERATIONS, NEWEST, TraceRetention, chosen
 from memory_bucket import MemoryBucket
 
 KB = 1000

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.store import s3_bucket, verify
-from drcli.store.verify import Checksums
+from drcli.bucket import s3_bucket
+from drcli.model import verify
+from drcli.model.verify import Checksums
 
 DATA = b"0123456789"
 

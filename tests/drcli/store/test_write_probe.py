@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from drcli.base import notices
+from drcli.base import errors
 from drcli.base.errors import StorageError
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
-from drcli.store.s3_errors import AccessRefused
-from drcli.store.write_probe import NAME, prove_writing
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.s3_errors import AccessRefused
+from drcli.model.write_probe import NAME, prove_writing
 from refusing_s3 import Refusals, contents, refusing_server
 
 KMS = (
@@ -50,7 +50,7 @@ def bucket(server: tuple[Endpoint, Refusals], refusals: Refusals) -> Iterator[S3
 @pytest.fixture
 def warnings(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     said: list[str] = []
-    monkeypatch.setattr(notices, "warn", said.append)
+    monkeypatch.setattr(errors, "warn", said.append)
     return said
 
 

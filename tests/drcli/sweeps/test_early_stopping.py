@@ -4,14 +4,8 @@ import random
 
 import pytest
 
-from drcli.sweeps.early_stopping import (
-    changed_value,
-    comparable,
-    kept_of,
-    levels_of,
-    replacements,
-)
 from drcli.sweeps.sweep_file import Budget, EarlyStopping, Span
+from drcli.sweeps.trial_score import changed_value, comparable, kept_of, levels_of, replacements
 
 
 def test_all_get_their_whole_budget_without_early_stopping():

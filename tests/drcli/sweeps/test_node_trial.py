@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError, TrainedElsewhere, WorkerDied
-from drcli.exchange.run_record import RunRecord
-from drcli.exchange.sweep_record import TrialRecord
+from drcli.records.run_record import RunRecord
 from drcli.sweeps import node_trial
 from drcli.sweeps.node_trial import (
     MILLION,
@@ -20,6 +19,7 @@ from drcli.sweeps.node_trial import (
     folder_on_node,
 )
 from drcli.sweeps.sweep_file import Budget, EarlyStopping
+from drcli.sweeps.sweep_record import TrialRecord
 from drcli.sweeps.trial_run import Limits
 from iterations import iteration_record
 from memory_bucket import MemoryBucket

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import ProblemsError
-from drcli.config.example_files import model_file
+from drcli.base.errors import ProblemsError, SettingsError
+from drcli.config.presets import model_file
 from drcli.sweeps.sweep_file import Span, SweepFile, read_sweep_file
 from drcli.sweeps.trials import trials_of
 

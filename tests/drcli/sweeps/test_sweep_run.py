@@ -6,17 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from drcli.base.errors import SettingsError, StorageError, TrainedElsewhere
-from drcli.base.problems import ProblemsError
-from drcli.base.termination import NotedSignals, Stopped
+from drcli.base.errors import ProblemsError, SettingsError, StorageError, TrainedElsewhere
+from drcli.base.processes import NotedSignals, Stopped
 from drcli.config.loading import load_settings
-from drcli.exchange.run_record import RunRecord
-from drcli.store import keys
-from drcli.store.notes import DESCRIPTION
+from drcli.model import keys
+from drcli.model.notes import DESCRIPTION
+from drcli.records.run_record import RunRecord
 from drcli.sweeps import sweep_run
 from drcli.sweeps.stored_sweep import read_sweep, refuse_used_models, wipe_sweep
 from drcli.sweeps.sweep_file import read_sweep_file
-from drcli.sweeps.sweep_progress import SweepProgress
+from drcli.sweeps.sweep_report import SweepProgress
 from drcli.sweeps.sweep_run import Pace, SweepRun
 from drcli.sweeps.trial_files import TrialFiles
 from drcli.sweeps.trials import trials_of

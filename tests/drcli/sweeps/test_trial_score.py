@@ -1,6 +1,6 @@
 """How well a training drives at an amount of its budget, and which one is best."""
 
-from drcli.exchange.sweep_record import TrialRecord, TrialScore
+from drcli.sweeps.sweep_record import TrialRecord, TrialScore
 from drcli.sweeps.trial_score import amount_of, best_of, number_of, rank, score_of, until
 from iterations import iteration_record
 

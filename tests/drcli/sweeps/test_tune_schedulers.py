@@ -8,9 +8,9 @@ pytest.importorskip("ray.tune", reason="the extra ray is not installed", exc_typ
 
 from ray.tune.schedulers import ASHAScheduler, PopulationBasedTraining
 
-from drcli.sweeps.early_stopping import levels_of
 from drcli.sweeps.node_trial import MILLION
 from drcli.sweeps.sweep_file import Budget, EarlyStopping, Span, SweepPlan, Vary
+from drcli.sweeps.trial_score import levels_of
 from drcli.sweeps.tune_schedulers import Explorer, Halving, scheduler_of
 from drcli.sweeps.tune_sweep import place_for
 

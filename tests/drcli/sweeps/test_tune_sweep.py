@@ -8,13 +8,13 @@ import pytest
 pytest.importorskip("ray.tune", reason="the extra ray is not installed", exc_type=ImportError)
 
 from drcli.base.errors import BudgetUsedUp
-from drcli.base.termination import NotedSignals
+from drcli.base.processes import NotedSignals
 from drcli.config.loading import load_settings
-from drcli.sweeps.early_stopping import levels_of
 from drcli.sweeps.node_trial import TrialStep
 from drcli.sweeps.sweep_file import read_sweep_file
-from drcli.sweeps.sweep_progress import SweepProgress
+from drcli.sweeps.sweep_report import SweepProgress
 from drcli.sweeps.trial_files import TrialFiles
+from drcli.sweeps.trial_score import levels_of
 from drcli.sweeps.trials import trials_of
 from drcli.sweeps.tune_sweep import Watch
 from iterations import iteration_record

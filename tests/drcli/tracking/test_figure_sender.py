@@ -7,9 +7,9 @@ import pytest
 
 from drcli.base.errors import NotAvailable
 from drcli.config.loading import load_settings
-from drcli.tracking import figure_sender, open_sinks
-from drcli.tracking.figure_events import Ended, EpochPoint, Point
-from drcli.tracking.figure_sender import FigureSender
+from drcli.metrics import figure_sender, open_sinks
+from drcli.metrics.figure_events import Ended, EpochPoint, Point
+from drcli.metrics.figure_sender import FigureSender
 
 POINT = Point(1, 2.0, {"losses/entropy": 1.0})
 

@@ -14,11 +14,15 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from drcli.tracking.figure_events import Ended, EpisodePoint, EpochPoint, Point, TrainingFacts
-from drcli.tracking.influx_lines import InfluxLines, line_of
-from drcli.tracking.mlflow_run import MlflowRun
-from drcli.tracking.prometheus_text import FigureFile, FigureServer, NewestFigures
-from drcli.tracking.server_requests import ServerError
+from drcli.metrics.figure_events import Ended, EpisodePoint, EpochPoint, Point, TrainingFacts
+from drcli.metrics.prometheus_text import (
+    FigureFile,
+    FigureServer,
+    InfluxLines,
+    NewestFigures,
+    line_of,
+)
+from drcli.metrics.servers import MlflowRun, ServerError
 
 FACTS = TrainingFacts("team/model-1", 3, 500, {"hyperparameters": '{"lr": 0.001}'})
 LEARNED = Point(1000, 20.5, {"losses/entropy": 1.25, "charts/episodic_return": 7.0})
@@ -333,7 +337,7 @@ def test_event_files_have_cleanrls_names_and_no_steps_that_were_given_up(tmp_pat
     pytest.importorskip("tensorboard", reason="the extra tensorboard is not installed")
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    from drcli.tracking.event_file import EventFile
+    from drcli.metrics.event_file import EventFile
 
     folder = tmp_path / "team" / "model-1"
     begun = time.time()
@@ -361,7 +365,7 @@ def test_event_files_of_a_folder_without_any_begin_with_the_iterations_before(tm
     pytest.importorskip("tensorboard", reason="the extra tensorboard is not installed")
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    from drcli.tracking.event_file import EventFile
+    from drcli.metrics.event_file import EventFile
 
     sink = EventFile(tmp_path, FACTS, [Point(400, 1.0, {"losses/entropy": 2.0})])
     sink.close()
@@ -377,7 +381,7 @@ def test_event_files_of_a_new_start_replace_those_of_another_machine(tmp_path):
     pytest.importorskip("tensorboard", reason="the extra tensorboard is not installed")
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    from drcli.tracking.event_file import EventFile
+    from drcli.metrics.event_file import EventFile
 
     lost, here = tmp_path / "lost", tmp_path / "here"
     first = EventFile(lost, TrainingFacts("m", 0), [])
@@ -398,7 +402,7 @@ def test_event_files_are_followed_by_others_before_they_are_large(tmp_path, monk
     pytest.importorskip("tensorboard", reason="the extra tensorboard is not installed")
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    from drcli.tracking import event_file
+    from drcli.metrics import event_file
 
     monkeypatch.setattr(event_file, "LARGEST_BYTES", 300)
     sink = event_file.EventFile(tmp_path, TrainingFacts("m", 0), [])
@@ -414,7 +418,7 @@ def test_event_files_are_followed_by_others_before_they_are_large(tmp_path, monk
 
 def test_a_full_disk_leaves_no_heap_of_empty_event_files(tmp_path):
     pytest.importorskip("tensorboard", reason="the extra tensorboard is not installed")
-    from drcli.tracking.event_file import EventFile
+    from drcli.metrics.event_file import EventFile
 
     sink = EventFile(tmp_path, TrainingFacts("m", 0), [])
     for _ in range(3):

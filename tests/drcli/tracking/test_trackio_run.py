@@ -12,9 +12,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.tracking.figure_events import Point, TrainingFacts
-from drcli.tracking.server_requests import ServerError
-from drcli.tracking.trackio_run import TrackioRun
+from drcli.metrics.figure_events import Point, TrainingFacts
+from drcli.metrics.servers import ServerError, TrackioRun
 
 LEARNED = Point(1000, 20.5, {"losses/entropy": 1.25, "charts/episodic_return": 7.0})
 SCORED = Point(900, 21.0, {"evaluation/progress": 88.0}, is_evaluation=True)

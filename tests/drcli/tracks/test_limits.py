@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from drcli.exchange.episode_metrics import decode_metrics
-from drcli.exchange.track_limit import TrackLimit, limit_of
+from drcli.records.episode_metrics import decode_metrics
 from drcli.tracks.limit_store import SHIPPED, SOLVER_VERSION, WITHIN, StoredLimit, read_limits
+from drcli.tracks.track_limit import TrackLimit, limit_of
 
 ROOT = Path(__file__).resolve().parents[3]
 SHARED = ROOT.parent / "shared"

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from drcli.base.errors import NotAvailable, SettingsError
-from drcli.video import encode
+from drcli.view.video import encode
 
 
 def frames(count, rows=64, columns=96):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drcli.video.film import SIZES, Film, Insight, Scene
-from drcli.video.overlay import Overlay, Readings, Titles, clock
-from drcli.video.recorded_lap import read_laps
+from drcli.view.video.film import SIZES, Film, Insight, Scene
+from drcli.view.video.overlay import Overlay, Readings, Titles, clock
+from drcli.view.video.recorded_lap import read_laps
 from drsim.race.solids import SHAPES
 from drsim.track.worlds import load_track
 from recorded_drives import trace_csv, trace_rows

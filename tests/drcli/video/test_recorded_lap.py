@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.race_recording import RaceRecording, RecordedObjects
-from drcli.video.recorded_lap import read_laps
+from drcli.records.evaluation_task import RaceRecording, RecordedObjects
+from drcli.view.video.recorded_lap import read_laps
 from drsim.track.worlds import load_track
 from recorded_drives import trace_csv, trace_rows
 

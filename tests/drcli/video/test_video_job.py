@@ -9,20 +9,15 @@ import pytest
 from PIL import Image
 
 from drcli.base.errors import SettingsError
-from drcli.config.bucket_config import ModelConfig
-from drcli.config.shell_colors import shell_color
-from drcli.exchange.race_recording import RaceRecording, RecordedObjects
-from drcli.store import keys
-from drcli.video import encode, overlay
-from drcli.video.make_video import Wish, chosen_laps, frames_of, refuse_file
-from drcli.video.recorded_lap import read_laps
-from drcli.video.trace_source import (
-    trace_of_evaluation,
-    trace_of_file,
-    trace_of_iteration,
-)
-from drcli.video.video_job import CAMERAS, Defaults, PolicyWish, make_video, put_videos
-from drcli.video.world_of_lap import find_world
+from drcli.config.run_config import ModelConfig
+from drcli.config.value_types import shell_color
+from drcli.model import keys
+from drcli.records.evaluation_task import RaceRecording, RecordedObjects
+from drcli.view.video import encode, overlay
+from drcli.view.video.make_video import Wish, chosen_laps, frames_of, refuse_file
+from drcli.view.video.recorded_lap import find_world, read_laps
+from drcli.view.video.trace_source import trace_of_evaluation, trace_of_file, trace_of_iteration
+from drcli.view.video.video_job import CAMERAS, Defaults, PolicyWish, make_video, put_videos
 from drsim.track.worlds import load_track
 from drsim.viewing.world_view import WorldView
 from memory_bucket import MemoryBucket
@@ -358,7 +353,7 @@ def test_a_browser_plays_the_video_with_its_length_and_size(tmp_path):
     program = chromium()
     if program is None:
         pytest.skip("no Chromium is installed")
-    from drcli.video import encode
+    from drcli.view.video import encode
 
     with encode.mp4(tmp_path / "lap.mp4", (480, 640), 15) as writer:
         for k in range(30):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.base.backoff import wait_until
+from drcli.base.clock import wait_until
 from drcli.base.errors import WorkerDied
 from drcli.web import apart
 

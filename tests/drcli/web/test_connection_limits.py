@@ -8,7 +8,8 @@ import urllib.request
 
 import pytest
 
-from drcli.web import connection_limits, serve, socket_route
+from drcli.web import console_app as connection_limits
+from drcli.web import serve, socket_route
 from drcli.web.hub import Stored
 from drcli.web.topics import Snapshot
 

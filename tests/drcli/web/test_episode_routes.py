@@ -5,11 +5,11 @@ import json
 import pytest
 from starlette.testclient import TestClient
 
-from drcli.playback.episode_player import EpisodePlayer
-from drcli.playback.packed_answer import unpack
-from drcli.playback.player_process import answer_of
-from drcli.store.folder_bucket import FolderBucket
-from drcli.video.video_job import Defaults
+from drcli.bucket.connect import FolderBucket
+from drcli.view.playback.episode_player import EpisodePlayer
+from drcli.view.playback.player_handle import unpack
+from drcli.view.playback.player_process import answer_of
+from drcli.view.video.video_job import Defaults
 from drcli.web import episode_routes
 from drcli.web.console_app import build_app
 from drcli.web.served_folder import ServedFolder

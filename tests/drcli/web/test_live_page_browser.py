@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from drcli.exchange.log_places import log_file
+from drcli.records.run_record import log_file
 from live_worker import SmallDrive, shown
 
 

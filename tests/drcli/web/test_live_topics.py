@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.exchange.live_record import LiveMessage
+from drcli.live.live_record import LiveMessage
 from drcli.web import live_topics
 from drcli.web.live_topics import LiveText
 from live_worker import SmallDrive, shown, until
@@ -133,7 +133,7 @@ def test_runs_of_the_folder_are_listed_with_their_states(served, make_run_record
 
 @pytest.fixture
 def make_run_record(served):
-    from drcli.exchange.run_record import RunRecord, run_folder
+    from drcli.records.run_record import RunRecord, run_folder
 
     def make(run_id, state):
         folder = run_folder(served.folder, run_id)

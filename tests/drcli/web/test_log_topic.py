@@ -2,7 +2,7 @@
 
 import json
 
-from drcli.web.log_topic import KEPT_LINES, LONGEST_LINE, MOST_BYTES, LogReader
+from drcli.web.run_topics import KEPT_LINES, LONGEST_LINE, MOST_BYTES, LogReader
 
 MISSING = "There is no log yet."
 

@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from drcli.web import machine_topic
-from drcli.web.machine_topic import ProcessorMeter, look
+from drcli.web import run_topics
+from drcli.web.run_topics import ProcessorMeter, look
 
 
 def test_figures_are_those_of_this_machine(tmp_path):
@@ -31,8 +31,8 @@ def test_figures_are_those_of_this_machine(tmp_path):
 )
 def test_graphics_processors_are_read_from_their_program(monkeypatch, tmp_path, said, found):
     done = subprocess.CompletedProcess([], 0, said)
-    monkeypatch.setattr(machine_topic.shutil, "which", lambda _: "/usr/bin/nvidia-smi")
-    monkeypatch.setattr(machine_topic.subprocess, "run", lambda *_, **__: done)
+    monkeypatch.setattr(run_topics.shutil, "which", lambda _: "/usr/bin/nvidia-smi")
+    monkeypatch.setattr(run_topics.subprocess, "run", lambda *_, **__: done)
 
     gpus = look(tmp_path, ProcessorMeter()).gpus
 
@@ -44,8 +44,8 @@ def test_a_driver_that_does_not_answer_is_no_error(monkeypatch, tmp_path, error)
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr(machine_topic.shutil, "which", lambda _: "/usr/bin/nvidia-smi")
-    monkeypatch.setattr(machine_topic.subprocess, "run", fail)
+    monkeypatch.setattr(run_topics.shutil, "which", lambda _: "/usr/bin/nvidia-smi")
+    monkeypatch.setattr(run_topics.subprocess, "run", fail)
 
     assert look(tmp_path, ProcessorMeter()).gpus == []
 

@@ -5,9 +5,9 @@ import tarfile
 
 import pytest
 
-from drcli.base.backoff import wait_until
-from drcli.exchange.log_places import log_file
-from drcli.web import model_import_routes
+from drcli.base.clock import wait_until
+from drcli.records.run_record import log_file
+from drcli.web import model_action_routes
 from stored_models import StoredModels
 
 PREFIX = "team/model-1"
@@ -149,7 +149,7 @@ def test_uploaded_files_stay_in_their_folder(client, working_folder):
 
 
 def test_a_file_that_is_too_large_leaves_nothing(client, working_folder, monkeypatch):
-    monkeypatch.setattr(model_import_routes, "LARGEST_UPLOAD", 100)
+    monkeypatch.setattr(model_action_routes, "LARGEST_UPLOAD", 100)
 
     answer = client.post("/api/uploads?name=big.tar.gz", content=(b"x" * 60 for _ in range(3)))
 
@@ -159,7 +159,7 @@ def test_a_file_that_is_too_large_leaves_nothing(client, working_folder, monkeyp
 
 
 def test_a_disk_without_room_takes_no_upload(client, monkeypatch):
-    monkeypatch.setattr(model_import_routes, "LEAST_FREE", 1 << 60)
+    monkeypatch.setattr(model_action_routes, "LEAST_FREE", 1 << 60)
 
     answer = send(client, "a.pb", b"data")
 

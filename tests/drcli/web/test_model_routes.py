@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from drcli.analysis.report_place import report_file
-from drcli.exchange.episode_metrics import EpisodeMetrics, encode_metrics
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
+from drcli.transfer.report_place import report_file
 from stored_models import STAMP, StoredModels
 
 PREFIX = "team/model-1"

@@ -11,8 +11,7 @@ import pytest
 import uvicorn
 
 from browser import headless_browser
-from drcli.config.new_folder import plan_folder
-from drcli.config.write_folder import write
+from drcli.config.new_folder import plan_folder, write
 from drcli.web.console_app import build_app
 
 WRONG = "def reward_function(params):\n    return 1.0 +\n"

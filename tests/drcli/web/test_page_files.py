@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
-from drcli.web.page_files import page_routes
+from drcli.web.console_app import page_routes
 
 PAGES = Path(str(files("drcli.web") / "pages"))
 SCRIPTS = sorted(path.relative_to(PAGES).as_posix() for path in PAGES.rglob("*.js"))

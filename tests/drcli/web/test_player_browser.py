@@ -4,7 +4,7 @@ from urllib.parse import urlencode
 
 import pytest
 
-from drcli.store.folder_bucket import FolderBucket
+from drcli.bucket.connect import FolderBucket
 from drcli.web.served_folder import ServedFolder
 from played_model import EVALUATION, GONE, MODEL, working_folder
 from served_console import served_console

@@ -10,7 +10,7 @@ import pytest
 import uvicorn
 
 from browser import headless_browser
-from drcli.base.backoff import wait_until
+from drcli.base.clock import wait_until
 from drcli.web.console_app import build_app
 from drcli.web.served_folder import ServedFolder
 from home_races import Home, home_in

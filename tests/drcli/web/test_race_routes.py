@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
-from drcli.exchange.race_submission import DrivenCar, RaceResult
+from drcli.model import race_keys
+from drcli.races.race_records import DrivenCar, RaceResult
 from drcli.races.stored_race import put, read_race
-from drcli.store import race_keys
 from drcli.web.console_app import build_app
 from drcli.web.served_folder import ServedFolder
 from home_races import RACE, Home, home_in, lap

@@ -11,10 +11,9 @@ from typing import Any
 import pytest
 
 from drcli.base.errors import WorkerDied
-from drcli.config.new_folder import plan_folder
-from drcli.config.write_folder import write
-from drcli.web import reward_checks
-from drcli.web.reward_checks import RewardChecks
+from drcli.config.new_folder import plan_folder, write
+from drcli.web import reward_routes
+from drcli.web.reward_routes import RewardChecks
 
 WRONG = "def reward_function(params):\n    return 1.0 +\n"
 
@@ -71,7 +70,7 @@ def test_only_the_newest_request_of_a_page_counts(checks):
 
 
 def test_too_many_requests_are_refused(checks, monkeypatch):
-    monkeypatch.setattr(reward_checks, "MOST_WAITING", 0)
+    monkeypatch.setattr(reward_routes, "MOST_WAITING", 0)
 
     with pytest.raises(Exception, match="Too many checks wait"):
         checks.check("a", WRONG, "")
@@ -88,7 +87,7 @@ def test_after_its_end_the_process_is_started_again(checks):
 
 
 def test_a_process_that_does_not_answer_is_ended(folder, monkeypatch):
-    monkeypatch.setattr(reward_checks, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(reward_routes, "PATIENCE_S", 0.01)
     checks = RewardChecks(folder)
 
     with pytest.raises(WorkerDied, match="did not end"):

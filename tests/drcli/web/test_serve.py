@@ -10,7 +10,7 @@ from starlette.applications import Starlette
 from starlette.responses import StreamingResponse
 from starlette.routing import Route
 
-from drcli.base.backoff import wait_until
+from drcli.base.clock import wait_until
 from drcli.web.answers import answers
 from drcli.web.security import Guard
 from drcli.web.serve import server_of

@@ -8,12 +8,11 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
+from drcli.bucket.connect import FolderBucket
+from drcli.bucket.server import server
 from drcli.config.loading import load_settings
-from drcli.config.new_folder import plan_folder
-from drcli.config.write_folder import write
-from drcli.store.folder_bucket import FolderBucket
-from drcli.store.model_prefix import newest_checkpoint
-from drcli.store.server import server
+from drcli.config.new_folder import plan_folder, write
+from drcli.model.model_prefix import newest_checkpoint
 from drcli.web.console_app import build_app
 
 PAGE = "http://127.0.0.1:8100"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.exchange.live_record import LiveMessage
+from drcli.live.live_record import LiveMessage
 from drcli.web.shared_feed import SharedFeed
 
 

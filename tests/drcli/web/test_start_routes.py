@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
-from drcli.config.new_folder import plan_folder
-from drcli.config.write_folder import write
+from drcli.config.new_folder import plan_folder, write
 from drcli.web.console_app import build_app
 
 PAGE = "http://127.0.0.1:8100"

@@ -7,8 +7,8 @@ import urllib.request
 import pytest
 from PIL import Image
 
-from drcli.base.backoff import wait_until
-from drcli.exchange.live_record import LiveMessage
+from drcli.base.clock import wait_until
+from drcli.live.live_record import LiveMessage
 from drcli.web import served_folder
 from drcli.web.answers import BadRequest
 from drcli.web.shared_feed import SharedFeed

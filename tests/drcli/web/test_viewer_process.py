@@ -14,7 +14,7 @@ from urllib.parse import urljoin
 import psutil
 import pytest
 
-from drcli.base.backoff import wait_until
+from drcli.base.clock import wait_until
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.config.loading import load_settings
 from drcli.web import viewer_process
@@ -212,7 +212,7 @@ def test_the_record_of_a_number_that_is_used_again_is_none(folder):
 
 
 def test_without_its_libraries_the_extra_is_named(folder, monkeypatch, dr, capsys):
-    monkeypatch.setattr("drcli.web.web_extra.importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("drcli.web.viewer_process.importlib.util.find_spec", lambda _: None)
     with pytest.raises(NotAvailable) as missing:
         start_viewer(folder, web(folder))
 

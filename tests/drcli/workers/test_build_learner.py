@@ -10,17 +10,17 @@ import pytest
 import torch
 from safetensors.torch import save
 
-from drcli.formats.build_network import STATE_DIMS, policy_spec
+from drcli.convert.build_network import STATE_DIMS, policy_spec
+from drcli.drive.build_race import sensors_of_model
 from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.build_learner import algorithm_config, build_learner
-from drcli.workers.build_race import sensors_of_model
-from drcli.workers.restore_learner import restore_optimizer
-from drsim.episode.privileged_features import PRIVILEGED_DIMS
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.train.build_learner import algorithm_config, build_learner
+from drcli.train.checkpoint_publisher import restore_optimizer
+from drsim.episode.teacher_features import PRIVILEGED_DIMS
 
 RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}
 SAC_PRESET = Path(__file__).resolve().parents[3] / "defaults" / "presets" / "sac"
@@ -150,6 +150,6 @@ def test_no_field_of_an_algorithm_but_adams_epsilon_is_without_a_hyperparameter(
 
 
 def test_the_trainer_does_not_load_the_simulator():
-    code = "import sys, drcli.workers.trainer; sys.exit('drsim' in sys.modules)"
+    code = "import sys, drcli.train.trainer; sys.exit('drsim' in sys.modules)"
 
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -12,10 +12,8 @@ from drcli.base.errors import SettingsError
 from drcli.config.loading import load_settings
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import catalogue
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.rewards.sandbox.sample_calls import sample_params
-from drcli.workers import build_race
-from drcli.workers.build_race import (
+from drcli.drive import build_race
+from drcli.drive.build_race import (
     build_simulation,
     car_parameters_of,
     load_race,
@@ -24,8 +22,10 @@ from drcli.workers.build_race import (
     randomize_of,
     realism_of,
 )
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.rewards.sandbox.sample_calls import sample_params
 from drsim.car.car import CarBatch
-from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR
+from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race

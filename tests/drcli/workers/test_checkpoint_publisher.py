@@ -7,18 +7,18 @@ import torch
 from safetensors.torch import load
 
 from drcli.base.errors import StorageError
-from drcli.exchange.checkpoint import CheckpointName, Counters
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO
-from drcli.modelfiles.network_shape import Design
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.trace_retention import TraceRetention
-from drcli.workers import checkpoint_publisher
-from drcli.workers.checkpoint_publisher import CheckpointPublisher
-from drcli.workers.write_graph import GraphWriter
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.network_shape import Design
+from drcli.model.traces import TraceRetention
+from drcli.records.checkpoint import CheckpointName, Counters
+from drcli.train import checkpoint_publisher
+from drcli.train.checkpoint_publisher import CheckpointPublisher
+from drcli.train.write_graph import GraphWriter
 from memory_bucket import MemoryBucket
 from small_model import put_small_model
 

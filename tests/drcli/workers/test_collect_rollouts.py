@@ -3,19 +3,17 @@
 import numpy as np
 import pytest
 
-from drcli.exchange.joined_worker import WorkerShare
-from drcli.exchange.rollout import Episodes
-from drcli.exchange.rollout_manifest import Driving, Manifest
 from drcli.learn.rollout_buffer import Rollout
-from drcli.store import keys
-from drcli.store.rollout_reader import RolloutReader, find_manifest
-from drcli.store.rollout_writer import RolloutWriter
-from drcli.workers.collect_rollouts import (
+from drcli.model import keys
+from drcli.records.job import WorkerShare
+from drcli.records.rollout import Driving, Episodes, Manifest
+from drcli.train.collect_rollouts import (
     JOINED_PATIENCE_S,
     LEAST_PATIENCE_S,
     STARTING_PATIENCE_S,
     Collector,
 )
+from drcli.train.rollouts import RolloutReader, RolloutWriter, find_manifest
 from memory_bucket import MemoryBucket
 
 PREFIX = "model"

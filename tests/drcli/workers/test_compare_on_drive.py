@@ -7,14 +7,14 @@ import torch
 from safetensors.torch import save
 
 from drcli.base.errors import SettingsError
+from drcli.checks.compare_on_drive import compare_on_drive, record_drive
 from drcli.config.loading import load_settings
-from drcli.formats.build_network import build_policy, policy_spec, weights_of
-from drcli.formats.frozen_graph import encode_policy
+from drcli.convert.build_network import build_policy, policy_spec, weights_of
+from drcli.convert.frozen_graph import encode_policy
 from drcli.learn.actor_critic import ActorCritic
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.modelfiles.network_shape import Design
-from drcli.workers.compare_on_drive import compare_on_drive, record_drive
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.network_shape import Design
 from small_model import METADATA
 
 

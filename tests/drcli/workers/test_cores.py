@@ -6,13 +6,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.workers.cores import (
-    cores,
-    driving_threads,
-    learning_threads,
-    overlaps,
-    usable_cores,
-)
+from drcli.workers.cores import cores, driving_threads, learning_threads, overlaps, usable_cores
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.workers.divide_episodes import divide
+from drcli.train.share_keeper import divide
 
 
 @pytest.mark.parametrize(

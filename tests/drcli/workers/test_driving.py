@@ -7,22 +7,21 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.exchange.trace import STEP_S
+from drcli.drive import driving
+from drcli.drive.driving import Driven, Driver, Plan, Racer
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.compute import driving_format
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import compute_in
 from drcli.learn.policy import Observation, Policy, PolicySpec
 from drcli.learn.sac_networks import SACAgent
-from drcli.workers import driving
-from drcli.workers.driven_episode import Driven, Plan
-from drcli.workers.driving import Driver, Racer
+from drcli.records.trace import STEP_S
 from drsim.car.actions import ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
-from drsim.episode.privileged_features import PRIVILEGED_DIMS
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
+from drsim.episode.teacher_features import PRIVILEGED_DIMS
 from drsim.race.race import ObstacleRules, Race
 from drsim.sensing.sensors import Sensors
 from drsim.track.worlds import load_track

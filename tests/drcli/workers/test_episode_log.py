@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.base.json_log import JsonLog
-from drcli.exchange.trace import STEP_S, Episode, Row
-from drcli.workers.episode_log import log_evaluation, log_training, log_trial
+from drcli.base.log import JsonLog
+from drcli.drive.driving import log_evaluation, log_training, log_trial
+from drcli.records.trace import STEP_S, Episode, Row
 
 ROW = Row(1, 1.0, 2.0, 3.0, 20.0, 1.5, "1", 0.0, False, True, 0.0, 7, "prepare", 0.0, 0.0)
 

@@ -1,6 +1,6 @@
 """Numbers and starts of episodes stay apart when stages drive different numbers of them."""
 
-from drcli.workers.episode_share import Share
+from drcli.train.episode_share import Share
 
 
 def test_no_two_episodes_of_a_training_with_stages_have_the_same_number():

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import read_history
-from drcli.workers import sim
-from drcli.workers.driving import Driver
-from drcli.workers.sim import SimWorker
+from drcli.drive.driving import Driver
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import read_history
+from drcli.train import sim
+from drcli.train.sim import SimWorker
 from training_in_memory import PREFIX, TrainingInMemory
 
 ITERATIONS = 4

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drcli.workers.evaluation_starts import ANGLE_DEG, OFFSET_SHARE, fresh_starts
+from drcli.drive.evaluator import ANGLE_DEG, OFFSET_SHARE, fresh_starts
 from drsim.episode.start_poses import start_pose
 from drsim.track.worlds import load_track
 

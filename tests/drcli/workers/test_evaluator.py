@@ -11,15 +11,14 @@ import torch
 from safetensors.torch import save
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.job import Job
-from drcli.exchange.policy_source import PolicySource
-from drcli.exchange.race_recording import RaceRecording
-from drcli.formats import write_form
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import encode_policy
-from drcli.formats.runtimes import EnginePolicy
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import encode_policy
+from drcli.convert.runtimes import EnginePolicy
+from drcli.drive.evaluator import enter, entries, evaluate
 from drcli.learn.policy import Observation, decide
-from drcli.workers.evaluator import enter, entries, evaluate
+from drcli.records.evaluation_task import PolicySource, RaceRecording
+from drcli.records.job import Job
+from drcli.transfer import export_forms
 from reference_model import NEWEST, reference_model
 from small_policies import metadata_json, small_metadata, small_network
 
@@ -48,7 +47,7 @@ def graph_file(tmp_path, network):
 
 
 def actions(racer, network):
-    frames, scans = write_form.sample_inputs(network.spec, 12)
+    frames, scans = export_forms.sample_inputs(network.spec, 12)
     seen = Observation.of_arrays(frames, scans, np.empty((12, 0), np.float32))
     noise = np.zeros((12, 2), np.float32)
     return decide(racer.model, seen, noise, np.ones(12, np.bool_)).actions.tolist()
@@ -70,8 +69,8 @@ def test_a_checkpoint_drives_alike_in_every_engine(model, network, runtime):
     assert isinstance(racer.model, EnginePolicy) == (runtime != "torch")
     assert metadata == small_metadata()
     with torch.inference_mode():
-        frames, scans = write_form.sample_inputs(network.spec, 12)
-    wanted = write_form.torch_outputs(network, frames, scans).argmax(axis=1).tolist()
+        frames, scans = export_forms.sample_inputs(network.spec, 12)
+    wanted = export_forms.torch_outputs(network, frames, scans).argmax(axis=1).tolist()
     assert actions(racer, network) == wanted
     assert len(set(wanted)) > 1
 
@@ -102,16 +101,16 @@ def test_a_sac_checkpoint_of_the_reference_drives_with_its_frozen_graph(racer, r
 
     found, _ = entered(racer, PolicySource(runtime), "7_Step-700.ckpt")
 
-    frames, scans = write_form.sample_inputs(sac.spec, 12)
-    wanted = write_form.torch_outputs(sac, frames, scans)
+    frames, scans = export_forms.sample_inputs(sac.spec, 12)
+    wanted = export_forms.torch_outputs(sac, frames, scans)
     np.testing.assert_allclose(actions(found, sac), wanted, atol=1e-5)
 
 
 def test_a_file_drives_without_a_model_in_the_bucket(racer, network, graph_file):
     found, metadata = entered(racer, PolicySource("pb", graph_file))
 
-    frames, scans = write_form.sample_inputs(network.spec, 12)
-    wanted = write_form.torch_outputs(network, frames, scans).argmax(axis=1).tolist()
+    frames, scans = export_forms.sample_inputs(network.spec, 12)
+    wanted = export_forms.torch_outputs(network, frames, scans).argmax(axis=1).tolist()
     assert actions(found, network) == wanted
     assert metadata == small_metadata()
 
@@ -140,7 +139,7 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     racer.start()
     tensors = save({name: t.contiguous() for name, t in network.state_dict().items()})
     racer.store("model-1").save(0, 0, tensors, optimizer=b"")
-    monkeypatch.setattr("drcli.workers.evaluator.open_bucket", lambda *_, **__: racer.bucket)
+    monkeypatch.setattr("drcli.drive.evaluator.open_bucket", lambda *_, **__: racer.bucket)
     config = racer.settings().run
     entry = entries(config, "20260102030405", ["0_Step-0.ckpt"])[0]
     lifeline = SimpleNamespace(should_stop=lambda: False, step_done=lambda: False)

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.workers.goals import ending
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.records.job import Job
+from drcli.train.goals import ending
 
 
 @pytest.fixture

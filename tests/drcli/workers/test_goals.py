@@ -7,12 +7,12 @@ from types import MappingProxyType
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.job import Job
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.store.history import collapse
-from drcli.workers.episode_share import EvaluationBudget
-from drcli.workers.goals import Goals, mean_score
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.history import collapse
+from drcli.records.iteration import IterationRecord
+from drcli.records.job import Job
+from drcli.train.episode_share import EvaluationBudget
+from drcli.train.goals import Goals, mean_score
 from iterations import iteration_record
 
 

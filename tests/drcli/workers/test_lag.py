@@ -11,15 +11,15 @@ from safetensors.torch import save as save_tensors
 
 from drcli.base.errors import SettingsError
 from drcli.config.loading import load_settings
-from drcli.exchange.checkpoint import Counters, checkpoint_name
-from drcli.formats.build_network import build_policy
-from drcli.modelfiles.network_shape import Design
-from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
-from drcli.store.history import read_history
-from drcli.store.rollout_reader import find_manifest
-from drcli.workers.collect_rollouts import Collector
+from drcli.convert.build_network import build_policy
+from drcli.model.checkpoints import CheckpointStore, checkpoint_objects
+from drcli.model.files.network_shape import Design
+from drcli.model.history import read_history
+from drcli.records.checkpoint import Counters, checkpoint_name
+from drcli.train.collect_rollouts import Collector
+from drcli.train.rollouts import find_manifest
+from drcli.train.sim import SimWorker
 from drcli.workers.cores import max_lag
-from drcli.workers.sim import SimWorker
 from drcli.workers.worker_process import StopRequested
 from training_in_memory import PREFIX, TrainingInMemory, UntilFailure
 

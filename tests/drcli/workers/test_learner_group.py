@@ -9,14 +9,13 @@ import torch
 
 from drcli.base.errors import SettingsError
 from drcli.learn.compute import Compute
-from drcli.learn.gradient_group import LearnerLostError
+from drcli.learn.data_parallel import LearnerLostError
 from drcli.learn.update_result import NonFiniteLossError
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers import gradient_memory
-from drcli.workers.build_learner import build_learner
-from drcli.workers.learner_group import LearnerGroup, learner_group
-from drcli.workers.learner_messages import Build
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.train import learner_group as gradient_memory
+from drcli.train.build_learner import build_learner
+from drcli.train.learner_group import Build, LearnerGroup, learner_group
 from made_up_rollout import made_up_rollout
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")

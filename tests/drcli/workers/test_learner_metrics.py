@@ -8,8 +8,8 @@ import pytest
 
 from drcli.base.errors import StorageError
 from drcli.learn.update_result import PPOStats, SACStats
-from drcli.store import keys
-from drcli.workers.learner_metrics import LearnerMetrics, line_of, row_of
+from drcli.model import keys
+from drcli.train.learner_metrics import LearnerMetrics, line_of, row_of
 from memory_bucket import MemoryBucket
 
 KEY = keys.learner_metrics("model")

@@ -2,16 +2,16 @@
 
 import logging
 
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import History
-from drcli.workers import learning_alarms
-from drcli.workers.learning_alarms import LearningAlarms
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import History
+from drcli.train import training_progress
+from drcli.train.training_progress import LearningAlarms
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
 
 def test_a_collapse_is_named_once_until_the_car_drives_well_again(monkeypatch, caplog):
-    monkeypatch.setattr(learning_alarms, "_logger", logging.getLogger("alarms"))
+    monkeypatch.setattr(training_progress, "_logger", logging.getLogger("alarms"))
     bucket = MemoryBucket()
     history = History(bucket, "model")
     alarms = LearningAlarms(history, CheckpointStore(bucket, "model"))

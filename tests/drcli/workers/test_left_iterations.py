@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import pytest
 
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.joined_worker import Shares, WorkerShare
-from drcli.store.rollout_reader import find_manifest
-from drcli.workers.sim import SimWorker
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.job import Shares, WorkerShare
+from drcli.train.rollouts import find_manifest
+from drcli.train.sim import SimWorker
 from drcli.workers.worker_process import StopRequested
 from training_in_memory import PREFIX, TrainingInMemory, UntilFailure
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.exchange.trace import STEP_S, Episode, Row
-from drcli.workers.live_episodes import REMEMBERED, Drive, LiveEpisodes
-from drcli.workers.live_moment import Rider
+from drcli.live.live_moment import Rider
+from drcli.live.live_scene import REMEMBERED, Drive, LiveEpisodes
+from drcli.records.trace import STEP_S, Episode, Row
 
 DRIVE = Drive("oval", 3, "3_Step-9.ckpt")
 

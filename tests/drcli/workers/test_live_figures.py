@@ -4,14 +4,13 @@ import math
 
 import pytest
 
-from drcli.exchange.episode_metrics import EpisodeMetrics, TrialMetrics
-from drcli.exchange.iteration import IterationRecord
 from drcli.learn.update_result import PPOStats
-from drcli.tracking import figure_events
-from drcli.tracking.figure_events import Ended, EpochPoint, Point
-from drcli.workers import live_figures
-from drcli.workers.learner_metrics import row_of
-from drcli.workers.live_figures import LiveFigures
+from drcli.metrics import figure_events
+from drcli.metrics.figure_events import Ended, EpochPoint, Point
+from drcli.records.episode_metrics import EpisodeMetrics, TrialMetrics
+from drcli.records.iteration import IterationRecord
+from drcli.train import learner_metrics
+from drcli.train.learner_metrics import LiveFigures, row_of
 
 STATS = PPOStats(0, 3e-4, 0.1, 0.2, 1.25, 0.01, 0.05, 0.9)
 
@@ -103,12 +102,12 @@ def test_earlier_iterations_keep_their_distances_in_time():
     second = {"second_world": "oval", "second_progress": [40.0], "second_lap_s": []}
     records = [record(0), record(1, evaluation_progress=[20.0], **second)]
 
-    first, later, evaluation = live_figures.earlier_points(records)
+    first, later, evaluation = learner_metrics.earlier_points(records)
 
     assert later.time_s - first.time_s == pytest.approx(30.0)
     assert evaluation.values["evaluation_second/progress"] == 40.0
     assert evaluation.step == 100
-    assert live_figures.earlier_points([]) == []
+    assert learner_metrics.earlier_points([]) == []
 
 
 def metrics(phase="training"):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drcli.workers import live_pace
-from drcli.workers.live_pace import BUDGET_SHARE, FASTEST_S, SAVED_S, SLOWEST_S, Pace, WorkTime
+from drcli.live import live_server
+from drcli.live.live_server import BUDGET_SHARE, FASTEST_S, SAVED_S, SLOWEST_S, Pace, WorkTime
 
 
 class Clock:
@@ -66,8 +66,8 @@ def test_time_in_which_nothing_drove_is_saved_but_not_for_ever():
 
 def test_waiting_counts_as_wall_time_and_driving_as_processor_time(monkeypatch):
     times = {"wall": 0.0, "processor": 0.0}
-    monkeypatch.setattr(live_pace, "monotonic", lambda: times["wall"])
-    monkeypatch.setattr(live_pace, "process_time", lambda: times["processor"])
+    monkeypatch.setattr(live_server, "monotonic", lambda: times["wall"])
+    monkeypatch.setattr(live_server, "process_time", lambda: times["processor"])
     waits = False
     work = WorkTime(lambda: waits)
 

@@ -2,8 +2,8 @@
 
 import threading
 
-from drcli.workers import live_pictures
-from drcli.workers.live_pictures import ChaseView
+from drcli.live import live_server
+from drcli.live.live_server import ChaseView
 from drsim.track.worlds import load_track
 from live_worker import until
 
@@ -18,7 +18,7 @@ def test_the_first_picture_which_compiles_is_made_by_the_painter(monkeypatch):
         def frame(self, lens, things):
             made_by.append(threading.current_thread().name)
 
-    monkeypatch.setattr(live_pictures, "WorldView", World)
+    monkeypatch.setattr(live_server, "WorldView", World)
     view, track = ChaseView(), load_track("reinvent_base")
 
     until(lambda: view.is_ready(track))

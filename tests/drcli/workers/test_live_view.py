@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from drcli.exchange.framing import receive
-from drcli.exchange.live_record import LiveMessage, LiveRequest, LiveView, ShownCar
-from drcli.exchange.live_wire import HOST, enter, send
+from drcli.base.framing import receive
 from drcli.learn.policy import PolicySpec
-from drcli.workers import live_server, live_view
-from drcli.workers.live_moment import Moment
-from drcli.workers.live_policy import _said, with_policy
-from drcli.workers.live_scene import BLIND
-from drcli.workers.live_view import LiveShow
+from drcli.live import live_server, live_view
+from drcli.live.live_moment import Moment, _said, with_policy
+from drcli.live.live_record import HOST, LiveMessage, LiveRequest, LiveView, ShownCar, enter, send
+from drcli.live.live_scene import BLIND
+from drcli.live.live_view import LiveShow
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.sensing.sensors import Sensors
 from live_worker import NETWORK, SOON_S, SmallDrive, shown, until

@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import OwnershipLost
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.joined_worker import MemberRecord, Shares, SharesRecord, WorkerShare
-from drcli.exchange.run_state import Lease
-from drcli.store import keys
-from drcli.store.lease import STALE_S, write_lease
-from drcli.workers import membership as module
-from drcli.workers.membership import JoinedLifeline, Membership
+from drcli.model import keys
+from drcli.model.lease import STALE_S, write_lease
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.job import MemberRecord, Shares, SharesRecord, WorkerShare
+from drcli.records.run_record import Lease
+from drcli.train import membership as module
+from drcli.train.membership import JoinedLifeline, Membership
 from drcli.workers.worker_process import StopRequested
 from memory_bucket import MemoryBucket
 

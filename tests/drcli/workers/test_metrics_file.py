@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from drcli.exchange.episode_metrics import EpisodeMetrics, encode_metrics
-from drcli.exchange.trace import Episode, Row, csv_text, schedule
-from drcli.store import growing_file, keys
-from drcli.store.growing_file import list_parts
-from drcli.store.repair import Model, read_all_metrics, repair_metrics
-from drcli.workers.episode_share import Share
-from drcli.workers.metrics_file import TrainingMetrics
+from drcli.model import growing_file, keys
+from drcli.model.growing_file import list_parts
+from drcli.model.repair import Model, read_all_metrics, repair_metrics
+from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
+from drcli.records.trace import Episode, Row, csv_text, schedule
+from drcli.train.drive_results import TrainingMetrics
+from drcli.train.episode_share import Share
 from memory_bucket import MemoryBucket
 
 PREFIX = "model/metrics"

@@ -5,16 +5,16 @@ from typing import Any
 
 import pytest
 
-from drcli.base.problems import ProblemsError
+from drcli.base.errors import ProblemsError
 from drcli.config.loading import load_settings
-from drcli.exchange.checkpoint import Counters, checkpoint_name
-from drcli.exchange.scores import EvaluationResult
-from drcli.modelfiles.network_shape import Design
-from drcli.models.export_model import Selection, read_export_source
-from drcli.store import keys
-from drcli.store.best_checkpoint import evaluated_numbers, read_scores
-from drcli.store.checkpoints import CheckpointStore
-from drcli.workers.evaluator import Entry, enter
+from drcli.drive.evaluator import Entry, enter
+from drcli.model import keys
+from drcli.model.best_checkpoint import evaluated_numbers, read_scores
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.network_shape import Design
+from drcli.records.checkpoint import Counters, checkpoint_name
+from drcli.records.scores import EvaluationResult
+from drcli.transfer.export_model import Selection, read_export_source
 from memory_bucket import MemoryBucket
 from training_in_memory import PREFIX, REWARD, TrainingInMemory
 
@@ -26,7 +26,9 @@ NEW_REWARD = REWARD.replace("1.0", "2.0")
 def training(tmp_path, monkeypatch):
     training = TrainingInMemory(tmp_path, monkeypatch, DR_TRAIN_MAX_ITERATIONS=1)
     for module in ("export_model", "transfer_buckets"):
-        monkeypatch.setattr(f"drcli.models.{module}.open_bucket", lambda *_, **__: training.bucket)
+        monkeypatch.setattr(
+            f"drcli.transfer.{module}.open_bucket", lambda *_, **__: training.bucket
+        )
     training.train()
     return training
 

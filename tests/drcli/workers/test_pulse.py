@@ -6,9 +6,8 @@ import subprocess
 import sys
 import time
 
-from drcli.base.backoff import wait_until
-from drcli.base.elapsed import elapsed_s
-from drcli.exchange.pulse_record import PulseRecord
+from drcli.base.clock import elapsed_s, wait_until
+from drcli.records.heartbeat import PulseRecord
 from drcli.workers.pulse import STACKS_SIGNAL, Pulse
 
 STUCK = """

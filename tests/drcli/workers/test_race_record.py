@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 
-from drcli.exchange.race_recording import RaceRecording
-from drcli.exchange.trace import Episode
-from drcli.workers.driven_episode import Driven
-from drcli.workers.race_record import recording_of_race
+from drcli.drive.driving import Driven
+from drcli.drive.evaluator import recording_of_race
+from drcli.records.evaluation_task import RaceRecording
+from drcli.records.trace import Episode
 from drsim.race.solids import SHAPES
 
 

@@ -8,11 +8,12 @@ import pytest
 
 from drcli.base.errors import NotAvailable, SettingsError, WorkerDied
 from drcli.config.loading import load_settings
-from drcli.runs.planned_job import planned_job
-from drcli.workers import ray_cluster, ray_extra
-from drcli.workers.ray_cluster import NodeLost, connected
-from drcli.workers.ray_host import WorkerHost
-from drcli.workers.ray_workers import MOST_DEATHS, MOST_NAMED, RayWorkers, join_arguments
+from drcli.run.launchers.ray_workers import MOST_DEATHS, MOST_NAMED, RayWorkers, join_arguments
+from drcli.run.plan import planned_job
+from drcli.train import ray_cluster
+from drcli.train.ray_cluster import NodeLost, connected
+from drcli.train.ray_host import WorkerHost
+from drcli.workers import ray_extra
 
 
 class PaperPlace:
@@ -160,7 +161,7 @@ def test_without_ray_the_extra_is_named(monkeypatch):
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "127.0.0.1:99999", "[::1]:1"])
 def test_an_address_where_nobody_listens_is_named_soon(address, working_folder, monkeypatch):
-    monkeypatch.setattr("drcli.workers.ray_cluster.require_ray", lambda: None)
+    monkeypatch.setattr("drcli.train.ray_cluster.require_ray", lambda: None)
     monkeypatch.setitem(sys.modules, "ray", object())
     (working_folder / "system.env").write_text(f"DR_LAUNCHER=ray\nDR_RAY_ADDRESS={address}\n")
     job = planned_job(load_settings(working_folder), seed=1, began_at=0.0)

@@ -8,11 +8,11 @@ import pytest
 
 from drcli.base.log import LogFile
 from drcli.config.loading import load_settings
-from drcli.exchange.trace import Episode, Row
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.episode_log import log_evaluation, log_training
-from drcli.workers.reference_log import evaluation_lines, start_lines, training_lines
+from drcli.drive.driving import log_evaluation, log_training
+from drcli.drive.reference_log import evaluation_lines, start_lines, training_lines
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.records.trace import Episode, Row
 
 METADATA = {
     "action_space": [

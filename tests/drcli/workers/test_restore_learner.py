@@ -6,17 +6,17 @@ import pytest
 import torch
 from safetensors.torch import save as save_tensors
 
-from drcli.exchange.checkpoint import Counters
-from drcli.exchange.scores import EvaluationResult
-from drcli.formats.imported_policy import CRITIC_WARMUP
+from drcli.bucket.bucket import ObjectMissing
+from drcli.convert.imported_policy import CRITIC_WARMUP
 from drcli.learn.compute import Compute
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.store import keys
-from drcli.store.best_checkpoint import read_evaluation, write_evaluation
-from drcli.store.bucket import ObjectMissing
-from drcli.workers.build_learner import build_learner
-from drcli.workers.restore_learner import forget_evaluations, restore_learner
+from drcli.model import keys
+from drcli.model.best_checkpoint import read_evaluation, write_evaluation
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.records.checkpoint import Counters
+from drcli.records.scores import EvaluationResult
+from drcli.train.build_learner import build_learner
+from drcli.train.checkpoint_publisher import forget_evaluations, restore_learner
 from memory_bucket import MemoryBucket
 
 

@@ -5,13 +5,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from drcli.exchange.reward_error_record import MOST_ERRORS, RewardErrorRecord, sum_of
-from drcli.exchange.trace import read_csv
-from drcli.store import keys
-from drcli.store.history import read_history
-from drcli.store.repair import read_all_metrics
-from drcli.store.reward_errors import read_reward_errors
-from drcli.workers.collect_rollouts import Collected
+from drcli.model import keys
+from drcli.model.history import read_history
+from drcli.model.repair import read_all_metrics
+from drcli.model.training_state import read_reward_errors
+from drcli.records.reward import MOST_ERRORS, RewardErrorRecord, sum_of
+from drcli.records.trace import read_csv
+from drcli.train.collect_rollouts import Collected
+from drcli.train.trainer import Trainer
 from drcli.workers.reward_failures import (
     SAVED_EVERY_S,
     WINDOW_CALLS,
@@ -19,7 +20,6 @@ from drcli.workers.reward_failures import (
     RewardErrorsExceeded,
     RewardFailures,
 )
-from drcli.workers.trainer import Trainer
 from drsim.errors import RewardError
 from memory_bucket import MemoryBucket
 from training_in_memory import PREFIX, TrainingInMemory

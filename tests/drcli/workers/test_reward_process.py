@@ -15,9 +15,9 @@ import psutil
 import pytest
 
 from drcli.base.confinement import offered
-from drcli.rewards.reward_timeout import stuck_place
-from drcli.workers import reward_access
-from drcli.workers.reward_client import RewardProcess
+from drcli.drive import reward_access
+from drcli.drive.reward_client import RewardProcess
+from drcli.rewards.source import stuck_place
 from drsim.errors import RewardError
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux only")

@@ -5,10 +5,9 @@ import json
 import pytest
 from safetensors.torch import save
 
-from drcli.exchange.job import Job
-from drcli.workers.evaluator import entries, start_of
-from drcli.workers.robust_drive import drive_cells
-from drcli.workers.robust_grid import PLACES, Cell
+from drcli.drive.evaluate_many import PLACES, Cell, drive_cells
+from drcli.drive.evaluator import entries, start_of
+from drcli.records.job import Job
 from drcli.workers.worker_process import StopRequested
 from drsim.car.conditions import Conditions
 from drsim.track.worlds import load_track

@@ -1,6 +1,6 @@
 """Which disturbances a robust evaluation drives."""
 
-from drcli.workers.robust_grid import grid, with_patterns
+from drcli.drive.evaluate_many import grid, with_patterns
 from drsim.car.conditions import NOMINAL
 
 ASKED = {

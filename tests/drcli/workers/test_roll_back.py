@@ -8,22 +8,21 @@ from typing import Any
 import pytest
 
 from drcli.base.errors import TrainingFailed
-from drcli.base.fingerprint import Fingerprint
-from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, Counters
-from drcli.exchange.rollback_record import Rollback, Rollbacks
-from drcli.exchange.scores import EvaluationResult
-from drcli.exchange.trace import read_csv
+from drcli.base.json_record import Fingerprint
 from drcli.learn.ppo import PPO
 from drcli.learn.update_result import NonFiniteLossError
-from drcli.store import keys
-from drcli.store.best_checkpoint import write_evaluation
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import read_history
-from drcli.store.repair import read_all_metrics
-from drcli.store.rollbacks import read_rollbacks
-from drcli.workers.collect_rollouts import Collected, Collector
-from drcli.workers.roll_back import RollbackControl
-from drcli.workers.trainer import learn
+from drcli.model import keys
+from drcli.model.best_checkpoint import write_evaluation
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import read_history
+from drcli.model.repair import read_all_metrics
+from drcli.model.training_state import Rollback, Rollbacks, read_rollbacks
+from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters
+from drcli.records.scores import EvaluationResult
+from drcli.records.trace import read_csv
+from drcli.train.checkpoint_publisher import RollbackControl
+from drcli.train.collect_rollouts import Collected, Collector
+from drcli.train.trainer import learn
 from training_in_memory import PREFIX, CopiedBucket, TrainingInMemory, UntilFailure
 
 ITERATIONS = 5
@@ -134,7 +133,7 @@ def offline(working_folder, monkeypatch, sick):
         return Collected(MadeUp(), [50.0], [1.0], [], 1.0, 0.1, checkpoints[-1], None)
 
     monkeypatch.setattr(Collector, "collect", collect)
-    monkeypatch.setattr("drcli.workers.trainer.GraphWriter.write", lambda *_: None)
+    monkeypatch.setattr("drcli.train.trainer.GraphWriter.write", lambda *_: None)
     job = training.planned()
 
     def run(bucket: DyingBucket, iterations: int = ITERATIONS) -> None:

@@ -4,14 +4,14 @@ from typing import Any
 
 import pytest
 
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, SecondEvaluation
-from drcli.store.best_checkpoint import read_scores, write_evaluation
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import History
-from drcli.workers import scoring
-from drcli.workers.goals import Target
-from drcli.workers.scoring import Scoring
+from drcli.model.best_checkpoint import read_scores, write_evaluation
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import History
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.scores import EvaluationEpisodes, EvaluationResult, SecondEvaluation
+from drcli.train import scoring
+from drcli.train.goals import Target
+from drcli.train.scoring import Scoring
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.exchange.joined_worker import MemberRecord, SharesRecord, WorkerShare
-from drcli.store import keys
-from drcli.store.bucket import Listing
-from drcli.store.members import FORGOTTEN_S, GONE_S, MISSED_S, RENEWED_S, read_shares
-from drcli.workers.episode_share import AssignedShare, Share
-from drcli.workers.share_keeper import (
+from drcli.bucket.bucket import Listing
+from drcli.model import keys
+from drcli.model.training_state import FORGOTTEN_S, GONE_S, MISSED_S, RENEWED_S, read_shares
+from drcli.records.job import MemberRecord, SharesRecord, WorkerShare
+from drcli.train.episode_share import AssignedShare, Share
+from drcli.train.share_keeper import (
     FRUGAL_LOOK_S,
     KNOWN_AFTER,
     LATE_PAUSE_S,

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.exchange.stage import Stage, StageGoal, StageMark
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.workers.stage_progress import Counted, StageProgress
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.records.stage import Stage, StageGoal, StageMark
+from drcli.train.stage_progress import Counted, StageProgress
 from iterations import iteration_record
 
 BEGUN = Counted(10, 1000, 200, 600.0)

@@ -2,11 +2,11 @@
 
 import json
 
-from drcli.exchange.job import WorkerExit
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import read_history
-from drcli.workers import trainer
-from drcli.workers.goals import Goals
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.history import read_history
+from drcli.records.job import WorkerExit
+from drcli.train import trainer
+from drcli.train.goals import Goals
 from training_in_memory import PREFIX, TrainingInMemory
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.phase import PhaseMark
-from drcli.workers.training_phases import (
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.iteration import IterationRecord
+from drcli.records.stage import PhaseMark
+from drcli.train.stage_progress import (
     MIXED_ITERATIONS,
     MOST_STEPS,
     WINDOW,

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from drcli.exchange.checkpoint import CheckpointName, Counters
-from drcli.exchange.stage import Stage, StageGoal
-from drcli.store.history import History
-from drcli.workers import training_progress
-from drcli.workers.training_progress import TrainingProgress
+from drcli.model.history import History
+from drcli.records.checkpoint import CheckpointName, Counters
+from drcli.records.stage import Stage, StageGoal
+from drcli.train import training_progress
+from drcli.train.training_progress import TrainingProgress
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
 

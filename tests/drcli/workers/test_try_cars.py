@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from drcli.exchange.car_trial import CarTrial, decode_trials, encode_trials
-from drcli.formats.build_network import load_arrays
-from drcli.formats.read_graph import read_graph
+from drcli.convert.build_network import load_arrays
+from drcli.convert.read_graph import read_graph
+from drcli.drive.try_cars import drive_car
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
-from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.try_cars import drive_car
-from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.records.evaluation_task import CarTrial, decode_trials, encode_trials
+from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR
 from drsim.sensing.scene import build_scene
 from drsim.track.worlds import load_track
 

@@ -1,11 +1,11 @@
 import pytest
 
-from drcli.exchange.checkpoint import Counters
-from drcli.exchange.rollout_manifest import Manifest
-from drcli.exchange.run_state import TrainingEnd
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
-from drcli.workers.wait_for_trainer import QUIET_SHARE, RECHECK_S, CheckpointWaiter
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.records.checkpoint import Counters
+from drcli.records.rollout import Manifest
+from drcli.records.run_record import TrainingEnd
+from drcli.train.wait_for_trainer import QUIET_SHARE, RECHECK_S, CheckpointWaiter
 from drcli.workers.worker_process import StopRequested
 from iterations import iteration_record
 from memory_bucket import MemoryBucket

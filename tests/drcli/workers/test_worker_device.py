@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from drcli.workers import worker_device
-from drcli.workers.worker_device import choose_worker_device
+from drcli.drive import build_race
+from drcli.drive.build_race import choose_worker_device
 
 
 @pytest.fixture
@@ -13,7 +13,7 @@ def two_gpus(monkeypatch):
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
     monkeypatch.setattr(torch.cuda, "set_device", lambda number: None)
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda number: f"card {number}")
-    monkeypatch.setattr(worker_device, "find_spec", lambda name: object())
+    monkeypatch.setattr(build_race, "find_spec", lambda name: object())
 
 
 def test_gpus_are_given_out_in_turn(two_gpus):
@@ -31,7 +31,7 @@ def test_the_processor_is_used_where_that_is_asked_for(two_gpus):
 def test_without_numba_cuda_the_processor_is_used_and_the_extra_is_named(
     two_gpus, monkeypatch, wanted, is_wanted
 ):
-    monkeypatch.setattr(worker_device, "find_spec", lambda name: None)
+    monkeypatch.setattr(build_race, "find_spec", lambda name: None)
 
     chosen = choose_worker_device(wanted, 0)
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from drcli.base import log_files
+from drcli.base import log as log_files
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job
-from drcli.exchange.log_places import json_log, log_file
+from drcli.records.job import Job
+from drcli.records.run_record import json_log, log_file
 
 PROGRAM = """
 import sys

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.base import log_files
+from drcli.base import log as log_files
 from drcli.base.errors import NoAnswer, SettingsError
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
 from drcli.config.loading import load_settings
-from drcli.exchange.job import Job, WorkerExit
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
+from drcli.records.job import Job, WorkerExit
 from drcli.workers import worker_process
 
 DEAF = """import signal
@@ -171,7 +171,7 @@ def test_a_worker_without_memory_says_so_and_is_no_bug(job):
 
 
 def test_a_worker_has_a_pulse_from_its_start(job):
-    from drcli.exchange.pulse_record import PulseRecord
+    from drcli.records.heartbeat import PulseRecord
 
     script = """
 import time

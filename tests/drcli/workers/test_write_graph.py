@@ -3,12 +3,12 @@
 import pytest
 import torch
 
-from drcli.formats.build_network import build_policy, load_weights, policy_spec
-from drcli.formats.graph_comparison import compare_graph
-from drcli.modelfiles.network_shape import Design
-from drcli.store import keys
-from drcli.store.checkpoints import CheckpointStore
-from drcli.workers.write_graph import GraphWriter
+from drcli.convert.build_network import build_policy, load_weights, policy_spec
+from drcli.convert.frozen_graph import compare_graph
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.network_shape import Design
+from drcli.train.write_graph import GraphWriter
 from memory_bucket import MemoryBucket
 from observations import camera_only
 from small_model import put_small_model

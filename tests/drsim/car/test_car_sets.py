@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from drsim.car.car import CarBatch
-from drsim.car.car_parameters import CarParameters
-from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR, car_of
+from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR, CarParameters, car_of
 
 every_set = pytest.mark.parametrize("name", CAR_SETS)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drsim.episode.privileged_features import PRIVILEGED_DIMS
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
+from drsim.episode.teacher_features import PRIVILEGED_DIMS
 from drsim.race.race import ObstacleRules, Race
 from drsim.track.worlds import load_track
 

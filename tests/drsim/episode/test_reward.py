@@ -10,12 +10,7 @@ from pathlib import Path
 import pytest
 
 from drsim.episode.load_reward import load_reward_function
-from drsim.episode.reward import (
-    REWARD_LIMIT,
-    centre_line_reward,
-    checked_reward,
-    checked_rewards,
-)
+from drsim.episode.reward import REWARD_LIMIT, centre_line_reward, checked_reward, checked_rewards
 from drsim.episode.reward_deadline import STUCK, alarm
 from drsim.errors import RewardError
 

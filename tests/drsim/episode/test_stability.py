@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drsim.episode.episode_rules import EpisodeRules, Status
+from drsim.episode.placing import mark_unstable
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
-from drsim.episode.stability import mark_unstable
 from drsim.track.worlds import load_track
 
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drsim.car.car import CarBatch
-from drsim.car.car_parameters import CarParameters
-from drsim.car.car_sets import CAR_SETS
+from drsim.car.car_parameters import CAR_SETS, CarParameters
 from drsim.fidelity.motion import compare_motion
 from drsim.fidelity.recordings import RecordingError, load_recordings
 from drsim.fidelity.track_columns import compare_track_columns

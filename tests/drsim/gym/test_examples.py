@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from drcli.formats.build_network import weights_of
-from drcli.formats.frozen_graph import policy_nodes
-from drcli.formats.onnx_graph import encode_onnx
+from drcli.convert.build_network import weights_of
+from drcli.convert.frozen_graph import policy_nodes
+from drcli.convert.onnx_graph import encode_onnx
 from small_policies import metadata_json, small_metadata, small_network
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "scripts" / "examples"

@@ -5,10 +5,17 @@ import pytest
 
 from drsim.car.car import CarBatch
 from drsim.car.car_parameters import CarParameters
-from drsim.limit.fastest_line import BEYOND_M, Line, NoLine, fastest_line
-from drsim.limit.grip import GRIPS, SPEEDS_MPS
+from drsim.limit.fastest_line import (
+    BEYOND_M,
+    GRIPS,
+    SPEEDS_MPS,
+    Line,
+    NoLine,
+    fastest_line,
+    points_of,
+    stations_of,
+)
 from drsim.limit.predictive_driver import Effort, drive_line
-from drsim.limit.stations import points_of, stations_of
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 

@@ -8,15 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drsim.race.race import ObstacleRules, Race
-from drsim.race.spacing import (
+from drsim.race.traffic import (
     FREE_START_M,
     MOST_OBJECTS,
+    Traffic,
     check_room,
     drawn_places,
     even_places,
     most_that_fit,
 )
-from drsim.race.traffic import Traffic
 from drsim.track.track import INNER, OUTER, Track
 from drsim.track.worlds import load_track
 

@@ -8,7 +8,7 @@ import shapely
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from drsim.race.rectangles import overlaps
+from drsim.race.traffic import overlaps
 
 CAR_M = (0.32352, 0.1961)
 BOX_M = (0.5, 0.4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drsim.track.track import Track
-from drsim.viewing.camera_paths import FollowingCamera, lens_above
+from drsim.viewing.car_eye import FollowingCamera, lens_above
 
 
 def square_track(half_m: float) -> Track:

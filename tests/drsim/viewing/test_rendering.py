@@ -10,7 +10,7 @@ from drsim.episode.simulation import Simulation
 from drsim.race.race import Race, race_of_name
 from drsim.race.solids import SHAPES
 from drsim.track.track import Track
-from drsim.viewing.camera_paths import FollowingCamera, lens_above
+from drsim.viewing.car_eye import FollowingCamera, lens_above
 from drsim.viewing.placed_things import Thing
 from drsim.viewing.rendering import Viewer
 from drsim.viewing.world_view import WorldView

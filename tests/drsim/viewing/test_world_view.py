@@ -8,7 +8,7 @@ import pytest
 
 from drsim.race.solids import SHAPES
 from drsim.track.worlds import load_track
-from drsim.viewing.camera_paths import FollowingCamera, lens_above
+from drsim.viewing.car_eye import FollowingCamera, lens_above
 from drsim.viewing.meshes import has_wheels, mesh_of, wheel
 from drsim.viewing.placed_things import Thing
 from drsim.viewing.world_view import WorldView

@@ -16,16 +16,15 @@ import pytest
 import synthetic_plans
 from drcli.analysis.findings.action_use import ActionShare, ActionUse
 from drcli.analysis.findings.advice import RULES, Advice, advice, advise
-from drcli.analysis.findings.episode_ends import EndsInPart, EpisodeEnds
+from drcli.analysis.findings.driven_steps import EndsInPart, EpisodeEnds
 from drcli.analysis.findings.evaluated_laps import BadPlace, EvaluatedLaps
-from drcli.analysis.findings.evidence import gather
-from drcli.analysis.findings.learner_health import learner_health
+from drcli.analysis.findings.evidence import gather, learner_health
 from drcli.analysis.findings.learning_curve import LearningCurve, swings
-from drcli.analysis.findings.steering_balance import SteeringBalance
+from drcli.analysis.findings.steering import SteeringBalance
 from drcli.analysis.findings.update_advice import SMALL_JUMP
 from drcli.analysis.findings.verdict import judge
 from drcli.analysis.run import Run
-from drcli.exchange.laps import Laps
+from drcli.records.iteration import Laps
 from synthetic_plans import Plan
 from synthetic_runs import make
 from written_commands import problem_of

@@ -8,15 +8,11 @@ import pytest
 
 from drcli.analysis.findings.action_use import action_use
 from drcli.analysis.findings.discount_horizon import discount_horizon
-from drcli.analysis.findings.driven_steps import DrivenSteps, driven_steps
-from drcli.analysis.findings.episode_ends import episode_ends
-from drcli.analysis.findings.learner_health import learner_health
-from drcli.analysis.findings.reward_function_time import reward_function_time
-from drcli.analysis.findings.reward_rate import RewardRate, reward_rate
-from drcli.analysis.findings.snaking import snaking
-from drcli.analysis.findings.steering_balance import steering_balance
-from drcli.analysis.findings.wheels_off import wheels_off
-from drcli.modelfiles.action_space import ActionSpace
+from drcli.analysis.findings.driven_steps import DrivenSteps, driven_steps, episode_ends
+from drcli.analysis.findings.evidence import learner_health
+from drcli.analysis.findings.reward_rate import RewardRate, reward_function_time, reward_rate
+from drcli.analysis.findings.steering import snaking, steering_balance, wheels_off
+from drcli.model.files.action_space import ActionSpace
 from drsim.track.track import Track
 
 STEPS = 400

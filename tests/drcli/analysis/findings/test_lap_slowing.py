@@ -10,7 +10,7 @@ import pytest
 import synthetic_plans
 from drcli.analysis.findings.advice import advise
 from drcli.analysis.findings.evidence import gather
-from drcli.analysis.report.reward_rate_section import reward_rate_section
+from drcli.analysis.report.driving_sections import reward_rate_section
 from drcli.analysis.run import Run
 from synthetic_runs import make
 

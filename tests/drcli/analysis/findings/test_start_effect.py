@@ -8,7 +8,7 @@ import pytest
 
 import synthetic_plans
 from drcli.analysis.findings.learning_curve import swings
-from drcli.analysis.findings.start_effect import without_starts
+from drcli.analysis.findings.update_advice import without_starts
 from drcli.analysis.run import Run
 from synthetic_runs import make
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drcli.analysis.report.car_motion import REAR_M, driven_mps, slip_deg
+from drcli.analysis.report.map_section import REAR_M, driven_mps, slip_deg
 
 
 def circle(slide_deg: float, radius_m: float = 1.5, steps: int = 30):

@@ -12,8 +12,8 @@ import pytest
 
 from drcli.analysis.analysis import analyse
 from drcli.analysis.findings.advice_item import Advice
+from drcli.analysis.report.graphs import Picture
 from drcli.analysis.report.html_report import report_page, write_html
-from drcli.analysis.report.picture_section import Picture
 from drcli.tracks.limit_store import StoredLimit
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=\"alert(2)\">' onload='alert(3)"

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drcli.analysis.report import map_data as map_data_module
+from drcli.analysis.report import map_section as map_data_module
 from drcli.analysis.report.lap_choice import LapChoice, choose_laps
-from drcli.analysis.report.map_data import ground_cells, map_data
+from drcli.analysis.report.map_section import ground_cells, map_data
 
 
 @pytest.mark.parametrize("count", [0, 1, 500])

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from drcli.analysis.report.packing import json_text, numbers, quantised
+from drcli.analysis.report.markup import json_text, numbers, quantised
 
 
 def unpacked(packed) -> np.ndarray:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from drcli.checks.doctor.leftovers import examine_runs, examine_server
-from drcli.config.bucket_config import StorageConfig
-from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.config.run_config import StorageConfig
+from drcli.records.run_record import RunRecord, run_folder
 
 ENDED_PID = 2**22 + 1
 """Larger than any process number."""
@@ -64,7 +64,7 @@ def test_a_worker_whose_supervisor_is_gone_is_found(tmp_path):
     # A parent that knows nothing of us, as a session's init would.
     starts = (
         "import subprocess, sys; "
-        f"p = subprocess.Popen([sys.executable, '-c', {sleeps!r}, 'drcli.workers.sim'], "
+        f"p = subprocess.Popen([sys.executable, '-c', {sleeps!r}, 'drcli.train.sim'], "
         "stdout=subprocess.PIPE); p.stdout.readline(); print(p.pid, flush=True); sys.stdin.read(); "
         "p.kill(); p.wait()"
     )

@@ -9,14 +9,24 @@ from pathlib import Path
 
 import pytest
 
-from drcli.checks.doctor import libraries, room, surroundings
-from drcli.checks.doctor.installed import examine_extras, examine_kernels, examine_packages
-from drcli.checks.doctor.libraries import Libraries, examine_gpus, examine_processor
-from drcli.checks.doctor.room import examine_disks, examine_memory, file_system, read_memory
+from drcli.checks.doctor import libraries, surroundings
+from drcli.checks.doctor import surroundings as room
+from drcli.checks.doctor.libraries import (
+    Libraries,
+    examine_extras,
+    examine_gpus,
+    examine_kernels,
+    examine_packages,
+    examine_processor,
+)
 from drcli.checks.doctor.surroundings import (
+    examine_disks,
     examine_language,
     examine_limits,
+    examine_memory,
     examine_place,
+    file_system,
+    read_memory,
     where_it_runs,
 )
 

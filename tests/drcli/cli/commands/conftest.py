@@ -11,86 +11,75 @@ import pytest
 
 from drcli.analysis.analysis import AnalysisReport
 from drcli.analysis.compare_runs import ComparedPair, ComparedRun, Comparison
-from drcli.base.problems import Problem
-from drcli.benchmark.bucket_speed import BucketSpeed
-from drcli.benchmark.estimate import TrainingEstimate
-from drcli.benchmark.machine_benchmark import BenchReport, BucketReport, WorkSpeed
-from drcli.benchmark.work_order import Rates, Ready
-from drcli.checks.check_report import Report, Skipped
+from drcli.base.errors import Problem
+from drcli.checks.bench.bucket_speed import BucketSpeed
+from drcli.checks.bench.machine_benchmark import (
+    BenchReport,
+    BucketReport,
+    TrainingEstimate,
+    WorkSpeed,
+)
+from drcli.checks.bench.work_order import Rates, Ready
 from drcli.checks.doctor.findings import DoctorReport, Finding
-from drcli.exchange.car_trial import CarTrial, CarTrials
-from drcli.exchange.job import Job
-from drcli.exchange.log_places import log_file
-from drcli.exchange.race_rules import RaceRules
-from drcli.exchange.race_submission import DrivenCar, DrivenLap, RaceResult, RaceSubmission
-from drcli.exchange.robust_result import RobustCell, RobustResult
-from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialScore
-from drcli.exchange.training_start import Pretrained
-from drcli.formats.car_actions import CarAction
-from drcli.modelfiles.custom_files import InputFile, Inputs
-from drcli.models.checkpoint_list import CheckpointList, ListedCheckpoint, MilestoneEntry
-from drcli.models.copy_custom_files import CustomFilesReport
-from drcli.models.download import DownloadReport
-from drcli.models.export_car import CarReport
-from drcli.models.export_checkpoint import ExportReport
-from drcli.models.export_forms import FormReport
-from drcli.models.imported_model import ImportedModel
-from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
-from drcli.models.model_notes import NoteEntry, NoteList
-from drcli.models.training_list import KnownTrainings
-from drcli.models.upload import UploadReport
-from drcli.models.upload_prefix import UploadIncrement
-from drcli.models.write_export import ExportTarget
+from drcli.checks.validate import Report, Skipped
+from drcli.cli.commands.spot_watch import WatchReport
+from drcli.convert.car_rules import CarAction
+from drcli.model import race_keys
+from drcli.model.checkpoint_list import CheckpointList, ListedCheckpoint, MilestoneEntry
+from drcli.model.files.custom_files import InputFile, Inputs
+from drcli.model.model_list import CheckpointEntry, ModelEntry, ModelList
+from drcli.outside.aws.creation import CreatedStack, Estimate, Wishes
+from drcli.outside.aws.machines import Machine, MachineCost, StackCost
+from drcli.outside.aws.prices import Offer
+from drcli.outside.aws.stack_end import StoppedStack
+from drcli.outside.aws.stack_report import StackReport
+from drcli.outside.aws.stacks import Stack
+from drcli.outside.car.car_address import CarAddress, CarLogin
+from drcli.outside.car.car_driving import CarDrive, CarSpeed, CarStatus
+from drcli.outside.car.car_models import CarLoad, CarModel, CarModels, CarUpload
+from drcli.outside.droa.droa_api import read_model
+from drcli.outside.droa.droa_import import ImportReport
+from drcli.outside.droa.droa_metrics import PhaseMeans
 from drcli.races.organise import show_race
 from drcli.races.queue_process import QueueStarted, QueueStopped
+from drcli.races.race_records import DrivenCar, DrivenLap, RaceResult, RaceRules, RaceSubmission
 from drcli.races.stored_race import put
 from drcli.races.submissions import SubmissionReport
-from drcli.remote.car_address import CarAddress
-from drcli.remote.car_driving import CarDrive, CarSpeed
-from drcli.remote.car_login import CarLogin
-from drcli.remote.car_models import CarLoad, CarModel, CarModels, CarUpload
-from drcli.remote.car_status import CarStatus
-from drcli.remote.droa_import import ImportReport
-from drcli.remote.droa_metrics import PhaseMeans
-from drcli.remote.droa_models import read_model
-from drcli.rewards.check import (
-    DriverReport,
-    Extreme,
-    ParameterReport,
-    TimeReport,
-)
+from drcli.records.evaluation_task import CarTrial, CarTrials, RobustCell, RobustResult
+from drcli.records.job import Job
+from drcli.records.run_record import log_file
+from drcli.records.training_record import Pretrained
+from drcli.rewards.check import DriverReport, Extreme, ParameterReport, TimeReport
 from drcli.rewards.compare import ComparisonReport, DriverComparison, PlaceComparison
-from drcli.rewards.plot import PlotReport
-from drcli.runs.evaluation_loop import BestLap, LoopReport
-from drcli.runs.evaluation_report import EvaluationReport, TrialReport
-from drcli.runs.foreign_watch import WatchReport
-from drcli.runs.increment import Increment
-from drcli.runs.join_training import JoinReport
-from drcli.runs.journal_reader import JournalEvent, JournalReport
-from drcli.runs.laps_report import compare, laps_report
-from drcli.runs.many_evaluations import BestStart, TableReport, TableRow, training_command
-from drcli.runs.model_removal import PlannedRemoval, RemovalReport, RemovedModel
-from drcli.runs.plan import RunPlan, StartOptions
-from drcli.runs.process_list import Process, SpeedReport
-from drcli.runs.status import RunReport
-from drcli.runs.stopping import Stopped, StopReport
-from drcli.runs.support_bundle import BundledFile, BundleReport
-from drcli.runs.tensorboard_server import MetricsReport, ServerRecord, Tool
-from drcli.runs.tidy import TidyItem, TidyReport
-from drcli.saliency.explain_model import ExplainedStep, SaliencyReport
-from drcli.spot.before_spending import Wishes
-from drcli.spot.cost_estimate import Estimate
-from drcli.spot.creation import CreatedStack
-from drcli.spot.machine_cost import MachineCost, StackCost
-from drcli.spot.machines import Machine
-from drcli.spot.prices import Offer
-from drcli.spot.stack_end import StoppedStack
-from drcli.spot.stack_report import StackReport
-from drcli.spot.stacks import Stack
-from drcli.store import race_keys
+from drcli.rewards.pictures import PlotReport
+from drcli.run.evaluation_loop import BestLap, LoopReport
+from drcli.run.evaluation_report import EvaluationReport, TrialReport, compare, laps_report
+from drcli.run.increment import Increment
+from drcli.run.join_training import JoinReport
+from drcli.run.journal import JournalEvent, JournalReport
+from drcli.run.many_evaluations import BestStart, TableReport, TableRow, training_command
+from drcli.run.plan import RunPlan, StartOptions
+from drcli.run.status import RunReport
+from drcli.run.stopping import Stopped, StopReport
+from drcli.run.support_bundle import BundledFile, BundleReport
+from drcli.run.tensorboard_server import MetricsReport, ServerRecord, Tool
+from drcli.run.worker_processes import Process, SpeedReport
+from drcli.sweeps.sweep_record import SweepRecord, TrialRecord, TrialScore
 from drcli.sweeps.sweep_report import SweepList, report_of
 from drcli.tracks.track_facts import TrackFacts, TrackList
-from drcli.video.video_report import FilmedEpisode, VideoReport
+from drcli.transfer.copy_custom_files import CustomFilesReport
+from drcli.transfer.download import DownloadReport
+from drcli.transfer.export_car import CarReport
+from drcli.transfer.export_forms import ExportReport, FormReport
+from drcli.transfer.export_model import ExportTarget
+from drcli.transfer.import_model import ImportedModel
+from drcli.transfer.model_notes import NoteEntry, NoteList
+from drcli.transfer.model_removal import PlannedRemoval, RemovalReport, RemovedModel
+from drcli.transfer.tidy import TidyItem, TidyReport
+from drcli.transfer.training_list import KnownTrainings
+from drcli.transfer.upload import UploadIncrement, UploadReport
+from drcli.view.saliency.explain_model import ExplainedStep, SaliencyReport
+from drcli.view.video.make_video import FilmedEpisode, VideoReport
 from drcli.web.viewer_process import ViewerRecord, ViewerReport
 from memory_bucket import MemoryBucket
 from past_trainings import child, training
@@ -180,7 +169,7 @@ COMPARISON = Comparison(
 
 
 class PaperRun:
-    """Stands in for drcli.runs: takes what the commands ask, answers what a test has laid down.
+    """Stands in for drcli.run: takes what the commands ask, answers what a test has laid down.
 
     Attributes:
         looks: What is seen at each look from the launch on; the last one stays. An exception is
@@ -251,13 +240,13 @@ def run(
 ) -> PaperRun:
     """The run of the working folder, with nothing started yet."""
     paper = PaperRun(working_folder, make_report("none", pid=None))
-    monkeypatch.setattr("drcli.runs.plan.prepare", paper.prepare)
+    monkeypatch.setattr("drcli.run.plan.prepare", paper.prepare)
     for name in ("launch", "supervise_job"):
-        monkeypatch.setattr(f"drcli.runs.training.{name}", getattr(paper, name))
+        monkeypatch.setattr(f"drcli.run.training.{name}", getattr(paper, name))
     for name in ("stop", "is_running"):
-        monkeypatch.setattr(f"drcli.runs.stopping.{name}", getattr(paper, name))
-    monkeypatch.setattr("drcli.runs.status.inspect", paper.inspect)
-    monkeypatch.setattr("drcli.cli.watch_training.POLL_S", 0.0)
+        monkeypatch.setattr(f"drcli.run.stopping.{name}", getattr(paper, name))
+    monkeypatch.setattr("drcli.run.status.inspect", paper.inspect)
+    monkeypatch.setattr("drcli.cli.commands.start_training.POLL_S", 0.0)
     return paper
 
 
@@ -283,14 +272,14 @@ def paper_reports(
     """Reports with long names in place of what takes servers, time or a model."""
     run.before = make_report("running", 12, prefix=MODEL)
     run.looks = [make_report("finished", 12, prefix=MODEL)]
-    monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: evaluation_report)
+    monkeypatch.setattr("drcli.run.evaluation.evaluate", lambda *_, **__: evaluation_report)
     _lay_down(run.folder, monkeypatch)
     joined = JoinReport(f"s3://bucket/{MODEL}", "The training is complete.", 0, took_over=False)
-    monkeypatch.setattr("drcli.runs.join_training.join_training", lambda *_, **__: joined)
+    monkeypatch.setattr("drcli.run.join_training.join_training", lambda *_, **__: joined)
     _lay_down_sweep(run.folder, monkeypatch)
     report = run.folder / "report.html"
     report.touch()
-    monkeypatch.setattr("drcli.analysis.report_place.report_file", lambda *_: report)
+    monkeypatch.setattr("drcli.transfer.report_place.report_file", lambda *_: report)
     _lay_down_evaluations(monkeypatch)
     _lay_down_video(monkeypatch)
     _lay_down_droa(run.folder, monkeypatch)
@@ -347,7 +336,7 @@ def race_bucket() -> MemoryBucket:
 def _lay_down_video(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a video be made of a trace that does not exist."""
     trace = SimpleNamespace(origin="a-folder/a-trace-with-a-long-name.csv", stem="video")
-    monkeypatch.setattr("drcli.video.trace_source.trace_of_file", lambda path: trace)
+    monkeypatch.setattr("drcli.view.video.trace_source.trace_of_file", lambda path: trace)
     laps = [
         FilmedEpisode(0, 15.867, 100.0, "Lap complete", 0),
         FilmedEpisode(12, 1234.5, 71.25, "Off track", 120),
@@ -367,8 +356,8 @@ def _lay_down_video(monkeypatch: pytest.MonkeyPatch) -> None:
         laps,
         ["A note."],
     )
-    monkeypatch.setattr("drcli.video.make_video.frames_of", lambda *_: 18756)
-    monkeypatch.setattr("drcli.video.video_job.make_video", lambda *_, **__: made)
+    monkeypatch.setattr("drcli.view.video.make_video.frames_of", lambda *_: 18756)
+    monkeypatch.setattr("drcli.view.video.video_job.make_video", lambda *_, **__: made)
 
 
 def _lay_down_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -397,11 +386,11 @@ def _lay_down_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
     lap = BestLap("reinvent_base", "8.ckpt", 9.5, None, 2, 3, "2026-01-02T03:04:05", "2" * 14)
     loop = LoopReport(MODEL, "reinvent_base", 2, 1, [lap, lap], "best-laps.json")
     monkeypatch.setattr(
-        "drcli.runs.many_evaluations_plan.prepare_many",
+        "drcli.run.many_evaluations.prepare_many",
         lambda *_, robust, fresh_laps, **__: one if robust else fresh if fresh_laps else table,
     )
-    monkeypatch.setattr("drcli.runs.many_evaluations.run_many", lambda answer, _: answer)
-    monkeypatch.setattr("drcli.runs.evaluation_loop.run_loop", lambda *_, **__: loop)
+    monkeypatch.setattr("drcli.run.many_evaluations.run_many", lambda answer, _: answer)
+    monkeypatch.setattr("drcli.run.evaluation_loop.run_loop", lambda *_, **__: loop)
 
 
 def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -711,7 +700,7 @@ def _answer_as_amazon(
     )
     answer("spot.install_source.find_source", plan.source)
     # Its checks would find what stands here for the report of `dr validate`.
-    monkeypatch.setattr("drcli.cli.commands.spot_create._checked", lambda *given: given[-1])
+    monkeypatch.setattr("drcli.cli.commands.spot._checked", lambda *given: given[-1])
     answer("spot.creation.prepare", plan)
     created = CreatedStack(
         "my-run", region, bucket, MODEL, kinds, "spot", 0.61, 8.74, 1.79e9, topic
@@ -731,7 +720,7 @@ def _answer_as_amazon(
     )
     answer("spot.stacks.our_stacks", [stack, stack])
     reports = iter((StackReport("my-run", *state, MODEL, bucket, *running), base))
-    monkeypatch.setattr("drcli.spot.stack_report.report_on", lambda *_: next(reports))
+    monkeypatch.setattr("drcli.outside.aws.stack_report.report_on", lambda *_: next(reports))
     answer("spot.spot_advisor.read_advisor", None)
     answer("spot.instance_types.find_types", [])
     offers = [

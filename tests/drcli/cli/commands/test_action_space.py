@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from drcli.base.problems import MOST_SHOWN
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.base.errors import MOST_SHOWN
+from drcli.model.files.model_metadata import ModelMetadata
 
 TRACE = "episode,steer,throttle,progress,episode_status\n" + "".join(
     f"0,{20 if k % 50 < 25 else -5},{1 if k % 50 < 25 else 2},{k / 2},"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config.loading import load_settings
-from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.records.run_record import RunRecord, run_folder
 
 
 def ended(folder: Path, *arguments: str, closed: str) -> tuple[int, str]:

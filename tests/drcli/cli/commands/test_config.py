@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.store.server import server
+from drcli.bucket.server import server
 
 
 def test_values_are_lines_of_a_file_with_their_places(dr, working_folder, capsys):

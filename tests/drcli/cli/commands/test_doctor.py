@@ -7,11 +7,10 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from moto.server import ThreadedMotoServer
 
-from drcli.checks.doctor import diagnose, libraries, room
+from drcli.bucket.endpoint import Endpoint
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.checks.doctor import bucket_health, diagnose, libraries, surroundings
 from drcli.checks.doctor.libraries import Libraries
-from drcli.store import bucket_trial
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
 
 
 @pytest.fixture(autouse=True)
@@ -19,8 +18,8 @@ def nothing_takes_long(monkeypatch):
     """Nothing takes long: torch is not loaded, and speed is measured with little data."""
     monkeypatch.setattr(diagnose, "ask_libraries", lambda _: Libraries({"number_format": "fp32"}))
     monkeypatch.setattr(libraries.shutil, "which", lambda _: None)
-    monkeypatch.setattr(room, "_TEST_BYTES", 1 << 20)
-    monkeypatch.setattr(bucket_trial, "_SPEED_BYTES", (1 << 16, 1 << 17))
+    monkeypatch.setattr(surroundings, "_TEST_BYTES", 1 << 20)
+    monkeypatch.setattr(bucket_health, "_SPEED_BYTES", (1 << 16, 1 << 17))
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +103,7 @@ def test_a_server_that_is_away_is_a_problem_of_the_bucket_alone(dr, remote, work
 @pytest.mark.parametrize(("minutes", "state"), [(0, "ok"), (7, "warning"), (20, "problem")])
 def test_a_wrong_clock_is_found(dr, remote, capsys, monkeypatch, minutes, state):
     said = datetime.now(UTC) - timedelta(minutes=minutes)
-    monkeypatch.setattr("drcli.store.bucket_trial.parsedate_to_datetime", lambda _: said)
+    monkeypatch.setattr("drcli.checks.doctor.bucket_health.parsedate_to_datetime", lambda _: said)
 
     _, report, _ = examined(dr, capsys)
 
@@ -149,7 +148,7 @@ def test_no_key_is_printed(dr, remote, capsys, monkeypatch):
 
 
 def test_the_owner_of_the_model_is_named(dr, remote, capsys, monkeypatch):
-    from drcli.store import lease
+    from drcli.model import lease
 
     lease.take(remote, "model", "session")
 

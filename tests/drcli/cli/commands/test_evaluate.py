@@ -7,16 +7,13 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import WorkerDied
-from drcli.exchange.evaluation_record import EvaluationRecord
-from drcli.exchange.job import Job
-from drcli.exchange.policy_source import PolicySource
-from drcli.exchange.robust_result import RobustCell, RobustResult
-from drcli.runs.evaluation_loop import BestLap, LoopReport
-from drcli.runs.evaluation_plan import EvaluationPlan
-from drcli.runs.evaluation_report import TrialReport
-from drcli.runs.laps_report import compare, laps_report
-from drcli.runs.many_evaluations import BestStart, TableReport, TableRow
-from drcli.runs.many_evaluations_plan import Rival
+from drcli.records.evaluation_task import PolicySource, RobustCell, RobustResult
+from drcli.records.job import Job
+from drcli.records.run_record import EvaluationRecord
+from drcli.run.evaluation_loop import BestLap, LoopReport
+from drcli.run.evaluation_plan import EvaluationPlan
+from drcli.run.evaluation_report import TrialReport, compare, laps_report
+from drcli.run.many_evaluations import BestStart, Rival, TableReport, TableRow
 
 SETTINGS = {}
 """What the last evaluation was asked to drive with."""
@@ -34,7 +31,7 @@ def asked(working_folder, evaluation_report, monkeypatch):
         on_progress("Evaluating 8_Step-4000.ckpt ...")
         return evaluation_report
 
-    monkeypatch.setattr("drcli.runs.evaluation.evaluate", evaluate)
+    monkeypatch.setattr("drcli.run.evaluation.evaluate", evaluate)
     return seen
 
 
@@ -187,7 +184,7 @@ def test_a_start_keeps_every_digit_so_that_a_lap_can_be_driven_again(dr, asked):
 
 def test_a_start_that_had_to_be_moved_is_said(dr, asked, evaluation_report, monkeypatch, capsys):
     moved = replace(evaluation_report, notes=["The car starts 0.30 m to the left."])
-    monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: moved)
+    monkeypatch.setattr("drcli.run.evaluation.evaluate", lambda *_, **__: moved)
 
     dr("evaluate", "--start", "5")
 
@@ -205,7 +202,7 @@ def test_the_average_is_shown_beside_the_best_lap(
     dr, working_folder, evaluation_report, monkeypatch, capsys
 ):
     report = replace(evaluation_report, average_laps=2)
-    monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: report)
+    monkeypatch.setattr("drcli.run.evaluation.evaluate", lambda *_, **__: report)
 
     dr("evaluate")
 
@@ -221,7 +218,7 @@ def test_a_lap_with_resets_is_never_the_best_and_its_time_has_its_penalty(
         for n, time_s in enumerate((59.87, 61.0, 60.2), start=1)
     ]
     report = replace(evaluation_report, trials=trials)
-    monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: report)
+    monkeypatch.setattr("drcli.run.evaluation.evaluate", lambda *_, **__: report)
 
     dr("evaluate")
     shown = capsys.readouterr().out
@@ -261,8 +258,8 @@ def many(working_folder, monkeypatch):
         seen.update(asked)
         return "plan"
 
-    monkeypatch.setattr("drcli.runs.many_evaluations_plan.prepare_many", prepare)
-    monkeypatch.setattr("drcli.runs.many_evaluations.run_many", lambda *_: seen["report"])
+    monkeypatch.setattr("drcli.run.many_evaluations.prepare_many", prepare)
+    monkeypatch.setattr("drcli.run.many_evaluations.run_many", lambda *_: seen["report"])
     return seen
 
 
@@ -406,7 +403,7 @@ def test_a_loop_ends_with_its_table(dr, working_folder, monkeypatch, capsys):
         on_failure("The bucket does not answer. The loop goes on.")
         return LoopReport("model", settings.world_name, 2, 1, [lap], "model/metrics/best-laps.json")
 
-    monkeypatch.setattr("drcli.runs.evaluation_loop.run_loop", loop)
+    monkeypatch.setattr("drcli.run.evaluation_loop.run_loop", loop)
 
     code = dr("evaluate", "--loop")
 
@@ -423,7 +420,7 @@ def test_the_result_names_file_and_engine(
     driven = replace(
         evaluation_report, runtime="openvino", file="/x/policy.pb", checkpoint="policy.pb"
     )
-    monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: driven)
+    monkeypatch.setattr("drcli.run.evaluation.evaluate", lambda *_, **__: driven)
 
     dr("evaluate")
 
@@ -441,7 +438,7 @@ def test_an_evaluation_that_does_not_end_leaves_stdout_empty(
     def evaluate(*_, **__):
         raise failure
 
-    monkeypatch.setattr("drcli.runs.evaluation.evaluate", evaluate)
+    monkeypatch.setattr("drcli.run.evaluation.evaluate", evaluate)
 
     assert dr("evaluate", "--json") == code
     assert capsys.readouterr().out == ""
@@ -473,8 +470,8 @@ def launched(working_folder, monkeypatch):
             started_at=0.0,
         )
 
-    monkeypatch.setattr("drcli.runs.evaluation_plan.prepare_evaluation", prepare)
-    monkeypatch.setattr("drcli.runs.evaluation.launch_evaluation", launch)
+    monkeypatch.setattr("drcli.run.evaluation_plan.prepare_evaluation", prepare)
+    monkeypatch.setattr("drcli.run.evaluation.launch_evaluation", launch)
     return seen
 
 

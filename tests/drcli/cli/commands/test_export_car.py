@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.formats.graph_comparison import GraphComparison
+from drcli.convert.frozen_graph import GraphComparison
 from memory_bucket import MemoryBucket
 from small_model import put_small_model
 
@@ -18,9 +18,9 @@ def here(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> MemoryBucket:
     bucket = MemoryBucket("bucket")
     put_small_model(bucket, "model")
     for module in ("export_model", "transfer_buckets"):
-        monkeypatch.setattr(f"drcli.models.{module}.open_bucket", lambda *_, **__: bucket)
+        monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: bucket)
     monkeypatch.setattr(
-        "drcli.workers.compare_on_drive.compare_on_drive",
+        "drcli.checks.compare_on_drive.compare_on_drive",
         lambda *_, frames: GraphComparison(frames, frames, 1e-7),
     )
     return bucket
@@ -98,7 +98,7 @@ def test_options_that_contradict_each_other_exit_2(dr, here, options):
 
 def test_a_graph_that_differs_writes_nothing(dr, here, monkeypatch, capsys):
     monkeypatch.setattr(
-        "drcli.workers.compare_on_drive.compare_on_drive",
+        "drcli.checks.compare_on_drive.compare_on_drive",
         lambda *_, frames: GraphComparison(frames, 3, 0.5),
     )
 

@@ -6,7 +6,7 @@ import shlex
 
 import pytest
 
-from drcli.store.checkpoints import CheckpointStore
+from drcli.model.checkpoints import CheckpointStore
 from memory_bucket import MemoryBucket
 
 
@@ -15,7 +15,7 @@ def bucket(working_folder, monkeypatch):
     """A bucket that holds a model with one checkpoint, where run.env expects it."""
     bucket = MemoryBucket()
     CheckpointStore(bucket, "model").save(4, 900, b"weights")
-    monkeypatch.setattr("drcli.runs.increment.open_bucket", lambda *_, **__: bucket)
+    monkeypatch.setattr("drcli.run.increment.open_bucket", lambda *_, **__: bucket)
     return bucket
 
 

@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from drcli.config.bucket_config import StorageConfig
-from drcli.runs.aws_command import aws_command
-from drcli.store.endpoint import Endpoint
+from drcli.bucket.endpoint import Endpoint
+from drcli.cli.commands.local_aws import aws_command
+from drcli.config.run_config import StorageConfig
 
 OURS = Endpoint("http://127.0.0.1:23456", access_key="AK1", secret_key="secret", engine="rclone")
 
@@ -16,7 +16,7 @@ def server(monkeypatch):
     """Which server the settings mean; none is started."""
 
     def choose(endpoint):
-        monkeypatch.setattr("drcli.store.server.server.ensure_running", lambda *_: endpoint)
+        monkeypatch.setattr("drcli.bucket.server.server.ensure_running", lambda *_: endpoint)
 
     choose(OURS)
     return choose

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from drcli.base import log_files
+from drcli.base import log as log_files
 from drcli.cli import log_tail
 
 LINES = [f"line {k}\n" for k in range(30)]
@@ -259,15 +259,15 @@ def test_a_copy_is_followed_until_the_log_appears_here(dr, log, uploaded, capsys
 
 
 def test_a_copy_is_followed_as_it_grows(dr, uploaded, capsys, meanwhile, monkeypatch):
-    from drcli.cli import show_uploaded_log
+    from drcli.cli.commands import logs
 
-    monkeypatch.setattr(show_uploaded_log, "LOOK_S", 0.0001)
+    monkeypatch.setattr(logs, "LOOK_S", 0.0001)
     key = "model/logs/sagemaker/trainer.log"
     uploaded(key, "old\n")
 
     def grow():
         uploaded(key, "old\nnew\n")
-        look = time.monotonic() + show_uploaded_log.LOOK_S
+        look = time.monotonic() + logs.LOOK_S
         while time.monotonic() < look:
             pass  # the next wait would be Ctrl-C: the pause must be over
 

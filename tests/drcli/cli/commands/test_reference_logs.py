@@ -8,9 +8,8 @@ import psutil
 import pytest
 
 from drcli.cli.commands import reference_logs
-from drcli.exchange.evaluation_record import EvaluationRecord
-from drcli.exchange.run_record import RunRecord, WorkerRecord
-from drcli.runs.process_list import SpeedReport
+from drcli.records.run_record import EvaluationRecord, RunRecord, WorkerRecord
+from drcli.run.worker_processes import SpeedReport
 
 
 def this_process():
@@ -181,7 +180,7 @@ def test_finding_nothing_leaves_an_empty_list_and_a_failure(dr, working_folder, 
 
 def test_programs_get_the_speed_of_one_worker(dr, record, monkeypatch, capsys):
     monkeypatch.setattr(
-        "drcli.runs.process_list.speed_of",
+        "drcli.run.worker_processes.speed_of",
         lambda process, _: SpeedReport(process.name, process.pid, 3, 4, 2.0, 2.0 / 15.0),
     )
 
@@ -205,7 +204,7 @@ def test_before_the_first_iteration_there_is_no_speed(dr, record, capsys):
 
 def test_speed_reads_as_one_line(dr, record, monkeypatch, capsys):
     measured = SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4)
-    monkeypatch.setattr("drcli.runs.process_list.speed_of", lambda *_: measured)
+    monkeypatch.setattr("drcli.run.worker_processes.speed_of", lambda *_: measured)
 
     dr("get-robomaker-stats")
 

@@ -5,9 +5,8 @@ import json
 
 import pytest
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import Problem, refuse
-from drcli.store.checkpoints import CheckpointStore
+from drcli.base.errors import Problem, SettingsError, refuse
+from drcli.model.checkpoints import CheckpointStore
 from memory_bucket import MemoryBucket
 
 
@@ -306,7 +305,7 @@ def test_on_a_terminal_nothing_is_deleted_without_a_yes(
     run.looks = [make_report("finished", 1)]
     bucket = MemoryBucket()
     CheckpointStore(bucket, "model").save(7, 100, b"weights")
-    monkeypatch.setattr("drcli.store.connect.open_bucket", lambda *_, **__: bucket)
+    monkeypatch.setattr("drcli.bucket.connect.open_bucket", lambda *_, **__: bucket)
     monkeypatch.setattr("drcli.cli.prompts.may_ask", lambda: True)
     monkeypatch.setattr("sys.stdin", io.StringIO(typed))
 

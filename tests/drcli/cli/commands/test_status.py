@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.exchange.reward_error_record import RewardCounts, RewardErrorEntry
-from drcli.exchange.rollback_record import Rollback
-from drcli.store.alarms import Convergence
+from drcli.model.alarms import Convergence
+from drcli.model.training_state import Rollback
+from drcli.records.reward import RewardCounts, RewardErrorEntry
 
 
 def test_status_before_the_first_start_says_how_to_start(dr, run, capsys):

@@ -9,9 +9,8 @@ import time
 import psutil
 import pytest
 
-from drcli.base.process_identity import started_s
-from drcli.exchange.evaluation_record import EvaluationRecord
-from drcli.exchange.run_record import RunRecord, WaitingStart
+from drcli.base.processes import started_s
+from drcli.records.run_record import EvaluationRecord, RunRecord, WaitingStart
 
 OBEDIENT = "import time; print('ready', flush=True); time.sleep(60)"
 STUBBORN = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); " + OBEDIENT
@@ -161,7 +160,7 @@ def test_a_process_that_does_not_exit_is_named_with_the_way_to_end_it(
     dr, evaluation, monkeypatch, capsys
 ):
     child = evaluation(program=STUBBORN)
-    monkeypatch.setattr("drcli.runs.stopping.EVALUATION_PATIENCE_S", 0.0)
+    monkeypatch.setattr("drcli.run.stopping.EVALUATION_PATIENCE_S", 0.0)
 
     code = dr("stop-evaluation")
 

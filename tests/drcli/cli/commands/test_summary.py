@@ -9,10 +9,10 @@ import pytest
 from rich.console import Console
 
 from drcli.base.errors import StorageError
+from drcli.bucket.endpoint import Endpoint
 from drcli.cli.views import summary_view
-from drcli.runs import summary
-from drcli.runs.summary import BucketState, Running, Summary
-from drcli.store.endpoint import Endpoint
+from drcli.run import summary
+from drcli.run.summary import BucketState, Running, Summary
 from own_run import own_run
 
 

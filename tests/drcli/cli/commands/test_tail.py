@@ -2,7 +2,7 @@
 
 import os
 
-from drcli.base import log_files
+from drcli.base import log
 from drcli.cli import log_tail as tail_module
 from drcli.cli.log_tail import Tail, older
 
@@ -84,7 +84,7 @@ def test_no_line_is_lost_where_a_log_is_rotated_between_two_looks(tmp_path):
     first = tail.read()
 
     _append(path, b"lf\n3\n")
-    os.close(log_files.rotate(path, 1000))
+    os.close(log.rotate(path, 1000))
     _append(path, b"4\n")
     _append(path, b"5\n")
 
@@ -122,7 +122,7 @@ def test_older_parts_come_first_where_all_of_a_log_is_wanted(tmp_path):
     path = tmp_path / "a.log"
     for k in range(3):
         path.write_text(f"{k}\n")
-        os.close(log_files.rotate(path, 1000))
+        os.close(log.rotate(path, 1000))
 
     assert "".join(older(path)) == "0\n1\n2\n"
 

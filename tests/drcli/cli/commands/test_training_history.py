@@ -7,8 +7,8 @@ import json
 
 import pytest
 
-from drcli.exchange.training_record import TrainingFiles
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.training_record import TrainingFiles
 from past_trainings import child, training
 
 REWARDS = ("def reward_function(params):\n    return 1.0\n", "def reward_function(params):\n")
@@ -192,12 +192,12 @@ def test_nothing_from_a_record_controls_the_terminal(dr, history, capsys):
 
 
 def test_a_record_is_forgotten_after_a_question(dr, history, capsys, monkeypatch, working_folder):
-    from drcli.store.folder_bucket import FolderBucket
+    from drcli.bucket.connect import FolderBucket
 
     deleted = []
     bucket = FolderBucket(working_folder / "data" / "s3" / "bucket")
     monkeypatch.setattr(bucket, "delete", deleted.extend)
-    monkeypatch.setattr("drcli.store.connect.open_bucket", lambda *_, **__: bucket)
+    monkeypatch.setattr("drcli.bucket.connect.open_bucket", lambda *_, **__: bucket)
 
     assert dr("history", "forget", "team/one", "-d") == 0
     assert deleted == []

@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 from starlette.testclient import TestClient
 
-from drcli.exchange.episode_metrics import encode_metrics_file
-from drcli.exchange.iteration import encode_history
-from drcli.exchange.run_record import RunRecord, WorkerRecord
-from drcli.store import keys
+from drcli.model import keys
+from drcli.records.episode_metrics import encode_metrics_file
+from drcli.records.iteration import encode_history
+from drcli.records.run_record import RunRecord, WorkerRecord
 from drcli.web.console_app import build_app
 from drsim.track.worlds import load_track
 from recorded_drives import trace_csv, trace_rows

@@ -2,7 +2,7 @@
 
 import signal
 
-from drcli.video import encode
+from drcli.view.video import encode
 from drsim.track.worlds import load_track
 from recorded_drives import trace_csv, trace_rows
 

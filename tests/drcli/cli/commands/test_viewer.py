@@ -185,9 +185,7 @@ def test_stop_all_stops_the_console_before_the_bucket(dr, working_folder, monkey
     order = []
     record = ViewerRecord(4242, 1.0, "127.0.0.1", 8100)
     monkeypatch.setattr(viewer_process, "stop_viewer", lambda _: order.append("console") or record)
-    monkeypatch.setattr(
-        "drcli.runs.stopping.server.stop", lambda *_: order.append("server") or True
-    )
+    monkeypatch.setattr("drcli.run.stopping.server.stop", lambda *_: order.append("server") or True)
     (working_folder / "data").mkdir()
 
     assert dr("stop-all") == 0

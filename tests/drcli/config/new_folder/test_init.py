@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from drcli.base import atomic_file
+from drcli.base import files
 from drcli.base.errors import SettingsError
 from drcli.checks.stage_rules import review_stages
-from drcli.config import write_folder
-from drcli.config.example_files import model_file
+from drcli.config import new_folder
 from drcli.config.loading import load_settings
+from drcli.config.presets import model_file
 
 WRITTEN = [
     "run.env",
@@ -201,9 +201,9 @@ def test_what_fails_half_way_is_taken_back(dr, empty, capsys, monkeypatch):
     def rewrite_until_full(path: Path, data: bytes) -> None:
         if path.name == "model_metadata.json":
             raise SettingsError(f"{path}: no space left.", remedy="Make room.")
-        atomic_file.rewrite(path, data)
+        files.rewrite(path, data)
 
-    monkeypatch.setattr(write_folder, "rewrite", rewrite_until_full)
+    monkeypatch.setattr(new_folder, "rewrite", rewrite_until_full)
     code = dr("init", "--force")
 
     assert code == 3

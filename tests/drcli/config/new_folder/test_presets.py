@@ -4,13 +4,12 @@ import json
 
 import pytest
 
-from drcli.checks.config_check import check_alone
-from drcli.config.example_files import model_file, presets_folder
+from drcli.checks.validate import check_alone
 from drcli.config.loading import load_settings
-from drcli.config.presets import preset_names, preset_of
+from drcli.config.presets import model_file, preset_names, preset_of, presets_folder
 from drcli.config.settings import catalogue
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
 
 
 @pytest.mark.parametrize("name", preset_names())

@@ -8,8 +8,7 @@ from drcli.base.errors import SettingsError
 from drcli.cli.commands import init
 from drcli.config.new_folder import plan_folder
 from drcli.config.presets import preset_of
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.training_method import plan_with_method
+from drcli.model.files.hyperparameters import Hyperparameters, plan_with_method
 
 
 def parameters_of(plan) -> bytes:

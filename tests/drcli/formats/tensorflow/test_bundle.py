@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.formats.tensorflow.bundle import (
+from drcli.convert.tensorflow.bundle import (
     DATA,
     INDEX,
     data_names,
+    masked_crc,
     open_bundle,
     read_bundle,
+    read_table,
     write_bundle,
+    write_table,
 )
-from drcli.formats.tensorflow.messages import BundleEntryMessage, BundleHeaderMessage
-from drcli.formats.tensorflow.table import masked_crc, read_table, write_table
+from drcli.convert.tensorflow.graph import BundleEntryMessage, BundleHeaderMessage
 
 SCOPE = "main_level/agent/main/online/"
 

@@ -6,9 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.formats.tensorflow.graph import Node, Shape, decode_graph, encode_graph
-from drcli.formats.tensorflow.interpreter import Graph
-from drcli.formats.tensorflow.messages import DataType, GraphMessage
+from drcli.convert.tensorflow.graph import (
+    DataType,
+    GraphMessage,
+    Node,
+    Shape,
+    decode_graph,
+    encode_graph,
+)
+from drcli.convert.tensorflow.interpreter import Graph
 
 SMALL = [
     Node("in", "Placeholder", (), {"dtype": DataType.FLOAT, "shape": Shape((-1, 2))}),

@@ -6,8 +6,8 @@ import torch
 from torch.nn import functional
 
 from drcli.base.errors import SettingsError
-from drcli.formats.tensorflow.graph import Attr, Node, Shape
-from drcli.formats.tensorflow.interpreter import Graph
+from drcli.convert.tensorflow.graph import Attr, Node, Shape
+from drcli.convert.tensorflow.interpreter import Graph
 
 RANDOM = np.random.default_rng(7)
 
@@ -138,7 +138,7 @@ def test_a_graph_that_cannot_run_is_refused(nodes, why):
 
 
 def test_a_graph_that_grows_without_end_is_refused(monkeypatch):
-    monkeypatch.setattr("drcli.formats.tensorflow.interpreter._MOST_BYTES", 1 << 20)
+    monkeypatch.setattr("drcli.convert.tensorflow.interpreter._MOST_BYTES", 1 << 20)
     nodes = [const("n0", np.ones((1, 1 << 10), np.float32)), const("axis", np.array(0))]
     nodes += [Node(f"n{k + 1}", "ConcatV2", (f"n{k}", f"n{k}", "axis")) for k in range(40)]
 

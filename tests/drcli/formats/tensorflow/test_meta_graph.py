@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from drcli.formats.tensorflow.graph import Node
-from drcli.formats.tensorflow.messages import MetaGraphMessage
-from drcli.formats.tensorflow.meta_graph import encode_meta_graph
+from drcli.convert.tensorflow.graph import MetaGraphMessage, Node, encode_meta_graph
 
 NODES = [
     Node("in", "Placeholder"),

@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.formats.tensorflow.table import masked_crc, read_table, write_table
+from drcli.convert.tensorflow.bundle import masked_crc, read_table, write_table
 
 MANY = {
     f"name/{number:05d}".encode(): bytes([number % 251]) * (number % 40) for number in range(900)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from drcli.rewards.sandbox.run_sandbox import SandboxRequest, SandboxResult
 from drcli.rewards.sandbox.sample_calls import sample_params
 from drcli.rewards.sandbox.sandbox_process import calls_of, try_function
-from drcli.rewards.sandbox.sandbox_records import SandboxRequest, SandboxResult
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
+from drcli.base.errors import Problem
 from drcli.base.json_record import RecordError
-from drcli.base.problems import Problem
-from drcli.rewards.sandbox.sandbox_records import (
+from drcli.rewards.sandbox.run_sandbox import (
     CallIndex,
     Difference,
     Effect,

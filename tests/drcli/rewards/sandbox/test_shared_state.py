@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from drcli.modelfiles.custom_files import InputFile
+from drcli.model.files.custom_files import InputFile
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
-from drcli.rewards.sandbox.run_sandbox import Sandbox
-from drcli.rewards.sandbox.sandbox_records import SandboxRequest, SandboxResult
+from drcli.rewards.sandbox.run_sandbox import Sandbox, SandboxRequest, SandboxResult
 
 SET_ELSEWHERE = """import math
 def reward_function(params):

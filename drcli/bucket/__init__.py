@@ -1,0 +1,1 @@
+"""An S3 bucket: on any server, in a folder, and the embedded server."""

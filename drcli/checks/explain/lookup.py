@@ -1,0 +1,276 @@
+"""Finds what is known about a word, however it is written."""
+
+import difflib
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+from drcli.base.errors import SettingsError
+from drcli.checks.explain.explain_texts import (
+    ERROR_TEXTS,
+    EXIT_CODES,
+    GLOSSARY,
+    TRACE_COLUMNS,
+    ErrorText,
+)
+from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
+from drcli.config.settings import catalogue
+from drcli.records.trace import CSV_HEADER
+from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
+
+# What is known about one word.
+
+
+Kind = Literal[
+    "hyperparameter",
+    "setting",
+    "term",
+    "reward parameter",
+    "trace column",
+    "exit code",
+    "error text",
+]
+
+
+@dataclass(frozen=True)
+class Detail:
+    """One more thing about a word.
+
+    Attributes:
+        label: What it is about, such as "Higher".
+        text: The text.
+    """
+
+    label: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What is known about one word.
+
+    Attributes:
+        kind: What the word is.
+        name: The word, as it is written in files, or an error text.
+        meaning: What it means, in a sentence or two.
+        details: More about it, in the order to show.
+        page: Page in docs/ that says more.
+    """
+
+    kind: Kind
+    name: str
+    meaning: str
+    details: tuple[Detail, ...] = ()
+    page: str = ""
+
+
+SHORTEST_PART = 4
+MOST_FOUND = 12
+LONGEST = 500
+CLOSE = 0.7
+_LINK = re.compile(r"\[([^]]*)\]\([^)]*\)")
+
+
+def explain(question: str) -> list[Entry]:
+    """What is known about a word, in any spelling, or a piece of an error text.
+
+    Raises:
+        SettingsError: Nothing is known; the remedy names words that look alike.
+    """
+    wanted = _plain(question[:LONGEST])
+    if not wanted:
+        raise _unknown(question, [])
+    exact = [entry for name, entry in _by_name() if name == wanted]
+    if exact:
+        return exact
+    errors = [_error(text) for text in ERROR_TEXTS if _is_about(text, question[:LONGEST])]
+    if errors:
+        return errors
+    parts = [entry for name, entry in _by_name() if wanted in name]
+    if len(wanted) >= SHORTEST_PART and 0 < len(parts) <= MOST_FOUND:
+        return list(dict.fromkeys(parts))
+    names = {name: entry.name for name, entry in _by_name()}
+    close = difflib.get_close_matches(wanted, names, n=3, cutoff=CLOSE)
+    raise _unknown(question, [names[name] for name in close])
+
+
+def every_entry() -> tuple[Entry, ...]:
+    return (
+        *map(_hyperparameter, _keys()),
+        *(Entry("term", name, text, page="glossary.md") for name, text in GLOSSARY.items()),
+        *map(_parameter, REWARD_PARAMETERS),
+        *(
+            Entry("trace column", name, TRACE_COLUMNS[name], page="glossary.md")
+            for name in CSV_HEADER.split(",")
+        ),
+        *(
+            Entry("exit code", str(code), _sentence(text), page="commands.md")
+            for code, text in EXIT_CODES.items()
+        ),
+        *map(_setting, catalogue()),
+        *map(_error, ERROR_TEXTS),
+    )
+
+
+@cache
+def _by_name() -> tuple[tuple[str, Entry], ...]:
+    return tuple((name, entry) for entry in every_entry() for name in _names(entry))
+
+
+def _names(entry: Entry) -> Iterator[str]:
+    yield _plain(entry.name)
+    if entry.kind == "setting":
+        yield _plain(entry.name.removeprefix("DR_"))
+        yield from map(_plain, catalogue()[entry.name].old_names)
+    if entry.kind == "exit code":
+        yield f"exit code {entry.name}"
+        yield f"code {entry.name}"
+
+
+def _plain(text: str) -> str:
+    return " ".join(re.sub(r"[_\-\s]+", " ", text.strip("`'\" .,:;?!$")).casefold().split())
+
+
+def _is_about(text: ErrorText, question: str) -> bool:
+    wanted, whole = _letters(question), _letters(text.text)
+    if len(wanted) < SHORTEST_PART:
+        return False
+    pieces = [_letters(piece) for piece in text.text.split("...")]
+    long = [piece for piece in pieces if len(piece) >= SHORTEST_PART]
+    return wanted in whole or _in_order(long, wanted)
+
+
+def _in_order(pieces: list[str], text: str) -> bool:
+    at = 0
+    for piece in pieces:
+        at = text.find(piece, at)
+        if at < 0:
+            return False
+        at += len(piece)
+    return bool(pieces)
+
+
+def _letters(text: str) -> str:
+    return " ".join(re.sub(r"[^\w/]+", " ", text.casefold()).split())
+
+
+def _keys() -> list[str]:
+    from drcli.model.files.hyperparameters import KEYS
+
+    return [key for key in HYPERPARAMETER_TEXTS if key in KEYS]
+
+
+def _hyperparameter(key: str) -> Entry:
+    text = HYPERPARAMETER_TEXTS[key]
+    details = [
+        *_details(("Higher" if text.lower else "Effect", text.higher), ("Lower", text.lower)),
+        *_details(("Advice", text.advice), ("Shipped value", shipped_value(key))),
+        Detail("If left out", value_if_left_out(key)),
+    ]
+    return Entry("hyperparameter", key, text.meaning, tuple(details), "hyperparameters.md")
+
+
+def _details(*pairs: tuple[str, str]) -> Iterator[Detail]:
+    return (Detail(label, text) for label, text in pairs if text)
+
+
+def value_if_left_out(key: str) -> str:
+    """What a training takes for a hyperparameter, "off" if nothing."""
+    from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
+    from drcli.model.files.hyperparameters import Hyperparameters
+
+    if key == "sac_updates_per_step":
+        return f"{UPDATES_PER_STEP['cpu']:g}, or {UPDATES_PER_STEP['cuda']:g} on a GPU"
+    default = Hyperparameters.model_fields[key].default
+    return _value(getattr(SACConfig(), key, None) if default is None else default) or "off"
+
+
+def shipped_value(key: str) -> str:
+    return _value(shipped_values().get(key))
+
+
+@cache
+def shipped_values() -> Mapping[str, object]:
+    import json
+
+    from drcli.config.presets import model_file
+
+    return dict(json.loads(model_file("hyperparameters.json").read_text("utf-8")))
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _setting(name: str) -> Entry:
+    setting = catalogue()[name]
+    if setting.effect != "used":
+        details = _details(("Here", f"No effect: {setting.reason}"))
+    else:
+        default = setting.default_text
+        details = _details(
+            ("Default", default or "none"),
+            ("Allowed", setting.expected),
+            ("File", setting.file),
+            ("Old name", ", ".join(setting.old_names)),
+        )
+    return Entry("setting", name, _sentence(setting.meaning), tuple(details), "settings.md")
+
+
+def _parameter(name: str) -> Entry:
+    text = REWARD_PARAMETERS[name]
+    meaning = _sentence(_LINK.sub(r"\1", text.meaning).replace("**", ""))
+    details = _details(("Type", text.kind), ("Unit", text.unit.replace("**", "")))
+    return Entry("reward parameter", name, meaning, tuple(details), "reward-functions.md")
+
+
+def _error(text: ErrorText) -> Entry:
+    details = (Detail("With drcli", _sentence(_LINK.sub(r"docs/\1", text.here))),)
+    return Entry("error text", text.text, _sentence(text.reason), details, "troubleshooting.md")
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    begin = text[:1] if text.startswith(("`", "drcli")) else text[:1].upper()
+    return f"{begin}{text[1:]}" + ("" if text.endswith((".", "!", "?", ")")) else ".")
+
+
+def _unknown(question: str, close: list[str]) -> SettingsError:
+    shown = question if len(question) <= 60 else f"{question[:57]}..."
+    offer = f"Did you mean {', '.join(close)}? " if close else ""
+    return SettingsError(
+        f"Nothing is known about '{shown}'.",
+        remedy=f"{offer}`dr-explain` without a name lists all words.",
+    )
+
+
+# The report of `dr-explain`.
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What is known about a word.
+
+    Attributes:
+        question: What was asked for; empty for everything.
+        entries: What is known about it; a word may have several meanings.
+    """
+
+    question: str
+    entries: list[Entry]
+
+    @staticmethod
+    def of(question: str) -> "Explanation":
+        """Look a word up.
+
+        Raises:
+            SettingsError: Nothing is known about it.
+        """
+        found = explain(question) if question.strip() else every_entry()
+        return Explanation(question, list(found))

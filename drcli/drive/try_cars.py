@@ -1,0 +1,89 @@
+"""Tries all named cars: `python -m drcli.drive.try_cars CHECKPOINT STARTS`."""
+
+import sys
+from collections.abc import Callable
+
+import torch
+
+from drcli.base.log import plain
+from drcli.bucket.connect import open_bucket
+from drcli.convert.build_network import build_policy, load_weights
+from drcli.drive.build_race import actions_of, load_world, longest_episode, sensors_of_model
+from drcli.drive.driving import Driven, Driver, Plan, Racer
+from drcli.learn.policy import Policy
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.network_shape import Design
+from drcli.records.evaluation_task import TRIALS_FILE, CarTrial, encode_trials
+from drcli.records.job import Job
+from drcli.workers import worker_process
+from drcli.workers.cores import usable_cores
+from drcli.workers.worker_process import Lifeline
+from drsim.car.car_parameters import CAR_SETS
+from drsim.episode.episode_rules import EpisodeRules
+from drsim.episode.reward import centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.sensing.scene import Scene, build_scene
+from drsim.track.track import Track
+
+
+def drive_car(
+    car: str,
+    track: Track,
+    scene: Scene,
+    policy: Policy,
+    metadata: ModelMetadata,
+    starts: int,
+    num_threads: int,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> CarTrial:
+    """Drive an episode from each of the starts, spread evenly over the lap."""
+    actions = actions_of(metadata)
+    simulation = Simulation(
+        track,
+        num_cars=starts,
+        reward_function=centre_line_reward,
+        rules=EpisodeRules(max_steps=longest_episode(track, actions)),
+        num_threads=num_threads,
+        scene=scene,
+        car_parameters=CAR_SETS[car].parameters,
+        sensors=sensors_of_model(metadata),
+    )
+    driven: list[Driven] = []
+    plans = [Plan(start, "evaluation", start / starts) for start in range(starts)]
+    try:
+        Driver(simulation, [Racer(policy, actions)], 0).drive(plans, driven.append, should_stop)
+    finally:
+        simulation.close()
+    driven.sort(key=lambda episode: episode.number)
+    lap_times_s = [round(float(episode.duration_s), 3) for episode in driven if episode.completed]
+    progress = [float(episode.progress) for episode in driven]
+    mean = round(sum(progress) / starts, 3)
+    return CarTrial(car, len(lap_times_s), starts, mean, lap_times_s)
+
+
+def main(job: Job, lifeline: Lifeline) -> None:
+    checkpoint, starts = sys.argv[1], int(sys.argv[2])
+    torch.set_num_threads(1)
+    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
+    prefix = job.config.model.prefix
+    design = Design.of_checkpoint(bucket, prefix, checkpoint)
+    model = build_policy(design.metadata, design.parameters)
+    found = CheckpointStore(bucket, prefix).load(checkpoint)
+    load_weights(model, found.tensors, found.record.name)
+    track = load_world(job.config.race())
+    scene = build_scene(track)
+    threads = usable_cores(job.config.train)
+    trials = []
+    for car in CAR_SETS:
+        trial = drive_car(
+            car, track, scene, model, design.metadata, starts, threads, lifeline.should_stop
+        )
+        laps = "lap" if starts == 1 else "laps"
+        plain.info(f"{car}: {trial.laps} of {starts} {laps} clean, {trial.mean_progress:.1f} %")
+        trials.append(trial)
+    (job.folder / TRIALS_FILE).write_bytes(encode_trials(trials))
+
+
+if __name__ == "__main__":
+    worker_process.run("cars", main)

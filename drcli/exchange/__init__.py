@@ -1,1 +1,0 @@
-"""Records that the processes of a run exchange, and their encoding."""

@@ -1,0 +1,355 @@
+"""What a simulation worker shows to viewers on this machine.
+
+The worker writes its `LiveAddress`; a viewer sends a `LiveRequest` and gets `LiveMessage`s.
+"""
+
+import hashlib
+import hmac
+import json
+import os
+import secrets
+import socket
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from drcli.base.files import load_record, write_private_json
+from drcli.base.framing import WireError, exactly, framed
+from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
+from drcli.base.processes import is_alive, started_s
+
+LiveView = Literal["camera", "chase", "scene", "state"]
+"""What a car sees, the view from behind, all cars; everyone gets the state."""
+
+LIVE_VIEWS: tuple[LiveView, ...] = get_args(LiveView)
+
+PROTOCOL = 1
+LIVE_FILES = "live-*.json"
+
+MOST_CAR = 1 << 20
+
+_HEADER_BYTES = 2
+
+
+def live_file(folder: Path, name: str) -> Path:
+    return folder / LIVE_FILES.replace("*", name)
+
+
+@dataclass(frozen=True)
+class LiveAddress:
+    """Where a worker listens, in a file that only this user can read.
+
+    Attributes:
+        port: On 127.0.0.1.
+        key: 64 hexadecimal digits that both sides prove to know; never sent.
+        pid_started: From `process_identity.started_s`; process numbers are reused.
+    """
+
+    port: int
+    key: str
+    pid: int
+    pid_started: float
+    protocol: int = PROTOCOL
+
+    @staticmethod
+    def own(port: int) -> "LiveAddress":
+        pid = os.getpid()
+        return LiveAddress(port, secrets.token_hex(32), pid, started_s(pid) or 0.0)
+
+    @property
+    def secret(self) -> bytes:
+        return self.key.encode("ascii", "replace")
+
+    @property
+    def is_usable(self) -> bool:
+        return (
+            self.protocol == PROTOCOL
+            and 0 < self.port < 1 << 16
+            and len(self.key) >= 32
+            and is_alive(self.pid, self.pid_started)
+        )
+
+    def write(self, folder: Path, name: str) -> None:
+        write_private_json(live_file(folder, name), asdict(self))
+
+    def delete(self, folder: Path, name: str) -> None:
+        if LiveAddress.read(live_file(folder, name)) == self:
+            with suppress(OSError):
+                live_file(folder, name).unlink(missing_ok=True)
+
+    @staticmethod
+    def read(path: Path) -> "LiveAddress | None":
+        return load_record(LiveAddress, path)
+
+
+@dataclass(frozen=True)
+class LiveRequest:
+    """`car` counts from 0; None: the one furthest ahead."""
+
+    views: tuple[LiveView, ...] = ()
+    car: int | None = None
+
+    def encode(self) -> bytes:
+        return json.dumps({"views": sorted(self.views), "car": self.car}).encode()
+
+    @staticmethod
+    def decode(data: bytes) -> "LiveRequest":
+        request = from_json(LiveRequest, parse_json(data))
+        if request.car is not None and not 0 <= request.car < MOST_CAR:
+            raise RecordError("'car' is not the number of a car")
+        return request
+
+
+@dataclass(frozen=True)
+class LiveMessage:
+    """`step_s` is Unix time; `data` is JPEG, or JSON of a `LiveScene` or `LiveState`."""
+
+    view: LiveView
+    step_s: float
+    data: bytes
+    car: int | None = None
+    width: int = 0
+    height: int = 0
+
+    def encode(self) -> bytes:
+        """Length of the header in two bytes, header as JSON, data."""
+        header = {"view": self.view, "step_s": self.step_s}
+        if self.car is not None:
+            header["car"] = self.car
+        if self.width:
+            header |= {"width": self.width, "height": self.height}
+        text = json.dumps(header, allow_nan=False).encode()
+        return len(text).to_bytes(_HEADER_BYTES, "big") + text + self.data
+
+    @staticmethod
+    def decode(data: bytes) -> "LiveMessage":
+        begin = _HEADER_BYTES + int.from_bytes(data[:_HEADER_BYTES], "big")
+        if len(data) < begin:
+            raise RecordError("it ends too early")
+        header = from_json(_Header, parse_json(data[_HEADER_BYTES:begin]))
+        return LiveMessage(data=data[begin:], **asdict(header))
+
+    @property
+    def scene(self) -> "LiveScene":
+        return LiveScene.decode(self.data)
+
+    @property
+    def state(self) -> "LiveState":
+        return LiveState.decode(self.data)
+
+
+@dataclass(frozen=True)
+class _Header:
+    view: LiveView
+    step_s: float
+    car: int | None = None
+    width: int = 0
+    height: int = 0
+
+
+@dataclass(frozen=True)
+class LiveState(JsonRecord):
+    """What a worker does, also while no car drives.
+
+    Attributes:
+        waits: For another worker.
+        since_s: Unix time.
+        hint: Why a view cannot be shown now.
+    """
+
+    worker: str
+    pid: int
+    activity: str
+    waits: bool
+    since_s: float
+    iteration: int | None = None
+    checkpoint: str = ""
+    hint: str = ""
+
+
+@dataclass(frozen=True)
+class LiveRacer:
+    model: str
+    color: str
+    rgb: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class LiveCar:
+    """A car after a step.
+
+    Attributes:
+        reverse: Against the scene's direction.
+        x: Of the point 0.14 m ahead of the origin, metres; so is `y`.
+        asked_mps: Requested.
+        steering_deg: Requested, left positive.
+        reward: Of this step.
+        total: Of the episode.
+        status: As in traces.
+        lap_s: Simulated seconds of its lap.
+        resets: Violations forgiven.
+    """
+
+    car: int
+    racer: int
+    episode: int
+    phase: str
+    reverse: bool
+    x: float
+    y: float
+    yaw_deg: float
+    speed_mps: float
+    asked_mps: float
+    steering_deg: float
+    progress: float
+    reward: float
+    total: float
+    status: str
+    steps: int
+    lap_s: float
+    laps: int = 0
+    resets: int = 0
+
+
+@dataclass(frozen=True)
+class LiveObject:
+    kind: str
+    x: float
+    y: float
+    yaw_deg: float
+
+
+@dataclass(frozen=True)
+class ShownCar:
+    """More about the car that a viewer looks at.
+
+    Attributes:
+        objects: Around it; each car has its own.
+        probabilities: Of `LiveScene.actions`; None if continuous.
+        mean: Likeliest continuous action, degrees and m/s.
+        low: 16 % quantile.
+        high: 84 % quantile.
+        value: Discounted reward that the critic expects.
+    """
+
+    car: int
+    objects: list[LiveObject] = field(default_factory=list)
+    probabilities: list[float] | None = None
+    chosen: int | None = None
+    mean: list[float] | None = None
+    low: list[float] | None = None
+    high: list[float] | None = None
+    value: float | None = None
+    lidar: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class FinishedEpisode:
+    """An episode that has ended, or a lap of a race of several laps.
+
+    Attributes:
+        serial: Shows a viewer that misses scenes which ones are new.
+        time_s: Simulated seconds.
+        ended_s: Unix time.
+    """
+
+    serial: int
+    episode: int
+    phase: str
+    racer: int
+    world: str
+    iteration: int | None
+    checkpoint: str
+    status: str
+    lap: int
+    progress: float
+    time_s: float
+    reward: float
+    steps: int
+    ended_s: float
+    resets: int = 0
+
+
+@dataclass(frozen=True)
+class LiveScene(JsonRecord):
+    """All cars of a worker after a step.
+
+    Attributes:
+        actions: Discrete, degrees and m/s.
+        shown: None if it does not drive.
+        finished: Newest episodes.
+    """
+
+    world: str
+    reverse: bool
+    race_type: str
+    iteration: int | None
+    checkpoint: str
+    racers: list[LiveRacer]
+    actions: list[list[float]]
+    cars: list[LiveCar]
+    shown: ShownCar | None
+    finished: list[FinishedEpisode] = field(default_factory=list)
+
+    def to_json(self) -> dict[str, Any]:
+        """Without `asdict`'s copies: it is made often."""
+        return {**vars(self)}
+
+    def encode(self) -> bytes:
+        return json.dumps(self.to_json(), default=vars, allow_nan=False).encode()
+
+
+# How live pictures travel between a worker and a viewer: proof of the key, then messages.
+#
+# Not `multiprocessing.connection`: its listener waits forever for a silent visitor, its sender
+# for a reader that does not read. Nothing is unpickled.
+
+
+HOST = "127.0.0.1"
+
+MOST_MESSAGE_BYTES = 4 << 20
+MOST_REQUEST_BYTES = 4096
+_GREETING = b"drcli-live-%d\n" % PROTOCOL
+_NONCE_BYTES = 32
+
+
+def admit(peer: socket.socket, key: bytes) -> None:
+    """Let a viewer in that knows the key, and prove to know it too.
+
+    Raises:
+        WireError: It does not know it.
+        OSError: It left or timed out.
+    """
+    own = secrets.token_bytes(_NONCE_BYTES)
+    peer.sendall(_GREETING + own)
+    theirs = exactly(peer, _NONCE_BYTES)
+    if not hmac.compare_digest(exactly(peer, _NONCE_BYTES), _proof(key, b"viewer", own, theirs)):
+        raise WireError("the viewer does not know the key")
+    peer.sendall(_proof(key, b"worker", own, theirs))
+
+
+def enter(peer: socket.socket, key: bytes) -> None:
+    """Check that a worker knows the key, and prove to know it too.
+
+    Raises:
+        WireError: It is another program, or refuses the key.
+        OSError: It left or timed out.
+    """
+    if exactly(peer, len(_GREETING)) != _GREETING:
+        raise WireError("another program listens there")
+    theirs = exactly(peer, _NONCE_BYTES)
+    own = secrets.token_bytes(_NONCE_BYTES)
+    peer.sendall(own + _proof(key, b"viewer", theirs, own))
+    if not hmac.compare_digest(exactly(peer, _NONCE_BYTES), _proof(key, b"worker", theirs, own)):
+        raise WireError("the worker does not know the key")
+
+
+def send(peer: socket.socket, data: bytes) -> None:
+    """OSError if the other side left or does not read in time."""
+    peer.sendall(framed(data))
+
+
+def _proof(key: bytes, side: bytes, of_worker: bytes, of_viewer: bytes) -> bytes:
+    """Depends on both random numbers, so it cannot be reused."""
+    return hmac.digest(key, side + of_worker + of_viewer, hashlib.sha256)

@@ -1,0 +1,1 @@
+"""Sends a training's figures to TensorBoard, Prometheus, InfluxDB, MLflow and trackio."""

@@ -1,0 +1,271 @@
+"""Newest figures of a training for Prometheus, by file or HTTP."""
+
+import re
+import socket
+import threading
+from collections.abc import Callable, Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+from drcli.base.files import rewrite
+from drcli.metrics.figure_events import Ended, EpisodePoint, EpochPoint, Event, Point, TrainingFacts
+
+_PREFIX = "deepracer_"
+_LETTERS = re.compile(r"[^a-zA-Z0-9_]")
+
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+
+_MEANINGS = {
+    "charts/episodic_return": "Mean total reward of the training episodes of an iteration.",
+    "charts/episodic_length": "Mean steps of the training episodes of an iteration.",
+    "charts/SPS": "Steps learned from per second of wall time since the beginning.",
+    "charts/learning_rate": "Learning rate.",
+    "charts/episodic_progress": "Mean progress of the training episodes of an iteration, percent.",
+    "charts/full_laps": "Training episodes of an iteration that completed a lap.",
+    "evaluation/progress": "Mean progress of the evaluation of the newest scored checkpoint.",
+    "evaluation/laps": "Clean laps of this evaluation.",
+    "evaluation/clean_share": "Share of its laps that are clean.",
+    "evaluation/best_lap_s": "Fastest of the clean laps, simulated seconds.",
+    "evaluation/median_lap_s": "Median of the clean laps, simulated seconds.",
+    "losses/entropy": "Entropy of the policy, nats.",
+    "losses/approx_kl": "Divergence from the policy that drove.",
+}
+
+
+class NewestFigures:
+    def __init__(self, facts: TrainingFacts) -> None:
+        self._labels = f'{{model="{_escaped(facts.model)}",run_id="{facts.run_id}"}}'
+        self._learned: Mapping[str, float] = {}
+        self._scores: Mapping[str, float] = {}
+        self._step, self._time_s, self._is_running = facts.first_step, 0.0, True
+        self._text = ""
+        self._write()
+
+    def add(self, event: Event) -> None:
+        assert isinstance(event, Point | Ended)
+        if isinstance(event, Point):
+            # A value that is missing now, such as a lap time, is not the one from before.
+            if event.is_evaluation:
+                self._scores = event.values
+            else:
+                self._learned = event.values
+            self._step = max(self._step, event.step)
+        else:
+            self._is_running = False
+        self._time_s = event.time_s
+        self._write()
+
+    def text(self) -> str:
+        return self._text
+
+    def _write(self) -> None:
+        own = {
+            "training_running": (float(self._is_running), "1 while the training runs."),
+            "steps": (float(self._step), "Steps learned from since the beginning."),
+            "updated_seconds": (self._time_s, "Unix time of the newest figure."),
+        }
+        known = {
+            metric_name(name): (value, _MEANINGS.get(name, f"CleanRL's {name}."))
+            for name, value in (*self._learned.items(), *self._scores.items())
+        }
+        self._text = "".join(
+            f"# HELP {_PREFIX}{name} {meaning}\n# TYPE {_PREFIX}{name} gauge\n"
+            f"{_PREFIX}{name}{self._labels} {value!r}\n"
+            for name, (value, meaning) in sorted((known | own).items())
+        )
+
+
+class FigureFile:
+    """A `.prom` file for node_exporter's textfile collector, in its existing folder."""
+
+    takes = (Point, Ended)
+
+    def __init__(self, folder: Path, facts: TrainingFacts) -> None:
+        self.name = f"DR_PROMETHEUS_FOLDER={folder}"
+        if not folder.is_dir():
+            raise NotADirectoryError(f"DR_PROMETHEUS_FOLDER={folder} is not a folder.")
+        letters = re.sub(r"[^A-Za-z0-9._-]", "_", facts.model)
+        self._path = folder / f"deepracer-{letters}.prom"
+        self._figures = NewestFigures(facts)
+        self._is_saved = False
+        self._save()
+
+    def send(self, event: Event) -> None:
+        """Replace the file in one step."""
+        self._figures.add(event)
+        self._save()
+
+    def miss(self, event: Event) -> bool:
+        self._figures.add(event)
+        self._is_saved = False
+        return True
+
+    def close(self) -> None:
+        if not self._is_saved:
+            self._save()
+
+    def _save(self) -> None:
+        self._is_saved = False
+        rewrite(self._path, self._figures.text().encode())
+        self._path.chmod(0o644)  # the collector is another user
+        self._is_saved = True
+
+
+class FigureServer:
+    """An HTTP server of /metrics; the system chooses a port for 0.
+
+    Raises:
+        OSError: The port is taken, or the address is none of this machine.
+    """
+
+    takes = (Point, Ended)
+
+    def __init__(self, host: str, port: int, facts: TrainingFacts) -> None:
+        self.name = f"DR_PROMETHEUS_PORT={port}"
+        self._figures = NewestFigures(facts)
+        try:
+            self._server = _Server(host, port, _handler(self._figures.text))
+        except OSError as error:
+            text = f"nothing can listen on {host}:{port}: {error.strerror or error}."
+            raise OSError(error.errno, f"{self.name}: {text}") from None
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, name="prometheus", daemon=True
+        )
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        return int(self._server.server_address[1])
+
+    def send(self, event: Event) -> None:
+        self._figures.add(event)
+
+    def miss(self, event: Event) -> bool:
+        self._figures.add(event)
+        return True
+
+    def close(self) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def __init__(self, host: str, port: int, handler: type[BaseHTTPRequestHandler]) -> None:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        self.address_family = found[0][0]  # IPv4 or IPv6
+        super().__init__((host, port), handler)
+
+
+def _handler(text: Callable[[], str]) -> type[BaseHTTPRequestHandler]:
+    class Handler(BaseHTTPRequestHandler):
+        timeout = 10.0  # of a client that sends nothing
+        server_version, sys_version = "drcli", ""
+
+        def do_GET(self) -> None:
+            if self.path.partition("?")[0] not in ("/", "/metrics"):
+                self.send_error(404)
+                return
+            data = text().encode()
+            self.send_response(200)
+            self.send_header("Content-Type", CONTENT_TYPE)
+            self.send_header("Content-Length", str(len(data)))
+            self.end_headers()
+            self.wfile.write(data)
+
+        def log_message(self, format: str, *arguments: object) -> None:
+            """Keeps requests out of the log."""
+
+    return Handler
+
+
+def metric_name(name: str) -> str:
+    """`losses/approx_kl` is losses_approx_kl."""
+    return _LETTERS.sub("_", name)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
+
+
+# InfluxDB's line protocol over UDP, for DeepRacer-for-Cloud's Grafana board.
+#
+# Sources: reference simulator (`dr_training_episodes`, `dr_eval_episodes`), board
+# (`dr_sagemaker_epochs`).
+
+
+_NAME = str.maketrans({",": r"\,", " ": r"\ ", "=": r"\=", "\n": " ", "\r": " "})
+
+
+class InfluxLines:
+    """Sends each event to Telegraf as a datagram, without confirmation.
+
+    Lines have a time: our episodes of an iteration end together, and the server keeps one line of
+    equal tags per second.
+    """
+
+    takes = (EpisodePoint, EpochPoint)
+
+    def __init__(self, host: str, port: int, model: str) -> None:
+        self.name = f"DR_TELEGRAF_HOST={host}"
+        self._place = host, port
+        self._model = model
+        self._socket: socket.socket | None = None
+
+    def send(self, event: Event) -> None:
+        """Raises OSError for an unknown host or a refusing network."""
+        assert isinstance(event, self.takes)
+        data = line_of(event, self._model).encode()
+        try:
+            self._connected().send(data)
+        except ConnectionRefusedError:
+            # The answer to an earlier datagram: this one may be the first that is heard.
+            self._connected().send(data)
+        except OSError:
+            self.close()  # the name may have another address when it is tried again
+            raise
+
+    def miss(self, event: Event) -> bool:
+        return False
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+
+    def _connected(self) -> socket.socket:
+        if self._socket is None:
+            host, port = self._place
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+            family, kind, protocol, _, address = found[0]
+            self._socket = socket.socket(family, kind, protocol)
+            self._socket.settimeout(1.0)
+            self._socket.connect(address)
+        return self._socket
+
+
+def line_of(event: EpisodePoint | EpochPoint, model: str) -> str:
+    if isinstance(event, EpochPoint):
+        return _line("dr_sagemaker_epochs", {"model": model}, {"entropy": event.entropy}, event)
+    tags = {"model": model, "status": event.status, "worker": str(event.worker)}
+    fields: dict[str, float] = {"elapsed_time": event.elapsed_ms, "progress": event.progress}
+    if event.resets is not None:
+        return _line("dr_eval_episodes", tags, {**fields, "reset_count": event.resets}, event)
+    tags["phase"] = event.phase
+    return _line("dr_training_episodes", tags, {**fields, "reward": event.reward}, event)
+
+
+def _line(
+    name: str,
+    tags: Mapping[str, str],
+    fields: Mapping[str, float],
+    event: EpisodePoint | EpochPoint,
+) -> str:
+    """Sorted by name; whole numbers are marked."""
+    marks = "".join(f",{key}={text.translate(_NAME)}" for key, text in sorted(tags.items()) if text)
+    values = ",".join(
+        f"{key}={value}i" if isinstance(value, int) else f"{key}={value!r}"
+        for key, value in sorted(fields.items())
+    )
+    return f"{name}{marks} {values} {round(event.time_s * 1e9)}"

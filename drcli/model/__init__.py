@@ -1,0 +1,1 @@
+"""A model in a bucket: keys, checkpoints, history, scores, traces, notes and its three files."""

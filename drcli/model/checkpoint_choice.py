@@ -1,0 +1,292 @@
+"""Finds the checkpoint that a word or a number chooses."""
+
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+
+from drcli.base import errors
+from drcli.base.errors import SettingsError
+from drcli.bucket.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing
+from drcli.config.value_types import WORDS, CheckpointChoice, CheckpointWord
+from drcli.model import keys
+from drcli.model.best_checkpoint import read_evaluation
+from drcli.model.milestones import Milestone, Milestones, readable_milestones
+from drcli.model.model_prefix import what_helps
+from drcli.model.repair import Model, readable_history, readable_scores
+from drcli.records.checkpoint import CheckpointName, checkpoint_name
+from drcli.records.iteration import IterationRecord, Laps
+from drcli.records.scores import Score, Scores
+from drcli.records.stage import is_untaught
+
+OUR_PARTS = (".safetensors", ".json")
+MOST_LISTED = 12
+NEVER_EVALUATED = "never evaluated"
+UNTAUGHT = "never evaluated, because only its teacher has learned until there"
+
+_NEVER: dict[CheckpointWord, str] = {
+    "first-lap": "no evaluation during its training has completed a lap",
+    "three-laps": "no evaluation during its training has completed three laps",
+    "best-lap": "no evaluation during its training has completed a lap",
+}
+
+
+class CheckpointGone(SettingsError):
+    """The chosen checkpoint is missing or incomplete, maybe deleted by a training."""
+
+
+@dataclass(frozen=True)
+class ModelCheckpoints:
+    url: str
+    prefix: str
+    listed: Listing
+    names: tuple[CheckpointName, ...]
+    scores: Scores | None
+    milestones: Milestones
+
+    @staticmethod
+    def read(model: Model) -> "ModelCheckpoints":
+        """Reconstructs damaged records, but writes nothing."""
+        bucket, prefix = model.bucket, model.prefix
+        listed = bucket.list(keys.model_folder(prefix))
+        found = {keys.checkpoint_of(prefix, info.key) for info in listed}
+        scores, _ = readable_scores(model)
+        history, _ = readable_history(model)
+        milestones, _ = readable_milestones(bucket, prefix, history)
+        names = tuple(sorted(name for name in found if name is not None))
+        url = f"s3://{bucket.name}/{prefix}"
+        return ModelCheckpoints(url, prefix, listed, names, scores, milestones)
+
+    def words_for(self, name: CheckpointName) -> list[CheckpointWord]:
+        found: list[CheckpointWord] = []
+        if self.scores is not None:
+            last, best = self.scores.last_checkpoint.name, self.scores.best_checkpoint.name
+            found += ["last"] * (last == str(name))
+            found += ["best"] * (best == str(name))
+        found += [kind for kind, each in self.milestones.reached() if each.name == name]
+        return found
+
+    def missing_parts(self, name: str) -> list[str]:
+        return missing_parts(self.listed, self.prefix, name)
+
+    @property
+    def summary(self) -> str:
+        whole = [name for name in self.names if not self.missing_parts(str(name))]
+        if not whole:
+            return "It has no complete checkpoint."
+        shown = self._few(whole)
+        words = {name: self.words_for(name) for name in shown}
+        texts = [
+            f"{name.number} ({', '.join(words[name])})" if words[name] else f"{name.number}"
+            for name in shown
+        ]
+        more = len(whole) - len(shown)
+        rest = f", and {more} more (`dr-list-checkpoints {self.prefix}`)" if more else ""
+        return f"It has {', '.join(texts)}{rest}."
+
+    def _few(self, whole: list[CheckpointName]) -> list[CheckpointName]:
+        if len(whole) <= MOST_LISTED:
+            return whole
+        marked = [name for name in whole if self.words_for(name)]
+        others = [name for name in whole if name not in marked]
+        return sorted([*marked, *others[-max(0, MOST_LISTED - len(marked)) :]])
+
+
+@dataclass(frozen=True)
+class Chosen:
+    choice: CheckpointChoice
+    score: Score
+    parts: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        return self.score.name
+
+    @property
+    def number(self) -> int:
+        return checkpoint_name(self.name).number
+
+    @property
+    def line(self) -> str:
+        """Scripts look for it: the reference's command writes it."""
+        if self.choice == "last":
+            return f"Latest checkpoint = {self.number}"
+        if self.choice == "best":
+            return f"Best checkpoint: {self.number}"
+        return f"Chosen checkpoint: {self.number}"
+
+
+def take_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
+    """As `find_choice`, but says which one it took."""
+    chosen = find_choice(model, choice, remedy=remedy)
+    errors.show(sentence_about(model, chosen))
+    return chosen
+
+
+def sentence_about(model: Model, chosen: Chosen, option: str = "--checkpoint") -> str:
+    """Such as "Takes checkpoint 77 of m-1, the last: never evaluated. ..."."""
+    history, _ = readable_history(model)
+    scores, _ = readable_scores(model)
+
+    def driven(score: Score) -> str:
+        return _driven(model, history, score)
+
+    of = f"{chosen.number} of {model.prefix}"
+    if chosen.choice not in ("last", "best") or scores is None:
+        return f"Takes checkpoint {of}: {driven(chosen.score)}."
+    word = "best" if chosen.choice == "last" else "last"
+    other = scores.best_checkpoint if word == "best" else scores.last_checkpoint
+    if other.name == chosen.name:
+        unknown = driven(other) in (NEVER_EVALUATED, UNTAUGHT)
+        words = "the last" if unknown else "the best and the last"
+        return f"Takes checkpoint {of}, {words}: {driven(chosen.score)}."
+    if driven(other) == UNTAUGHT:
+        return f"Takes checkpoint {of}, the {chosen.choice}: {driven(chosen.score)}."
+    return (
+        f"Takes checkpoint {of}, the {chosen.choice}: {driven(chosen.score)}. {option} "
+        f"{word} takes {checkpoint_name(other.name).number}: {driven(other)}."
+    )
+
+
+def best_and_last(model: Model) -> str:
+    """Such as "best: 76, 20 of 20 laps clean, ...; last: 77, ..."."""
+    history, _ = readable_history(model)
+    scores, _ = readable_scores(model)
+    if scores is None:
+        return ""
+    words = {"best": scores.best_checkpoint, "last": scores.last_checkpoint}
+    return "; ".join(
+        f"{word}: {checkpoint_name(score.name).number}, {_driven(model, history, score)}"
+        for word, score in words.items()
+    )
+
+
+def laps_of(model: Model, history: Iterable[IterationRecord], name: str) -> Laps | None:
+    number = checkpoint_name(name).number
+    laps = next((record.all_laps for record in history if record.iteration == number), None)
+    if laps is None:  # the learning curve may have no record of its iteration yet
+        with suppress(ObjectMissing, ObjectDamaged):
+            result = read_evaluation(model.bucket, model.prefix, number)
+            if result.checkpoint == name:
+                laps = result.on("training").laps
+    return laps
+
+
+def _driven(model: Model, history: Iterable[IterationRecord], score: Score) -> str:
+    laps = laps_of(model, history, score.name)
+    if laps is not None:
+        return str(laps)
+    if score.avg_eval_metric is not None:  # of a copy, which comes without its history
+        return f"score {score.avg_eval_metric:.1f} in its evaluation"
+    if is_untaught(list(history), checkpoint_name(score.name).number):
+        return UNTAUGHT
+    return NEVER_EVALUATED
+
+
+def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
+    """The complete checkpoint that a word or a number chooses.
+
+    Raises:
+        CheckpointGone: It is missing, incomplete, or was never reached.
+        SettingsError: The model has no checkpoint.
+    """
+    bucket, prefix = model.bucket, model.prefix
+    scores, _ = readable_scores(model)
+    if choice == "last" or choice == "best":
+        if scores is None:
+            raise SettingsError(
+                f"No checkpoint file available at s3://{bucket.name}/"
+                f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
+                remedy=what_helps(bucket, prefix),
+            )
+        score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
+        listed = bucket.list(keys.model_folder(prefix))
+        missing = missing_parts(listed, prefix, score.name)
+        if not missing:
+            return Chosen(choice, score, _parts(listed, prefix, score.name))
+        raise _gone(ModelCheckpoints.read(model), _incomplete(bucket, missing), remedy)
+    if isinstance(choice, int):
+        listed = bucket.list(keys.model_folder(prefix))
+        name = _whole(listed, prefix, choice)
+        if name is not None:
+            return Chosen(choice, _score(scores, name), _parts(listed, prefix, str(name)))
+    has = ModelCheckpoints.read(model)
+    if not has.names:
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
+    if isinstance(choice, int):
+        name = _numbered(has, choice, remedy)
+    else:
+        name = _reached(has, choice, remedy)
+    missing = has.missing_parts(str(name))
+    if missing:
+        raise _gone(has, _incomplete(bucket, missing), remedy)
+    return Chosen(choice, _score(scores, name), _parts(has.listed, prefix, str(name)))
+
+
+def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
+    """Keys of missing files; those of our format if there are none."""
+    there = {info.key for info in listed}
+    ours, theirs = (
+        [key for part in parts if (key := keys.checkpoint_part(prefix, name, part)) not in there]
+        for parts in (OUR_PARTS, keys.TENSORFLOW_PARTS)
+    )
+    if not theirs:
+        return []  # also where a conversion was cut off that began to write ours beside it
+    is_tensorflow = len(ours) == len(OUR_PARTS) and len(theirs) < len(keys.TENSORFLOW_PARTS)
+    return theirs if is_tensorflow else ours
+
+
+def _parts(listed: Listing, prefix: str, name: str) -> tuple[str, ...]:
+    start = keys.checkpoint_part(prefix, name, "")
+    found = [info.key for info in listed if info.key.startswith(f"{start}.")]
+    return tuple(key.removeprefix(start) for key in found)
+
+
+def _whole(listed: Listing, prefix: str, number: int) -> CheckpointName | None:
+    found = {keys.checkpoint_of(prefix, info.key) for info in listed}
+    same = (name for name in found if name is not None and name.number == number)
+    whole = (name for name in same if not missing_parts(listed, prefix, str(name)))
+    return max(whole, default=None)
+
+
+def _score(scores: Scores | None, name: CheckpointName) -> Score:
+    known = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
+    return next((score for score in known if score.name == str(name)), Score(str(name)))
+
+
+def _numbered(has: ModelCheckpoints, number: int, remedy: str) -> CheckpointName:
+    same = [name for name in has.names if name.number == number]
+    if same:
+        return same[-1]
+    newest = has.names[-1].number
+    if number > newest:
+        raise _gone(has, f"There is no checkpoint {number}: the newest is {newest}.", remedy)
+    raise _gone(has, f"Checkpoint {number} was deleted, or this copy never had it.", remedy)
+
+
+def _reached(has: ModelCheckpoints, word: CheckpointWord, remedy: str) -> CheckpointName:
+    milestone = _milestone(has.milestones, word)
+    if milestone is None:
+        raise _gone(has, f"There is no checkpoint {word}: {_NEVER[word]}.", remedy)
+    if milestone.name not in has.names:
+        number = milestone.name.number
+        raise _gone(
+            has, f"Checkpoint {number}, which is {word}, is not there: it was deleted.", remedy
+        )
+    return milestone.name
+
+
+def _milestone(milestones: Milestones, word: CheckpointWord) -> Milestone | None:
+    return next((found for kind, found in milestones.reached() if kind == word), None)
+
+
+def _incomplete(bucket: Bucket, missing: Iterable[str]) -> str:
+    return f"s3://{bucket.name}/{next(iter(missing))} is missing."
+
+
+def _gone(has: ModelCheckpoints, why: str, remedy: str) -> CheckpointGone:
+    return CheckpointGone(
+        f"No model files found. Files possibly deleted. Try again. {has.url}: {why} {has.summary}",
+        remedy=remedy
+        or f"Choose one of these with --checkpoint N, or one of {', '.join(WORDS)}. If a training "
+        "runs, try again.",
+    )

@@ -1,0 +1,369 @@
+"""Lists a model's checkpoints with their evaluations."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from drcli.base import errors
+from drcli.base.errors import SettingsError
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.config.run_config import ModelConfig
+from drcli.config.value_types import CheckpointWord
+from drcli.model import keys
+from drcli.model.best_checkpoint import read_scores
+from drcli.model.checkpoint_choice import OUR_PARTS, Chosen, ModelCheckpoints
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.network_shape import own_files
+from drcli.model.files.params_yaml import moved_training_parameters
+from drcli.model.growing_file import read_complete
+from drcli.model.milestones import KINDS, MilestoneKind
+from drcli.model.model_prefix import is_tensorflow, what_helps
+from drcli.model.reconstruct import readable_evaluations
+from drcli.model.repair import Model, find_damage, readable_history
+from drcli.records.checkpoint import CheckpointName, checkpoint_name
+from drcli.records.iteration import Laps
+from drcli.records.stage import is_untaught
+
+
+@dataclass(frozen=True)
+class ListedCheckpoint:
+    """A checkpoint that is there.
+
+    Attributes:
+        number: What --checkpoint takes.
+        name: Such as `12_Step-7824.ckpt`.
+        words: The words that also choose it: last, best, first-lap, three-laps, best-lap.
+        every: Whether it is kept because of DR_TRAIN_KEEP_EVERY.
+        episodes: Episodes of its evaluation; 0 without one.
+        laps: Clean laps among them: an episode ends at the first violation.
+        progress: Their mean, percent of a lap; None without an evaluation.
+        best_lap_s: Fastest clean lap, simulated seconds; None without one.
+        size_bytes: All its files.
+        problem: What is wrong with it; empty if nothing is known.
+        form: `tensorflow` for a checkpoint of DeepRacer-for-Cloud or a console, else `drcli`.
+        median_s: Median time of the clean laps; None if unknown.
+        untaught: Whether its camera policy has not learned yet, because a teacher comes first.
+    """
+
+    number: int
+    name: str
+    words: list[CheckpointWord]
+    every: bool
+    episodes: int
+    laps: int
+    progress: float | None
+    best_lap_s: float | None
+    size_bytes: int
+    problem: str = ""
+    form: Literal["drcli", "tensorflow"] = "drcli"
+    median_s: float | None = None
+    untaught: bool = False
+
+
+@dataclass(frozen=True)
+class MilestoneEntry:
+    """A milestone that was reached.
+
+    Attributes:
+        word: first-lap, three-laps or best-lap.
+        checkpoint: Name of its checkpoint.
+        laps: Clean laps of its evaluation.
+        episodes: Episodes of its evaluation.
+        best_lap_s: Fastest clean lap, simulated seconds.
+        kept: Whether the checkpoint is still there.
+    """
+
+    word: MilestoneKind
+    checkpoint: str
+    laps: int
+    episodes: int
+    best_lap_s: float
+    kept: bool
+
+
+@dataclass(frozen=True)
+class CheckpointList:
+    """The checkpoints of a model.
+
+    Attributes:
+        model: As s3://bucket/prefix.
+        checkpoints: All that are there, oldest first.
+        milestones: Those that were reached, also by a deleted checkpoint.
+        not_reached: The words of the others.
+        size_bytes: Of all checkpoints.
+        damaged: What is wrong with each damaged object, and what to do about it; what the list
+            needs is reconstructed as far as possible.
+    """
+
+    model: str
+    checkpoints: list[ListedCheckpoint]
+    milestones: list[MilestoneEntry]
+    not_reached: list[MilestoneKind]
+    size_bytes: int
+    damaged: list[str] = field(default_factory=list)
+
+
+def list_checkpoints(
+    config: ModelConfig, bucket: Bucket, prefix: str, *, check: bool = False
+) -> CheckpointList:
+    """List the checkpoints of a model; with `check`, their files are compared.
+
+    Raises:
+        SettingsError: There is no such model.
+    """
+    if not keys.is_valid_prefix(prefix):
+        raise SettingsError(
+            f"{prefix!r} is not the prefix of a model.",
+            remedy="List the models with `dr-list-models`.",
+        )
+    model = Model.of(config, bucket, prefix)
+    has = ModelCheckpoints.read(model)
+    if not has.names:
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
+    history, _ = readable_history(model)
+    results = readable_evaluations(bucket, prefix).values()
+    # By number: where driving and learning overlap, an older one drove the iteration.
+    evaluated = {
+        record.iteration: (
+            [*record.evaluation_progress, *record.confirmation_progress],
+            [*record.evaluation_lap_s, *record.confirmation_lap_s],
+        )
+        for record in history
+    }
+    for result in results:
+        episodes = result.on("training")
+        number = checkpoint_name(result.checkpoint).number
+        evaluated[number] = (episodes.progress, episodes.lap_s)
+    # The record of a milestone has the numbers of an evaluation that the learning curve has lost.
+    marked = {found.name: found for _, found in has.milestones.reached()}
+    sizes = _sizes(has)
+    store = CheckpointStore(bucket, prefix)
+    spaced = set(has.milestones.spaced)
+    there = {info.key for info in has.listed}
+    listed = []
+    for name in has.names:
+        progress, lap_s = evaluated.get(name.number, ([], []))
+        known = marked.get(name)
+        if known is None or progress:
+            seen = len(progress), len(lap_s), _mean(progress), min(lap_s, default=None)
+        else:
+            seen = known.episodes, known.laps, known.progress, known.best_lap_s
+        untaught = is_untaught(history, name.number)
+        words = has.words_for(name)
+        listed.append(
+            ListedCheckpoint(
+                number=name.number,
+                name=str(name),
+                words=[word for word in words if word != "best" or not untaught],
+                every=str(name) in spaced,
+                episodes=seen[0],
+                laps=seen[1],
+                progress=seen[2],
+                best_lap_s=seen[3],
+                size_bytes=sizes[name],
+                problem=_problem(has, store, name, check=check),
+                form="tensorflow" if is_tensorflow(there, prefix, str(name)) else "drcli",
+                median_s=Laps(len(progress), lap_s).median_s,
+                untaught=untaught,
+            )
+        )
+    reached = [
+        MilestoneEntry(
+            kind,
+            found.checkpoint,
+            found.laps,
+            found.episodes,
+            found.best_lap_s,
+            found.name in has.names,
+        )
+        for kind, found in has.milestones.reached()
+    ]
+    words_known = {entry.word for entry in reached}
+    return CheckpointList(
+        has.url,
+        listed,
+        reached,
+        [kind for kind in KINDS if kind not in words_known],
+        sum(sizes.values()),
+        find_damage(model),
+    )
+
+
+def _mean(progress: list[float]) -> float | None:
+    return sum(progress) / len(progress) if progress else None
+
+
+def _sizes(has: ModelCheckpoints) -> dict[CheckpointName, int]:
+    sizes = dict.fromkeys(has.names, 0)
+    graphs = {keys.checkpoint_graph(has.prefix, name.number): name for name in has.names}
+    for info in has.listed:
+        name = keys.checkpoint_of(has.prefix, info.key) or graphs.get(info.key)
+        if name is not None:
+            sizes[name] += info.size_bytes
+    return sizes
+
+
+def _problem(
+    has: ModelCheckpoints, store: CheckpointStore, name: CheckpointName, *, check: bool
+) -> str:
+    missing = has.missing_parts(str(name))
+    if missing:
+        return f"{missing[0].rpartition('/')[2]} is missing."
+    tensors = keys.checkpoint_tensors(has.prefix, str(name))
+    if not check or not any(info.key == tensors for info in has.listed):
+        return ""
+    try:
+        store.load(str(name))
+    except (ObjectMissing, ObjectDamaged) as error:
+        return str(error)
+    return ""
+
+
+# Reads a checkpoint with all files that belong to it.
+
+
+METADATA = "model/" + keys.MODEL_METADATA_FILE
+HYPERPARAMETERS = "ip/" + keys.HYPERPARAMETERS_FILE
+METRICS = "metrics/"
+TRAINING_START = "ip/run.json"
+
+SHAPING = (METADATA, HYPERPARAMETERS)
+"""The weights can only be read with the network's shape in these."""
+
+PARAMETERS_FILE = "training_params.yaml"
+
+
+@dataclass(frozen=True)
+class Item:
+    name: str
+    data: bytes
+
+
+def known_best(bucket: Bucket, prefix: str) -> str | None:
+    try:
+        scores = read_scores(bucket, prefix)
+    except ObjectDamaged:
+        return None
+    return None if scores is None else scores.best_checkpoint.name
+
+
+def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
+    """Read a checkpoint, without an unusable optimizer state; ours are checked.
+
+    Raises:
+        ObjectMissing: A file has just been deleted.
+        ObjectDamaged: A file is not what was written.
+    """
+    start = f"model/{chosen.name}"
+    items = []
+    if all(part in chosen.parts for part in OUR_PARTS):
+        found = CheckpointStore(bucket, prefix).load(chosen.name, with_optimizer=True)
+        record = found.record if found.optimizer else replace(found.record, optimizer=None)
+        items.append(Item(f"{start}.safetensors", found.tensors))
+        if found.optimizer is not None:
+            items.append(Item(f"{start}.optimizer.safetensors", found.optimizer))
+        items.append(Item(f"{start}.json", record.encode()))
+    theirs = [part for part in keys.TENSORFLOW_PARTS if part in chosen.parts]
+    items += [_filled(bucket, prefix, start + part) for part in theirs]
+    graph = keys.checkpoint_graph(prefix, chosen.number)
+    if bucket.exists(graph):
+        items.append(_filled(bucket, prefix, graph.removeprefix(keys.folder(prefix))))
+    return items
+
+
+def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
+    """Raise SettingsError if shared files are missing."""
+    _, missing = _shared_files(model, bucket, prefix)
+    if missing and not bucket.list(keys.folder(prefix)):
+        raise SettingsError(
+            "Meta-data files are not found. Exiting. There is no model at "
+            f"s3://{bucket.name}/{prefix}.",
+            remedy="Correct its name (DR_LOCAL_S3_MODEL_PREFIX, or -p); `dr-list-models` lists "
+            "all models.",
+        )
+    if missing:
+        raise SettingsError(
+            f"Meta-data files are not found. Exiting. s3://{bucket.name}/{prefix} lacks "
+            f"{', '.join(missing)}.",
+            remedy="If it is being trained, wait for its first iteration; otherwise choose another "
+            "model with -p (`dr-list-models` lists all models).",
+        )
+
+
+def read_model_files(
+    model: ModelConfig,
+    bucket: Bucket,
+    prefix: str,
+    checkpoint: str,
+    target: tuple[str, str],
+    described: bytes,
+) -> list[Item]:
+    """Read the shared files for a copy at `target`; `described` is for a missing parameter file."""
+    found, _ = _shared_files(model, bucket, prefix)
+    items = {name: Item(name, read_complete(bucket, key)) for name, key in found.items()}
+    for name, item in items.items():
+        if not item.data and not name.startswith(METRICS):
+            raise ObjectDamaged(
+                f"s3://{bucket.name}/{found[name]} is empty.",
+                remedy="Restore it from a copy, or upload another model with -p.",
+            )
+    own = own_files(bucket, prefix, checkpoint)
+    for name in SHAPING:
+        items[name] = Item(name, own[name.rpartition("/")[2]])
+    copies = [Item(keys.MODEL_METADATA_FILE, items[METADATA].data)]
+    if bucket.exists(keys.training_start(prefix)):
+        copies.append(Item(TRAINING_START, bucket.get(keys.training_start(prefix))))
+    for info in bucket.list(keys.notes_folder(prefix)):
+        name = info.key.removeprefix(keys.folder(prefix))
+        copies.append(Item(name, bucket.get(info.key)))
+    parameters = _parameters(model, bucket, prefix, target, described)
+    return [*items.values(), *copies, Item(PARAMETERS_FILE, parameters)]
+
+
+def _filled(bucket: Bucket, prefix: str, name: str) -> Item:
+    data = bucket.get(keys.folder(prefix) + name)
+    if not data:
+        raise ObjectDamaged(
+            f"{bucket.name}/{keys.folder(prefix)}{name} is empty.",
+            remedy="Restore it from a copy, or choose another checkpoint.",
+        )
+    return Item(name, data)
+
+
+def _shared_files(
+    model: ModelConfig, bucket: Bucket, prefix: str
+) -> tuple[dict[str, str], list[str]]:
+    rewards = [keys.reward_function(prefix)]
+    folders = [keys.folder(keys.metrics_prefix(prefix))]
+    if prefix == model.prefix:
+        rewards.append(model.reward_key)
+        folders.append(keys.folder(model.metrics_prefix))
+    wanted = {
+        keys.REWARD_FUNCTION_FILE: rewards,
+        METADATA: [keys.model_metadata(prefix)],
+        HYPERPARAMETERS: [keys.hyperparameters(prefix)],
+    }
+    found = {}
+    for name, places in wanted.items():
+        key = next(filter(bucket.exists, places), None)
+        if key is not None:
+            found[name] = key
+    metrics = {
+        METRICS + info.key.removeprefix(folder): info.key
+        for folder in dict.fromkeys(folders)
+        for info in bucket.list(folder)
+        if not keys.is_part(info.key)  # of a file that grows, which is copied as a whole
+    }
+    missing = [name for name in wanted if name not in found]
+    return found | metrics, missing if metrics else [*missing, METRICS]
+
+
+def _parameters(
+    model: ModelConfig, bucket: Bucket, prefix: str, target: tuple[str, str], described: bytes
+) -> bytes:
+    key = keys.parameter_file(prefix, model.parameters_file)
+    written = bucket.get(key) if bucket.exists(key) else described
+    try:
+        return moved_training_parameters(written, *target)
+    except ValueError as e:
+        errors.warn(f"{bucket.name}/{key} is damaged: {e}. The copy is made from the settings.")
+        return moved_training_parameters(described, *target)

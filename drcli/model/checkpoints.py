@@ -1,0 +1,467 @@
+"""Checkpoints of a model in the bucket, written so that no reader uses an incomplete one.
+
+Tensors, maybe an optimizer state, then a record with sizes, hashes and counters; last the pointer,
+from which readers start. Only the trainer writes here.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from drcli.base.errors import StorageError
+from drcli.base.json_record import Fingerprint, RecordError
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.model import best_checkpoint, keys
+from drcli.model.best_checkpoint import read_scores, write_scores
+from drcli.model.milestones import MarkedCheckpoints, Milestones
+from drcli.records.checkpoint import (
+    CheckpointName,
+    CheckpointRecord,
+    Counters,
+    checkpoint_name,
+    decode_pointer,
+)
+from drcli.records.iteration import IterationRecord
+from drcli.records.scores import EvaluationResult, JudgedWorld, Score, Scores
+from drcli.records.stage import StageMark
+
+# Which checkpoints of a training stay besides the newest and the best.
+#
+# Milestones and every n-th, up to a size. Beyond it, every n-th go first, so that the rest stays
+# evenly spread; then first lap, three laps, and last the fastest lap.
+
+
+@dataclass(frozen=True)
+class KeepRules:
+    """What stays.
+
+    Attributes:
+        milestones: DR_TRAIN_KEEP_MILESTONES.
+        every: DR_TRAIN_KEEP_EVERY; 0 for none.
+        max_bytes: DR_TRAIN_KEEP_MAX_MB; 0 for no limit.
+    """
+
+    milestones: bool = True
+    every: int = 0
+    max_bytes: int = 0
+
+    def spaces(self, name: CheckpointName) -> bool:
+        """Whether it is an n-th; the first has learned nothing."""
+        return self.every > 0 and name.number > 0 and name.number % self.every == 0
+
+
+KEEP_ALL_MARKED = KeepRules()
+
+
+@dataclass(frozen=True)
+class Kept:
+    names: frozenset[CheckpointName]
+    spaced: tuple[str, ...]
+
+
+def kept_besides(
+    sizes: Mapping[CheckpointName, int],
+    always: Collection[CheckpointName],
+    milestones: Milestones,
+    rules: KeepRules,
+    newest: CheckpointName,
+) -> Kept:
+    """What the rules keep besides those that `always` stay; sizes in bytes."""
+    known = {checkpoint_name(name) for name in milestones.spaced}
+    spaced = {name for name in sizes if name in known or rules.spaces(name)}
+    reached = [m.name for _, m in milestones.reached()] if rules.milestones else []
+    order = [*_by_crowding(spaced - set(reached), newest), *dict.fromkeys(_last_first(reached))]
+    extra = [name for name in order if name in sizes and name not in always]
+    if rules.max_bytes:
+        total = sum(sizes[name] for name in extra)
+        while extra and total > rules.max_bytes:
+            gone = extra.pop(0)
+            spaced.discard(gone)
+            total -= sizes[gone]
+    return Kept(frozenset(extra), tuple(str(name) for name in sorted(spaced)))
+
+
+def _last_first(reached: list[CheckpointName]) -> list[CheckpointName]:
+    """At the place of its last milestone: the fastest lap goes last."""
+    return list(reversed(list(dict.fromkeys(reversed(reached)))))
+
+
+def _by_crowding(names: Iterable[CheckpointName], newest: CheckpointName) -> list[CheckpointName]:
+    """Next goes the one with the closest neighbours; of equals, the oldest."""
+    left = sorted(names)
+    order = []
+    while left:
+        ends = [0, *(name.number for name in left), newest.number]
+        gaps = [ends[at + 2] - ends[at] for at in range(len(left))]
+        order.append(left.pop(gaps.index(min(gaps))))
+    return order
+
+
+KEEP = 4
+"""As in the reference simulator; the best stays besides."""
+
+
+class CheckpointsLost(StorageError):
+    """None of a trained model's checkpoints can be read."""
+
+    final = True
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A complete checkpoint; `damaged` are skipped newer ones, with reasons."""
+
+    record: CheckpointRecord
+    tensors: bytes
+    optimizer: bytes | None = None
+    damaged: tuple[str, ...] = ()
+
+
+class CheckpointStore:
+    """The checkpoints below a prefix: the newest `keep`, and those by `rules`, stay."""
+
+    def __init__(
+        self, bucket: Bucket, prefix: str, rules: KeepRules = KEEP_ALL_MARKED, keep: int = KEEP
+    ) -> None:
+        self._keep = keep
+        self._bucket = bucket
+        self._prefix = prefix
+        self._rules = rules
+        self._marked = MarkedCheckpoints(bucket, prefix, self._unmarked)
+
+    def save(
+        self,
+        number: int,
+        steps: int,
+        tensors: bytes,
+        *,
+        optimizer: bytes | None = None,
+        sim_time_s: float = 0.0,
+        counters: Counters | None = None,
+        on_pointed: Callable[[], None] = lambda: None,
+    ) -> CheckpointRecord:
+        """Write a checkpoint, point to it, and delete old ones.
+
+        `on_pointed` is called as soon as others can load the weights.
+        """
+        name = str(CheckpointName(number, steps))
+        record = CheckpointRecord(
+            name,
+            Fingerprint.of(tensors),
+            None if optimizer is None else Fingerprint.of(optimizer),
+            sim_time_s,
+            counters or Counters(),
+        )
+        self._bucket.put(keys.checkpoint_tensors(self._prefix, name), tensors)
+        if optimizer is not None:
+            self._bucket.put(keys.checkpoint_optimizer(self._prefix, name), optimizer)
+        self._bucket.put(keys.checkpoint_record(self._prefix, name), record.encode())
+        if isinstance(self._bucket, S3Bucket):
+            # After a power cut, the pointer must not name what is lost, nor the checkpoints before
+            # be deleted.
+            self._bucket.flush()
+        self._put_pointer(record)
+        on_pointed()
+        self._put_last_score(record)
+        self._prune(record)
+        return record
+
+    def attach_optimizer(self, record: CheckpointRecord, optimizer: bytes) -> CheckpointRecord:
+        """Add the optimizer state to a published checkpoint, and delete older ones.
+
+        Workers wait for the weights, so for a bucket elsewhere these come first; the state, twice
+        their size, follows while they drive.
+        """
+        complete = replace(record, optimizer=Fingerprint.of(optimizer))
+        self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
+        self._bucket.put(keys.checkpoint_record(self._prefix, record.name), complete.encode())
+        self.forget_older_states(record.name)
+        return complete
+
+    def forget_older_states(self, name: str) -> None:
+        """Keeps that of the one before, too: a trainer may go back to it."""
+        newest = checkpoint_name(name)
+        objects = checkpoint_objects(self._bucket, self._prefix)
+        states = {key: name for key, name in objects.items() if keys.is_optimizer(key)}
+        before = max((name for name in states.values() if name < newest), default=None)
+        self._bucket.delete(key for key, name in states.items() if name not in (before, newest))
+
+    def rewrite(self, record: CheckpointRecord) -> None:
+        self._bucket.put(keys.checkpoint_record(self._prefix, record.name), record.encode())
+
+    def drop_newer(self, name: CheckpointName) -> None:
+        """Delete checkpoints after the pointer's, which nobody uses."""
+        objects, theirs = self._own(checkpoint_objects(self._bucket, self._prefix))
+        newer = {key: each for key, each in objects.items() if each.number > name.number}
+        numbers = {each.number for each in newer.values()} - theirs
+        graphs = {keys.checkpoint_graph(self._prefix, number) for number in numbers}
+        self._bucket.delete([*newer, *sorted(graphs)])
+
+    def attach_graph(self, number: int, graph: bytes) -> None:
+        self._bucket.put(keys.checkpoint_graph(self._prefix, number), graph)
+
+    def point_to(self, record: CheckpointRecord) -> None:
+        """`save` does it; a trainer that goes back, too, so that workers follow."""
+        self._put_pointer(record)
+        self._put_last_score(record)
+
+    def _put_pointer(self, record: CheckpointRecord) -> None:
+        self._bucket.put(keys.coach_checkpoint(self._prefix), record.name.encode())
+
+    def _put_last_score(self, record: CheckpointRecord) -> None:
+        try:
+            known = read_scores(self._bucket, self._prefix)
+        except ObjectDamaged:
+            known = None  # the best is forgotten; the training can go on
+        metric = None if known is None else known.metric_of(record.name)
+        last = Score(record.name, metric, record.sim_time_s)
+        best = last if known is None else known.best_checkpoint
+        write_scores(self._bucket, self._prefix, Scores(best, last))
+
+    def repair_pointer(self, name: CheckpointName) -> bool:
+        """Write a missing, damaged or older pointer again; True if written.
+
+        If it names a newer checkpoint, another trainer has continued from this one.
+        """
+        pointed = self.pointed()
+        if pointed is not None and pointed.number >= name.number:
+            return False
+        self.point_to(self.record(str(name)))
+        return True
+
+    def pointed(self) -> CheckpointName | None:
+        """None before the first, or if damaged: the trainer repairs it."""
+        try:
+            return decode_pointer(self._bucket.get(keys.coach_checkpoint(self._prefix)))
+        except (ObjectMissing, RecordError):
+            return None
+
+    def stage_of_newest(self) -> StageMark | None:
+        return self.counters_of_newest().stage
+
+    def counters_of_newest(self) -> Counters:
+        name = self.pointed()
+        try:
+            return Counters() if name is None else self.record(str(name)).counters
+        except (ObjectMissing, ObjectDamaged):
+            return Counters()
+
+    def drivers(self, newest: CheckpointName, oldest: int) -> list[str]:
+        """Checkpoints whose rollouts still count: the newest, back to `oldest`.
+
+        Workers drive while the trainer learns.
+        """
+        if oldest >= newest.number:
+            return [str(newest)]
+        names = set(checkpoint_objects(self._bucket, self._prefix).values())
+        before = sorted(name for name in names if oldest <= name.number < newest.number)
+        return [*map(str, before), str(newest)]
+
+    def record(self, name: str) -> CheckpointRecord:
+        key = keys.checkpoint_record(self._prefix, name)
+        decode = partial(CheckpointRecord.decode_of, name)
+        # `attach_optimizer` writes it a second time, just when the workers read it.
+        return read_record(self._bucket, key, decode, remedy_of(key), written=True)
+
+    def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
+        """Raises ObjectMissing or ObjectDamaged, with the file."""
+        record = self.record(name)
+        tensors = self.tensors(record)
+        optimizer = self._optimizer(record) if with_optimizer else None
+        return Checkpoint(record, tensors, optimizer)
+
+    def tensors(self, record: CheckpointRecord) -> bytes:
+        """Safetensors; raises ObjectMissing or ObjectDamaged."""
+        return self._checked(keys.checkpoint_tensors(self._prefix, record.name), record.tensors)
+
+    def load_latest(
+        self, *, with_optimizer: bool = False, newest: CheckpointName | None = None
+    ) -> Checkpoint | None:
+        """The pointer's (or `newest`), else the next older undamaged checkpoint, or None.
+
+        Raises:
+            CheckpointsLost: All are damaged.
+        """
+        damaged: list[str] = []
+        for name in self._newest_first(newest):
+            try:
+                found = self.load(name, with_optimizer=with_optimizer)
+            except (ObjectMissing, ObjectDamaged) as e:
+                damaged.append(f"{name}: {e}")
+            else:
+                return Checkpoint(found.record, found.tensors, found.optimizer, tuple(damaged))
+        if not damaged:
+            return None
+        raise CheckpointsLost(
+            f"{self._bucket.name}/{keys.model_folder(self._prefix)} has only damaged checkpoints: "
+            + " ".join(damaged),
+            remedy="Restore one from a copy, or train a new model under another "
+            "DR_LOCAL_S3_MODEL_PREFIX.",
+        )
+
+    def best_name(self) -> str | None:
+        scores = read_scores(self._bucket, self._prefix)
+        return None if scores is None else scores.best_checkpoint.name
+
+    def record_evaluation(
+        self,
+        result: EvaluationResult,
+        metric: str,
+        world: JudgedWorld = "training",
+        *,
+        reaches_goal: bool = False,
+    ) -> bool:
+        """Record an evaluation; True if the checkpoint is now the best, unless deleted.
+
+        Milestones are of the training track whatever `world` says.
+        """
+        scores = read_scores(self._bucket, self._prefix)
+        try:
+            time_stamp = self.record(result.checkpoint).sim_time_s
+        except ObjectMissing:
+            return False
+        self._marked.add(result)
+        if scores is None:
+            return False
+        episodes = result.on(world)
+        score = best_checkpoint.score_of(result.checkpoint, episodes, metric, time_stamp)
+        after = best_checkpoint.with_evaluation(scores, score, metric, reaches_goal=reaches_goal)
+        write_scores(self._bucket, self._prefix, after)
+        return after.best_checkpoint == score
+
+    def restore_milestones(
+        self, newest: CheckpointName, records: Sequence[IterationRecord]
+    ) -> None:
+        self._marked.restore(newest, records)
+
+    def _unmarked(self) -> list[str]:
+        names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
+        try:
+            best = self.best_name()
+        except ObjectDamaged:
+            best = None
+        return [str(name) for name in names[: -self._keep] if str(name) != best]
+
+    def forget_damaged_best(self) -> str | None:
+        """If damaged, the last becomes the best; says so in a sentence."""
+        known = read_scores(self._bucket, self._prefix)
+        if known is None:
+            return None
+        try:
+            self.load(known.best_checkpoint.name)
+        except (ObjectMissing, ObjectDamaged) as error:
+            last = best_checkpoint.unscored(known.last_checkpoint)
+            write_scores(self._bucket, self._prefix, Scores(last, last))
+            return str(error)
+        return None
+
+    def begin_stage(self, first: int) -> None:
+        """Forget best and fastest lap from before; until evaluated, the last is best."""
+        self._marked.begin_stage(first)
+        known = read_scores(self._bucket, self._prefix)
+        if known is None or checkpoint_name(known.best_checkpoint.name).number >= first:
+            return
+        last = best_checkpoint.unscored(known.last_checkpoint)
+        write_scores(self._bucket, self._prefix, Scores(last, last))
+
+    def begin_track(self, first: int, *, judged: bool) -> None:
+        """Forget the fastest lap from before, which was on another track.
+
+        If such laps are `judged`, the best stays, without its score.
+        """
+        self._marked.begin_stage(first)
+        known = read_scores(self._bucket, self._prefix) if judged else None
+        best = None if known is None else known.best_checkpoint
+        if (
+            best is not None
+            and best.avg_eval_metric is not None
+            and checkpoint_name(best.name).number < first
+        ):
+            best_checkpoint.forget_scores(self._bucket, self._prefix)
+
+    def best_of_stage(self, first: int) -> Checkpoint | None:
+        try:
+            known = read_scores(self._bucket, self._prefix)
+            if known is None or known.best_checkpoint.avg_eval_metric is None:
+                return None
+            name = known.best_checkpoint.name
+            return None if checkpoint_name(name).number < first else self.load(name)
+        except (ObjectMissing, ObjectDamaged):
+            return None
+
+    def _optimizer(self, record: CheckpointRecord) -> bytes | None:
+        if record.optimizer is None:
+            return None
+        key = keys.checkpoint_optimizer(self._prefix, record.name)
+        try:
+            return self._checked(key, record.optimizer)
+        except (ObjectMissing, ObjectDamaged):
+            return None
+
+    def _checked(self, key: str, fingerprint: Fingerprint) -> bytes:
+        data = self._bucket.get(key)
+        fault = fingerprint.fault(data)
+        if fault is not None:
+            raise ObjectDamaged(
+                f"{self._bucket.name}/{key} is damaged: {fault}.", remedy=remedy_of(key)
+            )
+        return data
+
+    def _newest_first(self, newest: CheckpointName | None) -> list[str]:
+        objects = checkpoint_objects(self._bucket, self._prefix)
+        found = {name for key, name in objects.items() if key.endswith(".ckpt.json")}
+        pointed = self.pointed()
+        if pointed is not None:
+            found = {name for name in found if name < pointed} | {pointed}
+        if newest is not None:
+            found = {name for name in found if name <= newest}
+        return [str(name) for name in sorted(found, reverse=True)]
+
+    def _own(
+        self, objects: dict[str, CheckpointName]
+    ) -> tuple[dict[str, CheckpointName], set[int]]:
+        theirs = {key for key in objects if keys.is_tensorflow_part(key)}
+        own = {key: name for key, name in objects.items() if key not in theirs}
+        return own, {objects[key].number for key in theirs}
+
+    def _prune(self, newest: CheckpointRecord) -> None:
+        listed = self._bucket.list(keys.model_folder(self._prefix))
+        objects, theirs = self._own(_of_checkpoints(self._prefix, [info.key for info in listed]))
+        names = set(objects.values())
+        older = sorted(name for name in names if name.number < newest.number)
+        always = {str(name) for name in older[-(self._keep - 1) :]} | {
+            newest.name,
+            self.best_name(),
+        }
+        here = checkpoint_name(newest.name)
+        sizes = dict.fromkeys((*older, here), 0)
+        graphs = {keys.checkpoint_graph(self._prefix, name.number): name for name in sizes}
+        for info in listed:
+            name = objects.get(info.key, graphs.get(info.key))
+            if name in sizes:
+                sizes[name] += info.size_bytes
+        pinned = {name for name in names if str(name) in always} | {here}
+        marked = self._marked.milestones
+        kept = kept_besides(sizes, pinned, marked, self._rules, here)
+        # First of all: what is not marked goes with the next checkpoint at the latest.
+        self._marked.write(replace(marked, spaced=list(kept.spaced)))
+        old = names - pinned - kept.names
+        # The graph of the newest one is written later; what is there belongs to a lost checkpoint.
+        gone = {name.number for name in old} - {name.number for name in names - old}
+        unused = {keys.checkpoint_graph(self._prefix, n) for n in {*gone, newest.number} - theirs}
+        results = [keys.evaluation_result(self._prefix, number) for number in sorted(gone)]
+        self._bucket.delete(
+            [key for key, name in objects.items() if name in old]
+            + sorted(unused & {info.key for info in listed})
+            + results
+        )
+
+
+def checkpoint_objects(bucket: Bucket, prefix: str) -> dict[str, CheckpointName]:
+    return _of_checkpoints(prefix, [info.key for info in bucket.list(keys.model_folder(prefix))])
+
+
+def _of_checkpoints(prefix: str, listed: Iterable[str]) -> dict[str, CheckpointName]:
+    found = {key: keys.checkpoint_of(prefix, key) for key in listed}
+    return {key: name for key, name in found.items() if name is not None}

@@ -1,0 +1,215 @@
+"""The milestones of a training: checkpoints that did something first or best."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
+
+from drcli.base.json_record import JsonRecord
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.model import keys
+from drcli.records.checkpoint import CheckpointName, checkpoint_name
+from drcli.records.iteration import IterationRecord
+from drcli.records.scores import EvaluationResult
+
+MilestoneKind = Literal["first-lap", "three-laps", "best-lap"]
+KINDS: tuple[MilestoneKind, ...] = get_args(MilestoneKind)
+
+THREE = 3
+
+
+@dataclass(frozen=True)
+class Milestone:
+    checkpoint: str
+    laps: int
+    episodes: int
+    progress: float
+    best_lap_s: float
+
+    def __post_init__(self) -> None:
+        checkpoint_name(self.checkpoint)
+
+    @property
+    def name(self) -> CheckpointName:
+        return checkpoint_name(self.checkpoint)
+
+
+@dataclass(frozen=True)
+class Milestones(JsonRecord):
+    """`best_lap` is of the present stage only, as tracks differ."""
+
+    first_lap: Milestone | None = None
+    three_laps: Milestone | None = None
+    best_lap: Milestone | None = None
+    spaced: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        for name in self.spaced:
+            checkpoint_name(name)
+
+    def of_kind(self, kind: MilestoneKind) -> Milestone | None:
+        found = {
+            "first-lap": self.first_lap,
+            "three-laps": self.three_laps,
+            "best-lap": self.best_lap,
+        }
+        return found[kind]
+
+    def reached(self) -> Iterator[tuple[MilestoneKind, Milestone]]:
+        for kind in KINDS:
+            milestone = self.of_kind(kind)
+            if milestone is not None:
+                yield kind, milestone
+
+    def with_evaluation(
+        self, checkpoint: str, progress: Sequence[float], lap_s: Sequence[float]
+    ) -> "Milestones":
+        """Evaluations may come in any order (percent, simulated seconds)."""
+        if not lap_s or not progress:
+            return self
+        mean = sum(progress) / len(progress)
+        new = Milestone(checkpoint, len(lap_s), len(progress), mean, min(lap_s))
+        best = min(filter(None, (self.best_lap, new)), key=_fastest)
+        return replace(
+            self,
+            first_lap=_earlier(self.first_lap, new),
+            three_laps=_earlier(self.three_laps, new) if new.laps >= THREE else self.three_laps,
+            best_lap=best,
+        )
+
+    def of_stage(self, first: int) -> "Milestones":
+        """Without a fastest lap from before the stage's first checkpoint."""
+        if self.best_lap is None or self.best_lap.name.number >= first:
+            return self
+        return replace(self, best_lap=None)
+
+    def until(self, newest: CheckpointName) -> "Milestones":
+        """Without later ones: a training that went back makes them again."""
+
+        def kept(milestone: Milestone | None) -> Milestone | None:
+            return milestone if milestone is not None and _is_before(milestone.name) else None
+
+        def _is_before(name: CheckpointName) -> bool:
+            return name == newest or name.number < newest.number
+
+        left = [kept(each) for each in (self.best_lap, self.first_lap, self.three_laps)]
+        best, first, three = left
+        fastest = min(filter(None, left), key=_fastest, default=None)
+        return replace(
+            self,
+            first_lap=first,
+            three_laps=three,
+            best_lap=best or fastest,
+            spaced=[name for name in self.spaced if _is_before(checkpoint_name(name))],
+        )
+
+
+def _fastest(milestone: Milestone) -> tuple[float, CheckpointName]:
+    return milestone.best_lap_s, milestone.name
+
+
+def _earlier(known: Milestone | None, new: Milestone) -> Milestone:
+    return new if known is None or new.name < known.name else known
+
+
+# The milestones of a model: read, written, worked out from evaluations.
+
+
+NO_MILESTONES = Milestones()
+
+
+def read_milestones(bucket: Bucket, prefix: str) -> Milestones | None:
+    """None if missing, as in version 0.1.0 (see `with_history`).
+
+    Raises:
+        ObjectDamaged: It is unreadable.
+    """
+    key = keys.milestones(prefix)
+    try:
+        return read_record(bucket, key, Milestones.decode, remedy_of(key))
+    except ObjectMissing:
+        return None
+
+
+def write_milestones(bucket: Bucket, prefix: str, milestones: Milestones) -> None:
+    bucket.put(keys.milestones(prefix), milestones.encode())
+
+
+def with_history(known: Milestones, records: Iterable[IterationRecord]) -> Milestones:
+    before: IterationRecord | None = None
+    for record in records:
+        if record.stage if before is None else not record.compares_with(before):
+            known = known.of_stage(record.iteration)
+        before = record
+        known = known.with_evaluation(
+            _evaluated(record), record.evaluation_progress, record.evaluation_lap_s
+        )
+    return known
+
+
+def _evaluated(record: IterationRecord) -> str:
+    """Where driving and learning overlap, an earlier checkpoint drove."""
+    if checkpoint_name(record.checkpoint).number == record.iteration:
+        return record.checkpoint
+    return str(CheckpointName(record.iteration, max(0, record.total_steps - record.steps)))
+
+
+def with_results(known: Milestones, results: Iterable[EvaluationResult]) -> Milestones:
+    for result in results:
+        known = known.with_evaluation(result.checkpoint, result.progress, result.lap_s)
+    return known
+
+
+def readable_milestones(
+    bucket: Bucket, prefix: str, records: Iterable[IterationRecord]
+) -> tuple[Milestones, list[str]]:
+    """For readers that never write, filled in from the learning curve; and a sentence on damage."""
+    damaged: list[str] = []
+    try:
+        known = read_milestones(bucket, prefix)
+    except ObjectDamaged as error:
+        known, damaged = None, [f"{error} {error.remedy}"]
+    return with_history(known or NO_MILESTONES, records), damaged
+
+
+# A trainer's milestones, in memory and in the bucket.
+
+
+class MarkedCheckpoints:
+    """Only a trainer writes it. If it is lost, `unmarked` checkpoints stay."""
+
+    def __init__(self, bucket: Bucket, prefix: str, unmarked: Callable[[], list[str]]) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._unmarked = unmarked
+        self._known: Milestones | None = None
+
+    @property
+    def milestones(self) -> Milestones:
+        if self._known is None:
+            try:
+                found = read_milestones(self._bucket, self._prefix)
+            except ObjectDamaged:
+                found = replace(NO_MILESTONES, spaced=self._unmarked())
+            self._known = found or NO_MILESTONES
+        return self._known
+
+    def add(self, result: EvaluationResult) -> None:
+        self.write(with_results(self.milestones, [result]))
+
+    def begin_stage(self, first: int) -> None:
+        self.write(self.milestones.of_stage(first))
+
+    def restore(self, newest: CheckpointName, records: Sequence[IterationRecord]) -> None:
+        """Find the milestones again when a trainer starts.
+
+        It may have ended between evaluation and record, or have gone back. If the record is lost,
+        every checkpoint stays.
+        """
+        if not self._bucket.exists(keys.milestones(self._prefix)):
+            self._known = replace(NO_MILESTONES, spaced=self._unmarked())
+        self.write(with_history(self.milestones.until(newest), records))
+
+    def write(self, milestones: Milestones) -> None:
+        if milestones != self._known:
+            write_milestones(self._bucket, self._prefix, milestones)
+        self._known = milestones

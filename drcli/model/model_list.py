@@ -1,0 +1,222 @@
+"""Lists the models in a bucket with their checkpoints."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+
+from drcli.bucket.bucket import Bucket, ObjectInfo
+from drcli.model import keys, lease, race_keys
+from drcli.model.model_prefix import Kind, kind_of
+from drcli.model.notes import headline
+from drcli.model.repair import Model, find_small_damage, readable_scores
+from drcli.model.run_metadata import metric_of
+from drcli.records.iteration import Laps
+from drcli.records.scores import Score
+
+_MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")
+
+
+@dataclass(frozen=True)
+class CheckpointEntry:
+    """A checkpoint in the list.
+
+    Attributes:
+        name: Such as `12_Step-7824.ckpt`.
+        metric: Mean score of its evaluation episodes; None before the first evaluation.
+        score: The same with its unit: percent, seconds or reward; empty without one.
+        laps: Its evaluation laps in words; empty if unknown.
+        clean: How many of them are clean; 0 if unknown.
+        text: Its number, its laps, and what these do not tell of its score.
+    """
+
+    name: str
+    metric: float | None
+    score: str = ""
+    laps: str = ""
+    clean: int = 0
+    text: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Put it into words."""
+        text = self.name.partition("_")[0]
+        if self.score and not (self.clean and self.score.endswith((" %", " s"))):
+            text += f" ({self.score})"
+        object.__setattr__(self, "text", f"{text}: {self.laps}" if self.laps else text)
+
+    @staticmethod
+    def of(score: Score, metric: str, laps: Laps | None = None) -> "CheckpointEntry":
+        """`laps` are those of its training track."""
+        value = score.avg_eval_metric
+        if laps is None and score.episodes is not None:
+            laps = score.episodes.laps
+        return CheckpointEntry(
+            score.name,
+            value,
+            score_text(metric, value),
+            "" if laps is None else str(laps),
+            0 if laps is None else laps.clean,
+        )
+
+
+def score_text(metric: str, value: float | None) -> str:
+    if value is None:
+        return ""
+    if metric == "laptime":
+        return f"{value / 1000.0:.2f} s"
+    if metric == "progress":
+        return f"{value:.1f} %"
+    return f"{metric or 'score'} {value:.4g}"
+
+
+@dataclass(frozen=True)
+class ModelEntry:
+    """A model in the list.
+
+    Attributes:
+        prefix: Its folder.
+        checkpoints: How many checkpoints it has.
+        best: The best of them; None if unknown.
+        last: The newest; None if unknown.
+        objects: How many objects it has, logs and traces included.
+        size_bytes: Their size.
+        modified: When the newest object was written, ISO 8601.
+        training: Whether it is being trained now.
+        damaged: What is wrong with each of its damaged small objects, and what to do about it;
+            `best` and `last` are reconstructed then.
+        note: Its description, else its newest note; empty without one.
+        kind: drcli for a model of ours, tensorflow for one of DeepRacer-for-Cloud or a console,
+            upload for the file of a policy, traces for traces or metrics without a checkpoint,
+            files for anything else.
+    """
+
+    prefix: str
+    checkpoints: int
+    best: CheckpointEntry | None
+    last: CheckpointEntry | None
+    objects: int
+    size_bytes: int
+    modified: str
+    training: bool
+    damaged: list[str] = field(default_factory=list)
+    note: str = ""
+    kind: Kind = "drcli"
+
+
+@dataclass(frozen=True)
+class ModelList:
+    """The models of a bucket.
+
+    Attributes:
+        bucket: Its name.
+        pattern: Part of a prefix, or a whole one with `*` and `?`; empty for all models.
+        models: Sorted by prefix.
+    """
+
+    bucket: str
+    pattern: str
+    models: list[ModelEntry]
+
+
+def list_models(bucket: Bucket, pattern: str = "") -> ModelList:
+    """`pattern` is part of a prefix, or has `*` and `?`."""
+    return ModelListReader().read(bucket, pattern)
+
+
+class ModelListReader:
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[Signature, ModelEntry]] = {}
+
+    def read(
+        self, bucket: Bucket, pattern: str = "", listed: Iterable[ObjectInfo] | None = None
+    ) -> ModelList:
+        objects = list(bucket.list("") if listed is None else listed)
+        prefixes = {prefix for prefix in _prefixes(objects) if _fits(prefix, pattern)}
+        own = _by_model(objects, _prefixes(objects))
+        listed_keys = {info.key for info in objects}
+        known = {}
+        for prefix in sorted(prefixes):
+            signature = signature_of(own[prefix])
+            before = self._known.get(prefix)
+            if before is not None and before[0] == signature:
+                training = keys.lease(prefix) in listed_keys and _is_trained(bucket, prefix)
+                known[prefix] = (signature, replace(before[1], training=training))
+            else:
+                known[prefix] = (signature, _entry(bucket, prefix, own[prefix], listed_keys))
+        self._known = known
+        return ModelList(bucket.name, pattern, [entry for _, entry in known.values()])
+
+
+Signature = tuple[int, int, float]
+
+
+def signature_of(objects: Iterable[ObjectInfo]) -> Signature:
+    count, size, newest = 0, 0, 0.0
+    for info in objects:
+        count += 1
+        size += info.size_bytes
+        newest = max(newest, info.modified.timestamp())
+    return count, size, newest
+
+
+def _is_trained(bucket: Bucket, prefix: str) -> bool:
+    return lease.live_holder(bucket, prefix) is not None
+
+
+def model_prefixes(bucket: Bucket) -> set[str]:
+    return _prefixes(bucket.list(""))
+
+
+def fits(prefix: str, pattern: str) -> bool:
+    return prefix == pattern or fnmatchcase(prefix, pattern)
+
+
+def _prefixes(listed: Iterable[ObjectInfo]) -> set[str]:
+    copies = race_keys.folder()  # submissions to races: nobody trains them on
+    return {
+        info.key.removesuffix(mark)
+        for info in listed
+        for mark in _MARKS
+        if info.key.endswith(mark) and not info.key.startswith(copies)
+    }
+
+
+def _by_model(listed: Iterable[ObjectInfo], prefixes: set[str]) -> dict[str, list[ObjectInfo]]:
+    """A model inside another keeps its own objects."""
+    own: dict[str, list[ObjectInfo]] = {prefix: [] for prefix in prefixes}
+    for info in listed:
+        folder = info.key
+        while "/" in folder:
+            folder = folder.rpartition("/")[0]
+            if folder in own:
+                own[folder].append(info)
+                break
+    return own
+
+
+def _fits(prefix: str, pattern: str) -> bool:
+    has_wildcards = any(character in pattern for character in "*?[")
+    return fnmatchcase(prefix, pattern) if has_wildcards else pattern in prefix
+
+
+def _entry(
+    bucket: Bucket, prefix: str, objects: list[ObjectInfo], listed: Collection[str]
+) -> ModelEntry:
+    names = {keys.checkpoint_of(prefix, info.key) for info in objects} - {None}
+    model = Model(bucket, prefix, keys.metrics_prefix(prefix))
+    scores, _ = readable_scores(model)
+    metric = ""
+    if scores is not None and any(info.key == keys.training_start(prefix) for info in objects):
+        metric = metric_of(bucket, prefix)
+    return ModelEntry(
+        prefix=prefix,
+        checkpoints=len(names),
+        best=None if scores is None else CheckpointEntry.of(scores.best_checkpoint, metric),
+        last=None if scores is None else CheckpointEntry.of(scores.last_checkpoint, metric),
+        objects=len(objects),
+        size_bytes=sum(info.size_bytes for info in objects),
+        modified=max(info.modified for info in objects).isoformat(timespec="seconds"),
+        training=_is_trained(bucket, prefix),
+        damaged=find_small_damage(model, listed),
+        note=headline(bucket, prefix, {info.key: info for info in objects}),
+        kind=kind_of([info.key.removeprefix(keys.folder(prefix)) for info in objects]),
+    )

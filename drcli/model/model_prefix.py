@@ -1,0 +1,170 @@
+"""One model in a bucket: exists, newest checkpoint, deletion."""
+
+import re
+from collections.abc import Collection
+from typing import Literal
+
+from drcli.bucket.bucket import TEST_FOLDER, Bucket
+from drcli.model import keys
+from drcli.model.checkpoints import checkpoint_objects
+from drcli.records.checkpoint import CheckpointName
+
+
+def is_used(bucket: Bucket, prefix: str) -> bool:
+    """Whether there are objects below the prefix; `model-10` does not count for `model-1`.
+
+    Nor do test objects, which `dr doctor` may be writing at the moment.
+    """
+    test = keys.folder(prefix) + TEST_FOLDER
+    return any(not item.key.startswith(test) for item in bucket.list(keys.folder(prefix)))
+
+
+def newest_checkpoint(bucket: Bucket, prefix: str) -> CheckpointName | None:
+    return max(checkpoint_objects(bucket, prefix).values(), default=None)
+
+
+def delete_unlearned(bucket: Bucket, prefix: str) -> None:
+    """Workers that drive ahead of a trainer that ended leave such an iteration."""
+    newest = newest_checkpoint(bucket, prefix)
+    if newest is None:
+        return
+    ahead = []
+    for info in bucket.list(keys.rollouts_folder(prefix)):
+        key = keys.rollout_key(prefix, info.key)
+        if key is not None and key.iteration >= newest.number:
+            ahead.append(info.key)
+    bucket.delete(ahead)
+
+
+def contains(outer: str, inner: str) -> bool:
+    return keys.folder(inner).startswith(keys.folder(outer))
+
+
+def wipe(bucket: Bucket, prefix: str, *, spared: Collection[str] = ()) -> None:
+    for folder in (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix)):
+        bucket.delete([item.key for item in bucket.list(folder) if item.key not in spared])
+
+
+def has_checkpoint(bucket: Bucket, prefix: str) -> bool:
+    """Ours or TensorFlow's, maybe damaged."""
+    ends = (".ckpt.json", ".ckpt.index")
+    return any(key.endswith(ends) for key in checkpoint_objects(bucket, prefix))
+
+
+def is_aborted_start(bucket: Bucket, prefix: str, parameter_files: Collection[str]) -> bool:
+    """Whether there is only what a start wrote before its checkpoint.
+
+    A new start may overwrite that.
+    """
+    known = {
+        keys.reward_function(prefix),
+        keys.model_metadata(prefix),
+        keys.hyperparameters(prefix),
+        keys.training_start(prefix),
+        keys.curriculum(prefix),
+        *(keys.parameter_file(prefix, name) for name in parameter_files),
+    }
+    folders = (
+        f"{keys.folder(prefix)}logs/",
+        keys.event_folder(prefix),
+        keys.journal_folder(prefix),
+        keys.notes_folder(prefix),
+    )
+    unfinished = checkpoint_objects(bucket, prefix)
+    if any(
+        name.number or key.endswith(".ckpt.json") or keys.is_tensorflow_part(key)
+        for key, name in unfinished.items()
+    ):
+        return False
+    listed = {info.key for info in bucket.list(keys.folder(prefix))}
+    ours = keys.training_start(prefix) in listed or bucket.exists(keys.outcome(prefix))
+    return ours and all(
+        key in known or key in unfinished or key.startswith(folders) for key in listed
+    )
+
+
+# What lies below a prefix, and which command works on it.
+
+
+Kind = Literal["drcli", "tensorflow", "upload", "traces", "files", "nothing"]
+"""A lone policy is "upload"; traces or metrics without a checkpoint are "traces"."""
+
+_OURS = re.compile(r"model/\d+_Step-\d+\.ckpt\.(safetensors|json)")
+_TENSORFLOW = re.compile(r"model/\d+_Step-\d+\.ckpt\.(index|data-\d{5}-of-\d{5})")
+_POLICY = re.compile(r"([^/]+/)?[^/]+\.(pb|onnx|ckpt\.index)")
+_TRACES = re.compile(r"(.*/)?(training|evaluation)-simtrace/[^/]+\.csv|metrics/.+\.json")
+
+
+def kind_of(names: Collection[str]) -> Kind:
+    for pattern, kind in _PATTERNS:
+        if any(map(pattern.fullmatch, names)):
+            return kind
+    return "files" if names else "nothing"
+
+
+_PATTERNS: tuple[tuple[re.Pattern[str], Kind], ...] = (
+    (_OURS, "drcli"),
+    (_TENSORFLOW, "tensorflow"),
+    (_POLICY, "upload"),
+    (_TRACES, "traces"),
+)
+
+
+def is_tensorflow(listed: Collection[str], prefix: str, name: str) -> bool:
+    """Whether a checkpoint is only the reference's, by the listed keys.
+
+    Ours have their record last, so weights without it do not count.
+    """
+    index = keys.checkpoint_part(prefix, name, ".index")
+    return index in listed and keys.checkpoint_record(prefix, name) not in listed
+
+
+def model_kind(bucket: Bucket, prefix: str) -> Kind:
+    folder = keys.folder(prefix)
+    test = folder + TEST_FOLDER
+    listed = [info.key for info in bucket.list(folder)]
+    return kind_of([key.removeprefix(folder) for key in listed if not key.startswith(test)])
+
+
+KIND_WORDS: dict[Kind, str] = {
+    "drcli": "a model of drcli",
+    "tensorflow": "a model of DeepRacer-for-Cloud or a console, with TensorFlow checkpoints",
+    "upload": "the file of a policy, but not where a model has its checkpoints",
+    "traces": "traces or metrics, but no checkpoint",
+    "files": "files, but no checkpoint",
+    "nothing": "nothing",
+}
+
+
+def what_helps(bucket: Bucket, prefix: str, *, setting: str = "", variables: str = "") -> str:
+    """For a command that misses a checkpoint or file: one that works.
+
+    `variables` (each followed by a space) precede it if the bucket is not that of the settings.
+    """
+    kind = model_kind(bucket, prefix)
+    url = f"s3://{bucket.name}/{prefix}"
+    if kind == "drcli":
+        resume = f"{variables}dr-start-training --resume"
+        return f"Restore it from a copy; `{resume}` reconstructs what it can."
+    if kind in ("tensorflow", "upload"):
+        command = f"{variables}{import_command(bucket, prefix, local=True)}"
+        if kind == "tensorflow":
+            return f"Restore it from a copy, or make a model of what is there with `{command}`."
+        return f"{url} holds {KIND_WORDS[kind]}: make it a model with `{command}`."
+    if kind == "traces":
+        return f"{url} holds {KIND_WORDS[kind]}: `{variables}dr-analyze {prefix}` shows them."
+    other = f"correct {setting or 'its name'}; `{variables}dr-list-models` lists all models."
+    if kind == "files":
+        return f"If it is being trained, wait for its first iteration; otherwise {other}"
+    return f"There is nothing at {url}: train it with `{variables}dr-start-training`, or {other}"
+
+
+def import_command(bucket: Bucket, prefix: str, *, local: bool) -> str:
+    """Makes a model of ours; unless `local`, from the bucket of uploads."""
+    name = f"{prefix}-imported"
+    if local:
+        number = 1
+        while is_used(bucket, name):
+            number += 1
+            name = f"{prefix}-imported-{number}"
+    return f"dr-import {'-L ' if local else ''}s3://{bucket.name}/{prefix} -t {name}"

@@ -1,0 +1,289 @@
+"""Computes damaged objects of a model from undamaged ones; writes nothing."""
+
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import Any, TypeVar
+
+from drcli.base.json_record import Fingerprint, from_json
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.model import keys
+from drcli.model.best_checkpoint import (
+    evaluated_numbers,
+    read_evaluation,
+    score_of,
+    with_evaluation,
+)
+from drcli.model.checkpoints import KEEP, CheckpointStore, checkpoint_objects
+from drcli.model.growing_file import combined_history, list_parts
+from drcli.model.history import with_evaluation as evaluated_record
+from drcli.model.milestones import NO_MILESTONES, Milestone, Milestones, with_history, with_results
+from drcli.model.training_state import read_rollbacks
+from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters
+from drcli.records.episode_metrics import EpisodeMetrics
+from drcli.records.iteration import EVALUATION_FIELDS, IterationRecord
+from drcli.records.scores import EvaluationResult, Score, Scores
+from drcli.records.trace import read_csv
+
+_TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
+
+T = TypeVar("T")
+
+
+def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
+    text = data.decode("utf-8", "replace")
+    decoder = json.JSONDecoder()
+    found: list[T] = []
+    begin = text.find("{")
+    while begin >= 0:
+        try:
+            value, end = decoder.raw_decode(text, begin)
+            found.append(read(value))
+        except (ValueError, RecursionError):  # RecordError is a ValueError
+            end = begin + 1
+        begin = text.find("{", end)
+    return found
+
+
+def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
+    objects = checkpoint_objects(bucket, prefix)
+    return sorted(
+        name
+        for name in set(objects.values())
+        if keys.checkpoint_record(prefix, str(name)) in objects
+        and keys.checkpoint_tensors(prefix, str(name)) in objects
+    )
+
+
+def readable_records(bucket: Bucket, prefix: str) -> list[CheckpointRecord]:
+    store = CheckpointStore(bucket, prefix)
+    found = []
+    for name in whole_checkpoints(bucket, prefix):
+        try:
+            found.append(store.record(str(name)))
+        except (ObjectMissing, ObjectDamaged):
+            continue
+    return found
+
+
+def readable_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationResult]:
+    found = {}
+    for number in evaluated_numbers(bucket, prefix):
+        try:
+            found[number] = read_evaluation(bucket, prefix, number)
+        except (ObjectMissing, ObjectDamaged):
+            continue
+    return found
+
+
+def readable_objects(bucket: Bucket, keys_: Iterable[str]) -> list[bytes]:
+    found = []
+    for key in keys_:
+        with suppress(ObjectMissing):
+            found.append(bucket.get(key))
+    return found
+
+
+def reconstruct_history(
+    bucket: Bucket, prefix: str, damaged: Iterable[bytes] = ()
+) -> list[IterationRecord]:
+    """From records, its own objects (also moved, `damaged` ones) and traces."""
+    records = readable_records(bucket, prefix)
+    key = keys.history(prefix)
+    objects = [*damaged, *readable_objects(bucket, [key, *list_parts(bucket, key)])]
+    parts = [whole_records(data, IterationRecord.from_json) for data in objects]
+    known = {record.iteration: record for record in combined_history([], parts)}
+    learned = [r.counters.learned for r in records if r.counters.learned is not None]
+    stated = known | {record.iteration: record for record in learned}
+    known |= {r.iteration: r for r in _traced_history(bucket, prefix, stated)}
+    for record in learned:
+        before = known.get(record.iteration, record)
+        evaluated = {name: getattr(before, name) for name in EVALUATION_FIELDS}
+        known[record.iteration] = replace(record, **evaluated)
+    for number, result in readable_evaluations(bucket, prefix).items():
+        if number in known:
+            known[number] = evaluated_record(known[number], result)
+    newest = max((r.number for r in records), default=None)
+    return [known[n] for n in sorted(known) if newest is None or n < newest]
+
+
+def reconstruct_record(
+    bucket: Bucket, prefix: str, name: CheckpointName, history: Iterable[IterationRecord]
+) -> CheckpointRecord | None:
+    """From the weights and known iterations.
+
+    None if weights are damaged or episodes unknown: an older checkpoint is used.
+    """
+    past = [r for r in history if r.iteration < name.number]
+    if len(past) != name.number:
+        return None
+    tensors = _found(bucket, keys.checkpoint_tensors(prefix, str(name)))
+    optimizer = _found(bucket, keys.checkpoint_optimizer(prefix, str(name)))
+    if not _is_safetensors(tensors):
+        return None
+    last = past[-1] if past else None
+    return CheckpointRecord(
+        str(name),
+        Fingerprint.of(tensors),
+        Fingerprint.of(optimizer) if _is_safetensors(optimizer) else None,
+        counters=Counters(
+            episodes=sum(r.episodes for r in past),
+            elapsed_s=0.0 if last is None else last.elapsed_s,
+            learned=last,
+            rollbacks=_rollbacks(bucket, prefix) or None,
+        ),
+    )
+
+
+def _rollbacks(bucket: Bucket, prefix: str) -> int:
+    try:
+        return read_rollbacks(bucket, prefix).count
+    except ObjectDamaged:
+        return 0
+
+
+def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
+    """Newest and best by DR_TRAIN_BEST_MODEL_METRIC, or None.
+
+    Without laps of an earlier stage or track.
+    """
+    records = readable_records(bucket, prefix)
+    pointed = CheckpointStore(bucket, prefix).pointed()
+    newest = next((r for r in records if r.name == str(pointed)), records[-1] if records else None)
+    if newest is None:
+        return None
+    by_name = {r.name: r for r in records}
+    last = Score(newest.name, None, newest.sim_time_s)
+    scores = Scores(Score(records[0].name, None, records[0].sim_time_s), last)
+    driven = {each.iteration: each for each in reconstruct_history(bucket, prefix)}
+    for number, result in readable_evaluations(bucket, prefix).items():
+        record = by_name.get(result.checkpoint)
+        compares = number not in driven or driven[number].compares_with(driven[max(driven)])
+        if record is not None and compares:
+            episodes = result.on("training")
+            score = score_of(result.checkpoint, episodes, metric, record.sim_time_s)
+            scores = with_evaluation(scores, score, metric)
+    if scores.best_checkpoint.avg_eval_metric is None:
+        return Scores(last, last)
+    return scores
+
+
+def reconstruct_milestones(bucket: Bucket, prefix: str, damaged: bytes = b"") -> Milestones:
+    """From learning curve, evaluations and the record's rest.
+
+    All checkpoints stay: every n-th are unknown.
+    """
+    found = whole_records(damaged, partial(from_json, Milestone))
+    names = whole_checkpoints(bucket, prefix)
+    scores = reconstruct_scores(bucket, prefix, "progress")
+    best = None if scores is None else scores.best_checkpoint.name
+    known = replace(
+        NO_MILESTONES, spaced=[str(name) for name in names[:-KEEP] if str(name) != best]
+    )
+    known = with_history(known, reconstruct_history(bucket, prefix))
+    known = with_results(known, readable_evaluations(bucket, prefix).values())
+    for each in found:
+        known = known.with_evaluation(
+            each.checkpoint, [each.progress] * max(1, each.episodes), [each.best_lap_s] * each.laps
+        )
+    return known
+
+
+def reconstruct_metrics(
+    bucket: Bucket, prefix: str, worker: int, files: Iterable[bytes]
+) -> list[EpisodeMetrics]:
+    found = [r for data in files for r in whole_records(data, EpisodeMetrics.from_json)]
+    # The whole file and a part may both have an episode.
+    own = {(r.iteration, r.phase, r.trial, r.episode, r.metric_time): r for r in found}
+    kept = list(own.values())
+    training = [r for r in kept if r.phase == "training"]
+    known = {(r.iteration, r.trial) for r in training if r.iteration is not None}
+    numbers = {r.episode for r in training if r.iteration is None}  # of version 0.1.0
+    most = max((r.trial for r in training), default=0)
+    counts = Counter(iteration for iteration, _ in known)
+    for iteration, of_iteration in traced_iterations(bucket, prefix).items():
+        if worker not in of_iteration or (most and counts[iteration] == most):
+            continue  # a trace of a known iteration need not be read
+        traced = read_csv(bucket.get(of_iteration[worker]))
+        kept += [
+            EpisodeMetrics.of(episode, iteration=iteration, episode=episode.number + 1, trial=trial)
+            for trial, episode in enumerate(traced, start=1)
+            if (iteration, trial) not in known and episode.number + 1 not in numbers
+        ]
+    return sorted(kept, key=lambda r: (r.metric_time, r.phase != "training"))
+
+
+def traced_iterations(bucket: Bucket, prefix: str) -> dict[int, dict[int, str]]:
+    start = keys.folder(prefix)
+    found: dict[int, dict[int, str]] = {}
+    for info in bucket.list(start):
+        match = _TRACE.fullmatch(info.key.removeprefix(start))
+        if match is not None:
+            found.setdefault(int(match[2]), {})[int(match[1] or 0)] = info.key
+    return dict(sorted(found.items()))
+
+
+def _traced_history(
+    bucket: Bucket, prefix: str, known: Mapping[int, IterationRecord]
+) -> list[IterationRecord]:
+    found: list[IterationRecord] = []
+    traced = traced_iterations(bucket, prefix)
+    total: int | None = 0
+    elapsed_s, began_s = 0.0, math.nan
+    for iteration in range(max([*traced, *known], default=-1) + 1):
+        if iteration in known:
+            total, elapsed_s = known[iteration].total_steps, known[iteration].elapsed_s
+            began_s = math.nan
+            continue
+        of_worker = traced.get(iteration, {})
+        wanted = of_worker.values() if total is not None else ()
+        driven = [e for key in wanted for e in read_csv(bucket.get(key))]
+        episodes = [e for e in driven if e.status != "discarded"]  # nobody learned from the others
+        if total is None or not episodes:
+            total = None  # it is unknown after a gap, until the next known iteration
+            continue
+        begin_s = min(e.wall_s[0] for e in episodes)
+        end_s = max(e.wall_s[1] for e in episodes)
+        began_s = begin_s - elapsed_s if math.isnan(began_s) else min(began_s, begin_s)
+        checkpoint = str(CheckpointName(iteration, total))
+        steps = sum(e.steps for e in episodes)
+        total += steps
+        laps = [e.duration_s for e in episodes if e.status == "lap_complete"]
+        record = IterationRecord(
+            iteration=iteration,
+            checkpoint=checkpoint,
+            episodes=len(episodes),
+            steps=steps,
+            total_steps=total,
+            mean_reward=sum(e.reward for e in episodes) / len(episodes),
+            mean_progress=sum(e.progress for e in episodes) / len(episodes),
+            full_laps=len(laps),
+            best_lap_s=min(laps, default=None),
+            drive_s=end_s - begin_s,
+            elapsed_s=end_s - began_s,
+            discarded=len(driven) - len(episodes),
+        )
+        found.append(record)
+    return found
+
+
+def _found(bucket: Bucket, key: str) -> bytes:
+    try:
+        return bucket.get(key)
+    except ObjectMissing:
+        return b""
+
+
+def _is_safetensors(data: bytes) -> bool:
+    from safetensors import SafetensorError, deserialize  # here, to keep commands fast
+
+    try:
+        # The type is ignored because safetensors has no type for it.
+        return bool(data) and bool(deserialize(data))  # type: ignore[no-untyped-call]
+    except (SafetensorError, ValueError):
+        return False

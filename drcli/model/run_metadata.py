@@ -1,0 +1,145 @@
+"""Records the start of a training: seed, settings, versions, code and machine.
+
+It is below the model prefix, so copies have it.
+"""
+
+import os
+import platform
+import subprocess
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any
+
+from drcli.bucket.bucket import (
+    Bucket,
+    ObjectDamaged,
+    ObjectMissing,
+    ObjectNewer,
+    read_record,
+    remedy_of,
+)
+from drcli.config.fields import hidden
+from drcli.config.run_config import SUPERVISOR_ONLY
+from drcli.config.settings import Settings, catalogue
+from drcli.model import keys
+from drcli.records.training_record import GitState, Pretrained, TrainingStart
+
+PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
+"""Their versions change the course of a training."""
+
+PROGRAM_PATIENCE_S = 5.0
+
+
+def describe_start(
+    settings: Settings,
+    directory: Path,
+    seed: int,
+    pretrained: Pretrained | None,
+    before: TrainingStart | None,
+    training: str = "",
+) -> TrainingStart:
+    return TrainingStart(
+        seed=seed,
+        started_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        settings=chosen_settings(settings),
+        cars=[race.sim_car for race in settings.races],
+        versions={"python": platform.python_version(), **installed_versions(PACKAGES)},
+        git={
+            "working_folder": _git_state(directory, "."),
+            "package": _git_state(Path(str(resources.files("drcli"))), "__init__.py"),
+        },
+        machine={
+            "platform": platform.platform(),
+            "processor": processor_name(),
+            "cores": os.cpu_count(),
+            "threads": os.environ.get("OMP_NUM_THREADS"),
+        },
+        pretrained=pretrained if before is None else before.pretrained or pretrained,
+        earlier=[] if before is None else [*before.earlier, replace(before, earlier=[])],
+        training=training,
+    )
+
+
+def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
+    """The last start; ObjectDamaged if unreadable."""
+    key = keys.training_start(prefix)
+    try:
+        return read_record(bucket, key, TrainingStart.decode, remedy_of(key))
+    except ObjectMissing:
+        return None
+
+
+def metric_of(bucket: Bucket, prefix: str) -> str:
+    with suppress(ObjectDamaged, ObjectNewer):
+        start = read_start(bucket, prefix)
+        if start is not None and start.settings is not None:
+            name = "DR_TRAIN_BEST_MODEL_METRIC"
+            return str(start.settings.get(name, catalogue()[name].default))
+    return ""
+
+
+def chosen_settings(settings: Settings) -> dict[str, Any]:
+    """Non-default ones that affect a training; hides secrets."""
+    chosen = {}
+    for name, setting in catalogue().items():
+        value = getattr(settings, setting.field)
+        # Who uses which other system is nobody's business.
+        if name.startswith("DR_DROA_") or name in SUPERVISOR_ONLY:
+            continue
+        if name in settings.sources and setting.effect != "accepted" and value != setting.default:
+            is_text = isinstance(value, str | Path)
+            chosen[name] = hidden(name, str(value)) if is_text else value
+    return chosen
+
+
+def installed_versions(packages: Sequence[str]) -> dict[str, str | None]:
+    versions: dict[str, str | None] = dict.fromkeys(packages)
+    for package in packages:
+        with suppress(metadata.PackageNotFoundError):
+            versions[package] = metadata.version(package)
+    return versions
+
+
+def output_of(*command: str) -> str | None:
+    try:
+        done = subprocess.run(
+            command,
+            env={**os.environ, "GIT_OPTIONAL_LOCKS": "0"},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=PROGRAM_PATIENCE_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def processor_name() -> str:
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name" and value.strip():
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
+def _git_state(folder: Path, tracked: str) -> GitState | None:
+    """None if untracked, such as a package in a repository's `.venv`."""
+    if not _git(folder, "ls-files", "--", tracked):
+        return None
+    commit = _git(folder, "rev-parse", "--verify", "HEAD")
+    if commit is None:
+        return None
+    changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
+    return GitState(commit, dirty=bool(changes))
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    return output_of("git", "-C", str(folder), *arguments)

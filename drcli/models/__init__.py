@@ -1,1 +1,0 @@
-"""Models: list, upload, download, continue from another one, repair."""

@@ -1,0 +1,1 @@
+"""Other systems: clouds, DeepRacer on AWS, the physical car, messages."""

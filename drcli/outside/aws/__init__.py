@@ -1,0 +1,1 @@
+"""Trainings on spot machines of Amazon."""

@@ -1,0 +1,495 @@
+"""Starts a training at Amazon, after all checks."""
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from shlex import quote
+from typing import Any, Literal
+
+from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.bucket.s3_bucket import S3Bucket
+from drcli.bucket.s3_errors import error_code
+from drcli.config.settings import Settings
+from drcli.model import keys, lease
+from drcli.model.model_prefix import is_used, newest_checkpoint, what_helps
+from drcli.model.training_state import read_outcome, write_outcome
+from drcli.outside.aws.aws_account import Account
+from drcli.outside.aws.instance_types import (
+    InstanceType,
+    Processor,
+    check_quotas,
+    default_types,
+    find_images,
+    find_network,
+    find_types,
+)
+from drcli.outside.aws.machine_marks import file_key, install_key, stack_folder
+from drcli.outside.aws.prices import current_prices, on_demand_prices
+from drcli.outside.aws.racer_files import (
+    InstallSource,
+    environment,
+    files_to_send,
+    torch_requirement,
+)
+from drcli.outside.aws.stacks import (
+    BUCKET_TAG,
+    ENDS_TAG,
+    Pause,
+    create_stack,
+    refuse_existing,
+    subscribe,
+)
+from drcli.outside.aws.training_template import (
+    KIND_TAG,
+    MODEL_TAG,
+    STACK_TAG,
+    Group,
+    Places,
+    run_folders,
+    training_template,
+)
+
+# What is asked for, and its checks that need no machine.
+
+
+Market = Literal["spot", "spot-or-on-demand", "on-demand"]
+
+LEAST_MINUTES, MOST_MINUTES = 15, 10_080
+"""At most a week, as groups may be forgotten."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What a racer asks for.
+
+    Attributes:
+        types: Empty for the default ones.
+        ttl_minutes: 0 for ever.
+        most_usd: Per hour of a spot machine.
+        topic: ARN; empty to make one.
+        image: Empty for Ubuntu 24.04.
+        subnets: Empty for the default network.
+    """
+
+    stack: str
+    bucket: str
+    types: tuple[str, ...] = ()
+    processor: Processor = "x86"
+    market: Market = "spot"
+    ttl_minutes: int = 720
+    most_usd: float | None = None
+    disk_gb: int = 30
+    topic: str = ""
+    email: str = ""
+    key_name: str = ""
+    image: str = ""
+    subnets: tuple[str, ...] = ()
+
+
+def check_wishes(wishes: Wishes) -> None:
+    """Check what needs no question to Amazon.
+
+    Raises:
+        SettingsError: A wish is impossible.
+    """
+    minutes = wishes.ttl_minutes
+    if minutes and not LEAST_MINUTES <= minutes <= MOST_MINUTES:
+        raise SettingsError(
+            f"{minutes} minutes cannot be the time of a stack.",
+            remedy=f"Choose {LEAST_MINUTES} to {MOST_MINUTES} minutes; 0 means no limit.",
+        )
+    if wishes.most_usd is not None and not wishes.most_usd > 0:
+        raise SettingsError(
+            f"{wishes.most_usd} USD cannot be the highest price per hour.",
+            remedy="Choose a price above 0, or leave --max-price out.",
+        )
+
+
+def check_bucket(account: Account, name: str) -> S3Bucket:
+    """The bucket of the models.
+
+    Raises:
+        DrError: It is unusable or in another region.
+    """
+    from botocore.exceptions import ClientError
+
+    with account.trying(f"open the bucket {name}"):
+        try:
+            answer = account.client("s3").head_bucket(Bucket=name)
+        except ClientError as error:
+            if error_code(error) in ("404", "NoSuchBucket"):
+                raise SettingsError(
+                    f"There is no bucket {name}.",
+                    remedy="Make one with `dr-spot create-base NAME`, or name one with --bucket.",
+                ) from error
+            if error_code(error) != "301":
+                raise
+            answer = error.response
+    headers = answer["ResponseMetadata"].get("HTTPHeaders", {})
+    region = answer.get("BucketRegion") or headers.get("x-amz-bucket-region") or account.region
+    if region != account.region:
+        raise SettingsError(
+            f"The bucket {name} is in {region}, but the machines would be in {account.region}; "
+            "every checkpoint would travel between both, which costs time and money.",
+            remedy=f"Use --region {region}, or a bucket in {account.region}.",
+        )
+    return account.bucket(name)
+
+
+def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
+    """Checkpoint to go on from, and notes.
+
+    Raises:
+        SettingsError: Another machine trains the model, or the prefix holds something else.
+    """
+    lease.refuse_other_owner(bucket, prefix)
+    newest = newest_checkpoint(bucket, prefix)
+    model = f"s3://{bucket.name}/{prefix}"
+    if newest is None:
+        if is_used(bucket, prefix):
+            raise SettingsError(
+                f"{model} holds objects, but no checkpoint to resume from.",
+                remedy=what_helps(
+                    bucket, prefix, setting="DR_LOCAL_S3_MODEL_PREFIX", variables=_settings(bucket)
+                ),
+            )
+        return "", []
+    notes = []
+    if bucket.exists(keys.finished(prefix)):
+        notes.append(
+            f"The training of {model} has ended at {newest} before; if its goal is still met, the "
+            "machine has nothing to do and ends at once."
+        )
+    outcome = read_outcome(bucket, prefix)
+    if outcome is not None and outcome.stays_ended:
+        notes.append(f"The training of {model} was stopped before; it is continued now.")
+    return str(newest), notes
+
+
+def _settings(bucket: S3Bucket) -> str:
+    values = {
+        "DR_CLOUD": "aws",
+        "DR_LOCAL_S3_BUCKET": bucket.name,
+        "DR_LOCAL_S3_PROFILE": bucket.endpoint.profile or "default",
+        "DR_AWS_APP_REGION": bucket.endpoint.region,
+    }
+    return "".join(f"{name}={quote(value)} " for name, value in values.items())
+
+
+def continue_stopped(bucket: S3Bucket, prefix: str) -> None:
+    outcome = read_outcome(bucket, prefix)
+    if outcome is not None and outcome.stays_ended:
+        write_outcome(bucket, prefix, replace(outcome, stays_ended=False))
+
+
+def key_of(account: Account, bucket: str) -> str:
+    """Empty for Amazon's own KMS key, or if unknown."""
+    from botocore.exceptions import ClientError
+
+    with account.trying(f"look at the encryption of {bucket}"):
+        try:
+            answer = account.client("s3").get_bucket_encryption(Bucket=bucket)
+        except ClientError:
+            return ""  # old buckets have none, and not everybody may ask
+    for rule in answer["ServerSideEncryptionConfiguration"]["Rules"]:
+        key = str(rule.get("ApplyServerSideEncryptionByDefault", {}).get("KMSMasterKeyID", ""))
+        if key:
+            start = f"arn:aws:kms:{account.region}:{account.number}:key/"
+            return key if key.startswith("arn:") else start + key
+    return ""
+
+
+# Cost of machines before there are any.
+
+
+DISK_USD_PER_GB_HOUR = 0.08 / 730
+ADDRESS_USD_PER_HOUR = 0.005
+"""gp3 disk and public IPv4 address in Virginia, 2026."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """USD per hour.
+
+    Attributes:
+        least: Cheapest machine now; None if unknown.
+        most: Dearest machine that may be used.
+        extra: Disk and address.
+        hours: Longest life; None for ever.
+    """
+
+    least: float | None
+    most: float | None
+    extra: float
+    hours: float | None
+
+    @property
+    def total(self) -> float | None:
+        if self.most is None or self.hours is None:
+            return None
+        return (self.most + self.extra) * self.hours
+
+
+def known_prices(
+    account: Account, types: Sequence[InstanceType], market: str
+) -> tuple[list[float], dict[str, float], list[str]]:
+    """Hourly prices that may be paid, on-demand prices, and notes."""
+    names, notes = [each.name for each in types], []
+    spot: list[float] = []
+    ordinary: dict[str, float] = {}
+    if market != "on-demand":
+        try:
+            spot = list(current_prices(account, names).values())
+        except DrError as error:
+            notes.append(f"{error} The estimate is incomplete.")
+    if market != "spot":
+        try:
+            ordinary = on_demand_prices(account, names)
+        except DrError as error:
+            notes.append(f"{error} The estimate is incomplete.")
+    return [*spot, *ordinary.values()], ordinary, notes
+
+
+def estimate(prices: list[float], wishes: Wishes) -> Estimate:
+    """Raises StorageError if no machine is as cheap as wanted."""
+    cap = wishes.most_usd
+    if cap is not None and wishes.market == "spot":
+        prices = [price for price in prices if price <= cap]
+        if not prices:
+            raise StorageError(
+                f"No spot machine costs at most {cap} USD per hour now.",
+                remedy="Raise --max-price, or allow other types; `dr-spot prices` shows them.",
+            )
+    return Estimate(
+        min(prices, default=None),
+        max(prices, default=None),
+        wishes.disk_gb * DISK_USD_PER_GB_HOUR + ADDRESS_USD_PER_HOUR,
+        wishes.ttl_minutes / 60 if wishes.ttl_minutes else None,
+    )
+
+
+MOST_TEMPLATE_BYTES = 51_200
+
+
+@dataclass(frozen=True)
+class StackPlan:
+    """A training that can be started.
+
+    Attributes:
+        resumes: Checkpoint; empty for a new model.
+        ends: Unix seconds; 0 for never.
+        install: What the machine reads first.
+    """
+
+    wishes: Wishes
+    settings: Settings
+    source: InstallSource
+    types: tuple[InstanceType, ...]
+    zones: tuple[str, ...]
+    estimate: Estimate
+    resumes: str
+    ends: float
+    notes: tuple[str, ...]
+    template: Any
+    install: Mapping[str, Any]
+    files: Mapping[str, bytes]
+
+
+@dataclass(frozen=True)
+class CreatedStack:
+    """What was started.
+
+    Attributes:
+        stack: Name of the stack.
+        region: AWS region.
+        bucket: Name of the bucket.
+        model: Prefix in the bucket.
+        types: Types that may be used.
+        market: `spot`, `on-demand` or `spot-or-on-demand`.
+        usd_per_hour: Cheapest machine now; None if unknown.
+        most_usd: Highest cost until the end; None if unknown or unlimited.
+        ends: When its machines end, in Unix seconds; 0 for never.
+        topic: ARN of the topic for messages.
+    """
+
+    stack: str
+    region: str
+    bucket: str
+    model: str
+    types: tuple[str, ...]
+    market: Market
+    usd_per_hour: float | None
+    most_usd: float | None
+    ends: float
+    topic: str
+
+
+def prepare(
+    account: Account, settings: Settings, wishes: Wishes, source: InstallSource
+) -> StackPlan:
+    """Check everything, and estimate the cost; changes nothing.
+
+    Raises:
+        DrError: The training cannot start.
+    """
+    check_wishes(wishes)
+    refuse_existing(account, wishes.stack)
+    bucket = check_bucket(account, wishes.bucket)
+    resumes, notes = model_state(bucket, settings.model_prefix)
+    named = bool(wishes.types)
+    names = wishes.types or default_types(wishes.processor)
+    network = find_network(account, wishes.subnets)
+    types = find_types(account, names, named=named)
+    room = check_quotas(account, types, spot=wishes.market != "on-demand")
+    notes += room.notes
+    if wishes.market == "spot-or-on-demand":
+        notes += check_quotas(account, room.types, spot=False).notes
+    graphics = [each.name for each in room.types if each.graphics]
+    if graphics:
+        notes.append(
+            f"{', '.join(graphics)} costs more for a graphics card that drcli does not use there."
+        )
+    prices, ordinary, unknown = known_prices(account, room.types, wishes.market)
+    notes += unknown
+    images = find_images(account, [each.architecture for each in room.types], wishes.image)
+    now = time.time()
+    ends = float(int(now + 60 * wishes.ttl_minutes)) if wishes.ttl_minutes else 0.0
+    group = Group(
+        types={each.name: each.architecture for each in room.types},
+        images=images,
+        subnets=network.subnets,
+        network=network.id,
+        market=wishes.market,
+        most_usd=wishes.most_usd,
+        ends=ends,
+        disk_gb=wishes.disk_gb,
+        key_name=wishes.key_name,
+    )
+    places = _places(account, settings, wishes)
+    template = training_template(wishes.stack, settings.model_prefix, group, places, wishes.topic)
+    if len(json.dumps(template)) > MOST_TEMPLATE_BYTES:
+        raise SettingsError(
+            f"{len(room.types)} types make a template that is too large for CloudFormation.",
+            remedy="Name fewer types with --type.",
+        )
+    files = files_to_send(settings)
+    return StackPlan(
+        wishes,
+        settings,
+        source,
+        tuple(room.types),
+        network.zones,
+        estimate(prices, wishes),
+        resumes,
+        ends,
+        tuple(notes),
+        template,
+        _install(account, settings, wishes, source, files, ordinary),
+        files,
+    )
+
+
+def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> CreatedStack:
+    """Send the files, and make the stack; a failure removes them.
+
+    Raises:
+        StorageError: The bucket or Amazon failed.
+    """
+    wishes, name = plan.wishes, plan.wishes.stack
+    bucket = account.bucket(wishes.bucket)
+    try:
+        # Files of an earlier stack of this name: its machines and logs are not this one's.
+        forget_files(bucket, name)
+        for file, data in plan.files.items():
+            bucket.put(file_key(name, file), data)
+        if plan.source.wheel:
+            bucket.put(stack_folder(name) + plan.source.wheel, plan.source.data)
+        bucket.put(install_key(name), json.dumps(plan.install).encode())
+        continue_stopped(bucket, plan.settings.model_prefix)
+        tags = {
+            STACK_TAG: name,
+            MODEL_TAG: plan.settings.model_prefix[:256],
+            KIND_TAG: "training",
+            BUCKET_TAG: wishes.bucket,
+            ENDS_TAG: f"{plan.ends:.0f}",
+        }
+        stack = create_stack(account, name, plan.template, tags, roles=True, pause=pause)
+    except BaseException:
+        with suppress(DrError):
+            forget_files(bucket, name)
+        raise
+    if wishes.email:
+        subscribe(account, stack.outputs["Topic"], wishes.email)
+    return CreatedStack(
+        name,
+        account.region,
+        wishes.bucket,
+        plan.settings.model_prefix,
+        tuple(each.name for each in plan.types),
+        wishes.market,
+        plan.estimate.least,
+        plan.estimate.total,
+        stack.ends,
+        stack.outputs["Topic"],
+    )
+
+
+def forget_files(bucket: S3Bucket, stack: str) -> int:
+    found = [info.key for info in bucket.list(stack_folder(stack))]
+    bucket.delete(found)
+    return len(found)
+
+
+def _places(account: Account, settings: Settings, wishes: Wishes) -> Places:
+    own_files = {
+        key.rpartition("/")[0]
+        for key in (settings.reward_key, settings.hyperparameters_key, settings.model_metadata_key)
+    }
+    folders = {
+        *run_folders(settings.model_prefix),
+        settings.metrics_prefix,
+        settings.custom_files_prefix,
+        stack_folder(wishes.stack).rstrip("/"),
+        *(folder for folder in own_files if folder),
+    }
+    upload = settings.upload_s3_bucket
+    elsewhere = upload not in ("not-defined", "", wishes.bucket)
+    if not elsewhere:
+        folders.add(settings.upload_s3_prefix)
+    reads = (settings.pretrained_prefix,) if settings.pretrained else ()
+    return Places(
+        wishes.bucket,
+        tuple(sorted(folders)),
+        reads,
+        upload if elsewhere else "",
+        settings.upload_s3_prefix if elsewhere else "",
+        key_of(account, wishes.bucket),
+        settings.cloud_watch_log_group if settings.cloud_watch_enable else "",
+    )
+
+
+def _install(
+    account: Account,
+    settings: Settings,
+    wishes: Wishes,
+    source: InstallSource,
+    files: Mapping[str, bytes],
+    ordinary: Mapping[str, float],
+) -> dict[str, Any]:
+    priced = "DR_SPOT_PRICE" in settings.sources or "DR_SPOT_PRICE" in settings.extra
+    upload = settings.upload_s3_bucket
+    return {
+        "source": source.requirement,
+        "wheel": source.wheel,
+        "sha256": source.sha256,
+        "torch": torch_requirement(),
+        "packages": list(source.packages),
+        "files": sorted(files),
+        "environment": environment(wishes.bucket, account.region, wishes.stack, upload),
+        "given": ["DR_SPOT_PRICE"] if priced else [],
+        "on_demand_usd": dict(ordinary),
+        "continues": settings.continue_on_spot_interruption,
+        "model": settings.model_prefix,
+    }

@@ -1,0 +1,306 @@
+"""Starts and stops a car, and limits its speed."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import inf, isfinite
+from types import FrameType
+from typing import Any, Literal
+
+from drcli.base.errors import DrError, SettingsError
+from drcli.base.processes import handle, restore
+from drcli.outside.car.car_address import CarError, CarRefused, NotLoggedIn
+from drcli.outside.car.car_models import LOADED, LOADING, loading_state
+from drcli.outside.car.car_web import CarWeb
+
+STOP_ATTEMPTS = 3
+STOP_TIMEOUT_S = 5.0
+WATCH_S = 3.0
+_BY_HAND = "Stop the car by hand: lift it, and switch it off."
+
+
+@dataclass(frozen=True)
+class CarSpeed:
+    """The limit of the throttle.
+
+    Attributes:
+        car: Address of the car.
+        percent: The limit, 0 to 100.
+    """
+
+    car: str
+    percent: int
+
+
+@dataclass(frozen=True)
+class CarDrive:
+    """A drive, or its end.
+
+    Attributes:
+        car: Address of the car.
+        driving: Whether the car still drives, because the command did not wait.
+        seconds: How long it drove; None if unknown.
+        interrupted: Whether Ctrl-C or another signal ended it.
+    """
+
+    car: str
+    driving: bool
+    seconds: float | None = None
+    interrupted: bool = False
+
+
+def set_speed(car: CarWeb, percent: int) -> CarSpeed:
+    """Limit the throttle until the car restarts.
+
+    Raises:
+        SettingsError: It is not from 0 to 100; the car would take it unchecked.
+    """
+    if not 0 <= percent <= 100:
+        raise SettingsError(
+            f"{percent} is not a speed limit in percent.", remedy="Give a number from 0 to 100."
+        )
+    car.put("/api/max_nav_throttle", {"throttle": percent}, action="limit its speed")
+    return CarSpeed(car.address.place, percent)
+
+
+def refuse_without_model(car: CarWeb) -> None:
+    """SettingsError if no model is loaded yet."""
+    state = loading_state(car)
+    if state == LOADING:
+        raise SettingsError(
+            f"The car {car.address.place} is still loading a model.",
+            remedy="Start it again in a few seconds.",
+        )
+    if state != LOADED:
+        raise SettingsError(
+            f"The car {car.address.place} has no model loaded.",
+            remedy="Load one with `dr-car load NAME`.",
+        )
+
+
+def stop(car: CarWeb) -> CarDrive:
+    """Stop the car at once, and again if it does not answer.
+
+    Raises:
+        CarError: It did not confirm.
+        NotLoggedIn: It has forgotten the login.
+    """
+    failure: CarError | None = None
+    for _ in range(STOP_ATTEMPTS):
+        try:
+            content = {"start_stop": "stop"}
+            car.put("/api/start_stop", content, action="stop", timeout_s=STOP_TIMEOUT_S)
+        except NotLoggedIn as e:
+            raise NotLoggedIn(
+                f"The car may still drive! {e}",
+                remedy="Lift the car and switch it off, or run `dr-car login` and `dr-car stop`.",
+            ) from e
+        except CarError as e:
+            failure = e
+        else:
+            return CarDrive(car.address.place, driving=False)
+    raise CarError(f"The car may still drive! {failure}", remedy=_BY_HAND) from failure
+
+
+def start(car: CarWeb) -> CarDrive:
+    """Leave the car driving; a failed start stops it.
+
+    Raises:
+        KeyboardInterrupt: A signal came; the car has stopped.
+        CarError: It failed.
+    """
+    _set_autonomous(car)
+    with _ending_signals() as signals:
+        try:
+            _start(car)
+        except BaseException:
+            # Without an answer, or after Ctrl-C, nobody knows whether it drives.
+            signals.raises = False
+            stop(car)
+            raise
+        signals.raises = False
+        if signals.ended.is_set():
+            stop(car)
+            raise KeyboardInterrupt
+    return CarDrive(car.address.place, driving=True)
+
+
+def drive(
+    car: CarWeb, *, seconds: float | None, warn: Callable[[str], None], say: Callable[[str], None]
+) -> CarDrive:
+    """Start the car, and stop it after the time, or at a signal.
+
+    The stop is sent whatever ends the wait, also at Ctrl-C.
+
+    Raises:
+        CarError: The car did not confirm start or stop.
+    """
+    _set_autonomous(car)
+    started_s = time.monotonic()
+    with _ending_signals() as signals:
+        try:
+            _start(car)
+            signals.raises = False
+            started_s = time.monotonic()
+            until = "" if seconds is None else f" for {seconds:g} s"
+            say(f"The car {car.address.place} drives{until}; Ctrl-C stops it.")
+            _watch(car, signals.ended, started_s, seconds, warn)
+        except KeyboardInterrupt:  # during the start
+            signals.ended.set()
+        finally:
+            signals.raises = False
+            stop(car)
+    driven_s = round(time.monotonic() - started_s, 1)
+    return CarDrive(car.address.place, False, driven_s, signals.ended.is_set())
+
+
+def _set_autonomous(car: CarWeb) -> None:
+    car.put("/api/drive_mode", {"drive_mode": "auto"}, action="change to autonomous driving")
+
+
+def _start(car: CarWeb) -> None:
+    car.put("/api/start_stop", {"start_stop": "start"}, action="start")
+
+
+def _watch(
+    car: CarWeb,
+    ended: threading.Event,
+    started_s: float,
+    seconds: float | None,
+    warn: Callable[[str], None],
+) -> None:
+    reachable = True
+    end_s = inf if seconds is None else started_s + seconds
+    while not ended.wait(max(0.0, min(WATCH_S, end_s - time.monotonic()))):
+        if time.monotonic() >= end_s:
+            return
+        try:
+            car.find("/api/get_battery_level", action="tell its battery level")
+            reachable = True
+        except CarRefused:  # a battery that is not connected
+            reachable = True
+        except DrError as e:
+            if reachable:
+                warn(f"The car may not stop when asked to: {e} {_BY_HAND}")
+            reachable = False
+
+
+@dataclass
+class _Signals:
+    raises: bool = True
+    ended: threading.Event = field(default_factory=threading.Event)
+
+    def handle(self, _number: int, _frame: FrameType | None) -> None:
+        self.ended.set()
+        if self.raises:
+            self.raises = False
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def _ending_signals() -> Iterator[_Signals]:
+    signals = _Signals()
+    if threading.current_thread() is not threading.main_thread():
+        yield signals
+        return
+    before = handle(signals.handle)
+    try:
+        yield signals
+    finally:
+        restore(before)
+
+
+# What a car says about itself.
+
+
+Software = Literal["original", "community"]
+
+
+@dataclass(frozen=True)
+class CarStatus:
+    """The state of a car; None and empty for what it does not say.
+
+    Attributes:
+        car: Address of the car.
+        software: original or community; only the community's software can list its requests.
+        software_version: Of the car's core package.
+        hardware_version: Of the car.
+        battery_level: As the car counts it, not in percent.
+        sensors: State by sensor, such as connected.
+        model_state: loaded, loading, or another word of the car.
+        metrics: Measured by the community's software: load and temperature of the processor, free
+            disk, frames per second, latency.
+    """
+
+    car: str
+    software: Software
+    software_version: str | None
+    hardware_version: str | None
+    battery_level: float | None
+    sensors: dict[str, str] = field(default_factory=dict)
+    model_state: str | None = None
+    metrics: dict[str, float] = field(default_factory=dict)
+
+
+def read_status(car: CarWeb) -> CarStatus:
+    """Ask a car for everything.
+
+    Raises:
+        NotLoggedIn: The login has expired.
+        CarError: The car cannot be reached.
+    """
+    apis = car.find("/api/supported_apis", action="list its requests")
+    device = _asked(car, "/api/get_device_info", "describe itself")
+    battery = _asked(car, "/api/get_battery_level", "tell its battery level")
+    sensors = _asked(car, "/api/get_sensor_status", "tell the state of its sensors")
+    metrics = {}
+    if apis is not None:
+        metrics = _asked(car, "/api/get_device_status", "measure itself")
+    level = _numbers(battery).get("battery_level", -1.0)
+    return CarStatus(
+        car=car.address.place,
+        software="original" if apis is None else "community",
+        software_version=_text(device.get("software_version")),
+        hardware_version=_text(device.get("hardware_version")),
+        battery_level=level if level >= 0 else None,
+        sensors={
+            name: str(sensors[key])
+            for name, key in {
+                "camera": "camera_status",
+                "stereo": "stereo_status",
+                "lidar": "lidar_status",
+            }.items()
+            if sensors.get(key)
+        },
+        model_state=_state(car),
+        metrics=_numbers(metrics),
+    )
+
+
+def _asked(car: CarWeb, path: str, action: str) -> dict[str, Any]:
+    try:
+        answer = car.find(path, action=action)
+    except CarRefused:
+        return {}
+    return answer if isinstance(answer, dict) else {}
+
+
+def _state(car: CarWeb) -> str | None:
+    try:
+        return loading_state(car) or None
+    except CarError:
+        return None
+
+
+def _text(value: object) -> str | None:
+    return str(value) if value not in (None, "") else None
+
+
+def _numbers(answer: dict[str, Any]) -> dict[str, float]:
+    return {
+        key: value
+        for key, value in answer.items()
+        if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    }

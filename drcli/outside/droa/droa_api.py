@@ -1,0 +1,283 @@
+"""The interface of DeepRacer on AWS for programs.
+
+Failed calls raise StorageError.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+from urllib.parse import quote, urlencode
+
+from drcli.base.errors import SettingsError, StorageError, shown
+from drcli.outside.droa.droa_session import DroaSession, Keys
+from drcli.outside.web_request import Pause, Web
+
+if TYPE_CHECKING:
+    import requests
+
+# Models at DeepRacer on AWS.
+
+
+AssetType = Literal[
+    "TRAINING_LOGS", "EVALUATION_LOGS", "PHYSICAL_CAR_MODEL", "VIRTUAL_MODEL", "VIDEOS"
+]
+
+DELETABLE = ("READY", "ERROR")
+
+
+class NoSuchModel(SettingsError):
+    """The account has none of that id or name."""
+
+
+@dataclass(frozen=True)
+class RemoteModel:
+    """A model in the account; several can have the same name."""
+
+    model_id: str
+    name: str
+    status: str
+    training_status: str
+    created_at: str
+    values: Mapping[str, Any]
+
+    def text(self, *path: str) -> str:
+        value: Any = self.values
+        for key in path:
+            value = value.get(key) if isinstance(value, Mapping) else None
+        return "" if value is None or isinstance(value, dict | list) else str(value)
+
+    @property
+    def import_error(self) -> str:
+        return self.text("importErrorMessage")
+
+
+@dataclass(frozen=True)
+class Asset:
+    """May be unfinished."""
+
+    url: str
+    status: str
+
+
+def read_model(value: Any, place: str) -> RemoteModel:
+    if not isinstance(value, dict) or not isinstance(value.get("modelId"), str):
+        raise StorageError(
+            f"{place} lists a model without an id.",
+            remedy="Try again later; if it fails again, ask who runs that site.",
+        )
+
+    def text(key: str) -> str:
+        return "" if value.get(key) is None else str(value[key])
+
+    return RemoteModel(
+        model_id=value["modelId"],
+        name=text("name"),
+        status=text("status"),
+        training_status=text("trainingStatus"),
+        created_at=text("createdAt"),
+        values=value,
+    )
+
+
+_ID = re.compile(r"[A-Za-z0-9]{15}")
+_STALE_KEYS = re.compile(r"security token included in the request is (expired|invalid)", re.I)
+_MOST_PAGES = 1_000
+_LONGEST_MESSAGE = 300
+
+
+class Droa:
+    """For one user."""
+
+    def __init__(self, session: DroaSession, web: Web) -> None:
+        self.session = session
+        self.web = web
+
+    @property
+    def pause(self) -> Pause:
+        """Takes seconds."""
+        return self.web.pause
+
+    @property
+    def place(self) -> str:
+        return self.session.site.place
+
+    def models(self) -> list[RemoteModel]:
+        found = [read_model(item, self.place) for page in self._pages() for item in page]
+        return sorted(found, key=lambda model: model.created_at, reverse=True)
+
+    def model(self, model_id: str) -> RemoteModel:
+        """NoSuchModel if there is none."""
+        answer = self._call("GET", f"/models/{_checked(model_id)}", model=model_id)
+        return read_model(answer.get("model", answer), self.place)
+
+    def find(self, wanted: str) -> RemoteModel:
+        """By id or name; NoSuchModel without exactly one."""
+        if _ID.fullmatch(wanted):
+            try:
+                return self.model(wanted)
+            except NoSuchModel:  # a name may look like an id
+                pass
+        named = [model for model in self.models() if model.name == wanted]
+        if not named:
+            raise NoSuchModel(
+                f"There is no model {shown(wanted)} in your account at {self.place}.",
+                remedy="`droa-list-models` lists all ids and names.",
+            )
+        if len(named) > 1:
+            ids = ", ".join(model.model_id for model in named)
+            raise NoSuchModel(
+                f"Several models at {self.place} are called {shown(wanted)}: {ids}.",
+                remedy="Give the id of one of them.",
+            )
+        return self.model(named[0].model_id)
+
+    def import_model(self, path: str, name: str, description: str) -> str:
+        """Begin the import of a folder in the upload bucket; returns the model's id."""
+        body = {
+            "s3Bucket": self.session.site.upload_bucket,
+            "s3Path": path,
+            "modelName": name,
+            **({"modelDescription": description} if description else {}),
+        }
+        answer = self._call("POST", "/importmodel", body=body)
+        model_id = answer.get("modelId")
+        if not isinstance(model_id, str) or not model_id:
+            raise self._unexpected("an answer without modelId")
+        return model_id
+
+    def delete(self, model_id: str) -> None:
+        """Begin to delete a model."""
+        self._call("DELETE", f"/models/{_checked(model_id)}", model=model_id)
+
+    def asset(self, model_id: str, kind: AssetType, evaluation_id: str = "") -> Asset:
+        """The address of a model's file; NoSuchModel if there is none."""
+        query = {"assetType": kind, **({"evaluationId": evaluation_id} if evaluation_id else {})}
+        path = f"/models/{_checked(model_id)}/getasset"
+        answer = self._call("GET", path, query=query, model=model_id)
+        url, status = answer.get("url"), answer.get("status")
+        return Asset(url if isinstance(url, str) else "", str(status or ""))
+
+    def _pages(self) -> Iterator[list[Any]]:
+        token = ""
+        for _ in range(_MOST_PAGES):
+            answer = self._call("GET", "/models", query={"token": token} if token else {})
+            items = answer.get("models")
+            if not isinstance(items, list):
+                raise self._unexpected("an answer without models")
+            yield items
+            following = answer.get("token")
+            if not isinstance(following, str) or not following or following == token:
+                return
+            token = following
+
+    def _call(
+        self,
+        method: str,
+        path: str,
+        *,
+        query: Mapping[str, str] | None = None,
+        body: Mapping[str, str] | None = None,
+        model: str = "",
+    ) -> Mapping[str, Any]:
+        url = self.session.site.api_endpoint + path
+        if query:
+            url += "?" + urlencode(query, quote_via=quote)
+        data = b"" if body is None else json.dumps(body).encode()
+        answer = self._send(method, url, data, self.session.keys())
+        if answer.status_code in (401, 403) and _STALE_KEYS.search(answer.text):
+            answer = self._send(method, url, data, self.session.renew())
+        return self._read(answer, model)
+
+    def _send(self, method: str, url: str, data: bytes, keys: Keys) -> "requests.Response":
+        site = self.session.site
+
+        def make() -> "requests.Request":
+            return _signed(method, url, data, keys, site.region, site.url)
+
+        return self.web.send(make, repeat=method == "GET")
+
+    def _read(self, answer: "requests.Response", model: str) -> Mapping[str, Any]:
+        status = answer.status_code
+        message = _message(answer)
+        if status == 404 and model:
+            raise NoSuchModel(
+                f"{self.place} has no {shown(model)} for you: {message or 'not found'}.",
+                remedy="`droa-list-models` lists your models.",
+            )
+        if status >= 400:
+            raise StorageError(
+                f"{self.place} answered {status}: {message or answer.reason or 'no reason'}.",
+                remedy=_remedy(status),
+            )
+        if status == 204 or not answer.content.strip():
+            return {}
+        try:
+            values = answer.json()
+        except (ValueError, RecursionError):
+            values = None
+        if status >= 300 or not isinstance(values, dict):
+            raise self._unexpected(f"{status} and no JSON object")
+        return values
+
+    def _unexpected(self, what: str) -> StorageError:
+        return StorageError(
+            f"{self.session.site.api_endpoint} is not the interface of DeepRacer on AWS: it gave "
+            f"{what}.",
+            remedy="Check apiEndpointUrl in env.js of that site, or --api-endpoint.",
+        )
+
+
+def _signed(
+    method: str, url: str, data: bytes, keys: Keys, region: str, origin: str
+) -> "requests.Request":
+    """AWS signature version 4 for API Gateway."""
+    import requests
+    from botocore.auth import SigV4Auth
+    from botocore.awsrequest import AWSRequest
+    from botocore.credentials import Credentials
+
+    headers = {"Accept": "application/json"}
+    if data:
+        headers["Content-Type"] = "application/json"
+    if origin:  # as the web page sends them
+        headers |= {"Origin": origin, "Referer": f"{origin}/"}
+    signed = AWSRequest(method=method, url=url, data=data, headers=headers)
+    credentials = Credentials(keys.access_key, keys.secret_key, keys.session_token)
+    SigV4Auth(credentials, "execute-api", region).add_auth(signed)
+    return requests.Request(method, url, headers=dict(signed.headers), data=data)
+
+
+def _checked(model_id: str) -> str:
+    if not _ID.fullmatch(model_id):
+        raise NoSuchModel(
+            f"{shown(model_id)} is not the id of a model: 15 letters and digits.",
+            remedy="`droa-list-models` lists your models with their ids.",
+        )
+    return model_id
+
+
+def _message(answer: "requests.Response") -> str:
+    try:
+        values = answer.json()
+    except (ValueError, RecursionError):
+        return ""
+    found = ""
+    if isinstance(values, dict):
+        found = str(values.get("message") or values.get("Message") or values.get("error") or "")
+    text = " ".join(found.split())
+    return text[:_LONGEST_MESSAGE].rstrip(".")
+
+
+def _remedy(status: int) -> str:
+    if status in (401, 403):
+        return (
+            "Run `droa-login` again; if that does not help, check the clock of this machine, and "
+            "ask who runs that site whether your account may do this."
+        )
+    if status == 429:
+        return "Wait a minute, and try again."
+    if status >= 500:
+        return "Try again later; if it fails again, ask who runs that site to look at its logs."
+    return "Correct what it names, and try again."

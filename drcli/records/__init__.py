@@ -1,0 +1,1 @@
+"""What machines write: records in the bucket and between processes, and their encoding."""

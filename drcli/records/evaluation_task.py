@@ -1,0 +1,247 @@
+"""One of several evaluations that share worker processes, and its outcome."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from statistics import fmean
+from typing import Any, Literal
+
+from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
+from drcli.records.episode_metrics import TrialMetrics
+
+# What drives a racer of an evaluation, and which engine.
+
+
+Runtime = Literal["torch", "pb", "onnx", "openvino", "tflite"]
+"""PyTorch, our interpreter of frozen graphs, onnxruntime, OpenVINO, TensorFlow Lite."""
+
+
+@dataclass(frozen=True)
+class PolicySource:
+    """A checkpoint of a model in the bucket, or a file here.
+
+    Attributes:
+        runtime: None: PyTorch, or a file's own engine.
+        metadata: model_metadata.json; None if beside or inside the file.
+        sha256: Of the checked file, so that no other drives.
+    """
+
+    runtime: Runtime | None = None
+    file: Path | None = None
+    metadata: Path | None = None
+    sha256: str = ""
+
+
+# How far a policy gets with each of the simulator's cars.
+
+
+TRIALS_FILE = "cars.json"
+
+
+@dataclass(frozen=True)
+class CarTrial:
+    """What one car achieved.
+
+    Attributes:
+        car: Name of the set, a value of DR_SIM_CAR.
+        laps: Starts that completed a full lap.
+        starts: All starts.
+        mean_progress: Percent of the lap.
+        lap_times_s: Of the full laps, simulated seconds.
+    """
+
+    car: str
+    laps: int
+    starts: int
+    mean_progress: float
+    lap_times_s: list[float]
+
+
+@dataclass(frozen=True)
+class CarTrials:
+    """What all cars achieved.
+
+    Attributes:
+        world: The track.
+        cars: One trial for each car.
+        best: The car that suits the model: that of the settings, unless another completes more laps
+            than by chance.
+        present: The car of the settings.
+    """
+
+    world: str
+    cars: list[CarTrial]
+    best: str
+    present: str
+
+
+@dataclass(frozen=True)
+class _File:
+    cars: list[CarTrial]
+
+
+def encode_trials(trials: Sequence[CarTrial]) -> bytes:
+    cars: list[dict[str, Any]] = [asdict(trial) for trial in trials]
+    return json.dumps({"cars": cars}, allow_nan=False).encode()
+
+
+def decode_trials(data: bytes) -> list[CarTrial]:
+    found = from_json(_File, parse_json(data)).cars
+    if not found:
+        raise RecordError("it has no cars")
+    return found
+
+
+# How a model drives under each disturbance, and one number.
+
+
+NOMINAL_AXIS = "none"
+
+
+@dataclass(frozen=True)
+class RobustCell(JsonRecord):
+    """All trials under one level of one disturbance.
+
+    Attributes:
+        axis: What is disturbed, such as "latency".
+        level: How far, such as "0.1 s".
+        trials: Laps tried, each from another start.
+        completed: Laps completed without leaving the track or crashing.
+        progress: Mean percent of the lap before the first violation.
+        lap_s: Mean time of completed laps, simulated seconds; None without one.
+        ended_by: How most other trials ended, such as "Off track"; empty without others.
+    """
+
+    axis: str
+    level: str
+    trials: int
+    completed: int
+    progress: float
+    lap_s: float | None
+    ended_by: str = ""
+
+
+@dataclass(frozen=True)
+class RobustResult(JsonRecord):
+    """A robust evaluation of one model on one track.
+
+    Attributes:
+        prefix: Model prefix in the bucket.
+        checkpoint: Name of the checkpoint or file that drove.
+        world: The track.
+        seed: The same seed gives the same trials.
+        cells: Axis by axis, from the nominal trials on.
+        seconds: How long the driving took.
+    """
+
+    prefix: str
+    checkpoint: str
+    world: str
+    seed: int
+    cells: list[RobustCell]
+    seconds: float
+
+    @property
+    def axis_scores(self) -> dict[str, float]:
+        """Mean progress over the levels, percent."""
+        axes = dict.fromkeys(cell.axis for cell in self.cells)
+        return {
+            axis: round(fmean(cell.progress for cell in self.cells if cell.axis == axis), 2)
+            for axis in axes
+        }
+
+    @property
+    def robust_score(self) -> float:
+        """0 to 100: mean of the axes' scores."""
+        return robust_score(self.cells)
+
+    @property
+    def broken_by(self) -> list[str]:
+        """Levels with at most half as many completed laps as without disturbance."""
+        nominal = [cell for cell in self.cells if cell.axis == NOMINAL_AXIS]
+        share = fmean(cell.completed / cell.trials for cell in nominal) if nominal else 0.0
+        return [
+            f"{cell.axis} {cell.level}"
+            for cell in self.cells
+            if share > 0.0 and cell.completed / cell.trials <= share / 2
+        ]
+
+
+def robust_score(cells: Sequence[RobustCell]) -> float:
+    """Mean over axes of mean progress over levels, 0 to 100."""
+    axes: dict[str, list[float]] = {}
+    for cell in cells:
+        axes.setdefault(cell.axis, []).append(cell.progress)
+    return round(fmean(fmean(levels) for levels in axes.values()), 2)
+
+
+@dataclass(frozen=True)
+class EvaluationTask:
+    """A model to evaluate on a track.
+
+    Attributes:
+        source: May name a file instead of the checkpoint.
+        robust: Drive the grid of disturbances.
+        fresh_laps: Laps from fresh starts instead; 0: none.
+    """
+
+    number: int
+    prefix: str
+    metrics_prefix: str
+    checkpoint: str
+    world: str
+    stamp: str
+    source: PolicySource = field(default_factory=PolicySource)
+    robust: bool = False
+    fresh_laps: int = 0
+
+    @property
+    def outcome_file(self) -> str:
+        return f"outcome-{self.number}.json"
+
+
+@dataclass(frozen=True)
+class TaskOutcome(JsonRecord):
+    """What came of a task; `reason` says why nothing could be driven."""
+
+    trials: list[TrialMetrics] = field(default_factory=list)
+    robust: RobustResult | None = None
+    notes: list[str] = field(default_factory=list)
+    reason: str = ""
+    remedy: str = ""
+    code: int = 0
+
+
+# What a trace does not tell about an evaluation, to film it later.
+
+
+@dataclass(frozen=True)
+class RecordedObjects(JsonRecord):
+    """What stood and drove around the car in one episode of a trace.
+
+    Attributes:
+        poses: x and y in metres, yaw in radians, by row of the episode and object; a single row if
+            nothing moved.
+    """
+
+    episode: int
+    poses: list[list[list[float]]]
+
+
+@dataclass(frozen=True)
+class RaceRecording(JsonRecord):
+    """What a film needs besides a trace; `shapes` are of `drsim.race.solids.SHAPES`."""
+
+    world: str
+    reverse: bool
+    race_type: str
+    model: str
+    checkpoint: str
+    racer: str
+    color: str
+    shapes: list[str] = field(default_factory=list)
+    episodes: list[RecordedObjects] = field(default_factory=list)
+    other_color: str = ""
+    off_track_penalty_s: float | None = None
+    collision_penalty_s: float | None = None

@@ -1,0 +1,166 @@
+"""How well checkpoints drive, and `deepracer_checkpoints.json`."""
+
+import json
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
+from drcli.records.checkpoint import checkpoint_name
+from drcli.records.iteration import Laps
+
+JudgedWorld = Literal["training", "evaluation", "both"]
+
+
+@dataclass(frozen=True)
+class EvaluationEpisodes:
+    """Driven to the first violation; progress in percent, `lap_s` of clean laps."""
+
+    progress: list[float]
+    reward: list[float]
+    lap_s: list[float]
+
+    def __post_init__(self) -> None:
+        if not self.progress or len(self.reward) != len(self.progress):
+            raise RecordError("an evaluation needs one progress and one reward for each episode")
+        if len(self.lap_s) > len(self.progress):
+            raise RecordError("an evaluation has more laps than episodes")
+
+    @property
+    def laps(self) -> Laps:
+        return Laps(len(self.progress), self.lap_s)
+
+    @property
+    def mean_progress(self) -> float:
+        return sum(self.progress) / len(self.progress)
+
+    def and_again(self, other: "EvaluationEpisodes | None") -> "EvaluationEpisodes":
+        if other is None:
+            return self
+        return EvaluationEpisodes(
+            [*self.progress, *other.progress],
+            [*self.reward, *other.reward],
+            [*self.lap_s, *other.lap_s],
+        )
+
+
+@dataclass(frozen=True)
+class SecondEvaluation(EvaluationEpisodes):
+    world: str
+
+
+@dataclass(frozen=True)
+class EvaluationResult(JsonRecord):
+    """The evaluation of one checkpoint: worker 0 writes it, the trainer reads it.
+
+    Attributes:
+        progress: Percent of each; never empty.
+        lap_s: Completed laps, simulated seconds.
+        steering_per_m: Changes of the steering's side.
+        rollbacks: Before the checkpoint.
+        confirms: Laps to drive again from other starts, because these may end the training or make
+            it the best.
+    """
+
+    checkpoint: str
+    progress: list[float]
+    reward: list[float]
+    lap_s: list[float]
+    steering_per_m: float | None = None
+    rollbacks: int = 0
+    second: SecondEvaluation | None = None
+    confirms: int = 0
+    confirmation: EvaluationEpisodes | None = None
+
+    def __post_init__(self) -> None:
+        checkpoint_name(self.checkpoint)
+        _ = self.first  # checks the lists
+
+    @property
+    def first(self) -> EvaluationEpisodes:
+        return EvaluationEpisodes(self.progress, self.reward, self.lap_s)
+
+    def on(self, world: JudgedWorld) -> EvaluationEpisodes:
+        """All episodes on these tracks, as if one track.
+
+        Of both, as many of each, so without what was driven again.
+        """
+        if self.second is None or world == "training":
+            return self.first.and_again(self.confirmation)
+        return self.second if world == "evaluation" else self.first.and_again(self.second)
+
+
+NOT_EVALUATED = -1.0
+
+
+@dataclass(frozen=True)
+class Score:
+    """`time_stamp` is simulated seconds; older tools leave out unknown values."""
+
+    name: str
+    avg_eval_metric: float | None = None
+    time_stamp: float = 0.0
+    episodes: EvaluationEpisodes | None = None
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The best checkpoint and the newest, as in the file.
+
+    Some tools split its text instead of reading JSON, so our own key comes last.
+    """
+
+    best_checkpoint: Score
+    last_checkpoint: Score
+
+    def metric_of(self, name: str) -> float | None:
+        known = (self.best_checkpoint, self.last_checkpoint)
+        return next((score.avg_eval_metric for score in known if score.name == name), None)
+
+    def encode(self) -> bytes:
+        best, last = _entry(self.best_checkpoint), _entry(self.last_checkpoint)
+        entries = {"best_checkpoint": best, "last_checkpoint": last}
+        return _file(entries, self.best_checkpoint)
+
+    @staticmethod
+    def decode(data: bytes) -> "Scores":
+        """RecordError without a best and a last checkpoint."""
+        file = parse_json(data)
+        scores = from_json(Scores, file)
+        for score in (scores.best_checkpoint, scores.last_checkpoint):
+            checkpoint_name(score.name)
+        episodes = from_json(_OwnKeys, file).best_episodes
+        best = replace(scores.best_checkpoint, episodes=episodes)
+        return Scores(_known_metric(best), _known_metric(scores.last_checkpoint))
+
+
+def _known_metric(score: Score) -> Score:
+    if score.avg_eval_metric == NOT_EVALUATED and score.episodes is None:
+        return replace(score, avg_eval_metric=None)
+    return score
+
+
+def encode_single(score: Score) -> bytes:
+    """The file of a single checkpoint, the last one first.
+
+    Older tools call the metric `avg_comp_pct`, and want a number before an evaluation too.
+    """
+    entry = _entry(score)
+    metric = score.avg_eval_metric
+    entry["avg_comp_pct"] = NOT_EVALUATED if metric is None else metric
+    return _file({"last_checkpoint": entry, "best_checkpoint": entry}, score)
+
+
+@dataclass(frozen=True)
+class _OwnKeys:
+    best_episodes: EvaluationEpisodes | None = None
+
+
+def _entry(score: Score) -> dict[str, Any]:
+    entry = asdict(score)
+    del entry["episodes"]
+    return entry
+
+
+def _file(entries: dict[str, Any], best: Score) -> bytes:
+    own = {} if best.episodes is None else asdict(_OwnKeys(best.episodes))
+    return json.dumps({**entries, **own}, allow_nan=False).encode()

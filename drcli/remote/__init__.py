@@ -1,1 +1,0 @@
-"""DeepRacer on AWS, and the physical car."""

@@ -1,0 +1,1 @@
+"""Places worker processes with Ray."""

@@ -1,0 +1,158 @@
+"""Keeps a training's record, and never ends it."""
+
+import secrets
+import socket
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+
+from drcli.base import errors
+from drcli.base.errors import DrError, OwnershipLost
+from drcli.base.log import get_logger
+from drcli.bucket.bucket import Bucket
+from drcli.config.settings import Settings
+from drcli.model.history import HistoryReader
+from drcli.model.repair import Model
+from drcli.model.training_records import (
+    read_spending,
+    read_training,
+    with_end,
+    with_spending,
+    write_training,
+)
+from drcli.records.job import Job
+from drcli.records.training_record import RunOutcome, StartSpending, TrainingRecord, TrainingStart
+from drcli.run.cost import Cost
+from drcli.run.duty import Duty, RunningTraining
+from drcli.run.outcome import Ending
+from drcli.run.periodic import Periodic, within
+from drcli.transfer.record_training import (
+    NewStart,
+    known_training,
+    record_start,
+    settle,
+    training_id,
+    with_results,
+)
+
+_logger = get_logger(__name__)
+
+UPDATE_S = 300.0
+"""A vanishing machine loses so much."""
+
+END_PATIENCE_S = 4.0
+
+
+class StartRecorder:
+    def __init__(self, model: Model, settings: Settings) -> None:
+        self._model = model
+        self._settings = settings
+        self._known: TrainingRecord | None = None
+
+    def prepare(self, before: TrainingStart | None, *, resumes: bool) -> str:
+        """Complete the record of a training that is deleted or begun anew."""
+        prefix = self._model.prefix
+        try:
+            if resumes:
+                self._known = known_training(self._model.bucket, self._model, before)
+                return self._known.id
+            settle(self._model, gone=True)
+        except DrError as error:
+            _warn("of the training before", error)
+        return training_id(prefix, before) if resumes else secrets.token_hex(4)
+
+    def record(
+        self,
+        start: TrainingStart,
+        outcome: RunOutcome,
+        resumes: str | None,
+        previous: RunOutcome | None,
+        inputs: Mapping[str, str],
+    ) -> str:
+        """The id of the training; empty if nothing could be written."""
+        new = NewStart(self._settings, start, outcome, resumes, previous, inputs)
+        try:
+            return record_start(self._model.bucket, new, self._known).id
+        except DrError as error:
+            _warn("of this training", error)
+            return ""
+
+
+class RecordKeeping(Duty):
+    name = "training record"
+
+    def __init__(self, job: Job, cost: Cost) -> None:
+        self._job = job
+        self._cost = cost
+        self._run: RunningTraining | None = None
+        self._bucket: Bucket | None = None
+        self._record: TrainingRecord | None = None
+        self._spent: dict[str, StartSpending] = {}
+        self._reader = HistoryReader()
+        self._thread = Periodic(self.name, self.update, UPDATE_S)
+
+    def start(self, run: RunningTraining) -> None:
+        if self._job.training:
+            self._run = run
+            self._thread.start()
+
+    def finish(self, ending: Ending) -> None:
+        if self._run is None:
+            return
+        outcome = ending.outcome
+        begun = self._job.begun or RunOutcome(self._job.session, socket.gethostname(), 0.0, 0.0)
+        ended = replace(
+            begun,
+            state=outcome.state,
+            code=outcome.code,
+            message=outcome.message,
+            ended_at=time.time(),
+        )
+        patience_s = min(END_PATIENCE_S, ending.left_s(0.2))
+        last = self._thread.ask
+        within(
+            patience_s, lambda: last(lambda: self._write(ended)).wait(patience_s), ending.hurried
+        )
+        self._thread.stop()
+
+    def leave(self, ending: Ending) -> None:
+        self._thread.stop()
+
+    def update(self) -> None:
+        """DrError if the bucket refuses."""
+        self._write(None)
+
+    def _write(self, ended: RunOutcome | None) -> None:
+        assert self._run is not None
+        self._bucket = self._bucket or self._run.open_bucket()
+        bucket, config = self._bucket, self._job.config.model
+        model = Model.of(config, bucket, config.prefix)
+        if self._record is None:
+            self._record = read_training(bucket, config.prefix, self._job.training)
+            if self._record is None:
+                return  # somebody has deleted it
+            self._spent = read_spending(bucket, config.prefix)
+        record = with_results(self._record, model, self._reader)
+        record = with_spending(record, {**self._spent, self._job.session: self._own_spending()})
+        if ended is not None:
+            record = with_end(record, ended)
+        write_training(bucket, record)
+        self._record = record
+
+    def _own_spending(self) -> StartSpending:
+        price = self._cost.spending.usd_per_hour
+        usd = self._cost.own_usd
+        priced = price is not None or usd > 0.0
+        return StartSpending(
+            self._job.session,
+            socket.gethostname(),
+            self._cost.own_hours,
+            usd if priced else None,
+            price,
+        )
+
+
+def _warn(what: str, error: DrError) -> None:
+    if isinstance(error, OwnershipLost):
+        raise error
+    errors.warn(f"The record {what} could not be written: {error} {error.remedy}")

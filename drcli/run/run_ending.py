@@ -1,0 +1,245 @@
+"""The end of a run: stops its workers, saves what is left, and records the outcome.
+
+The machine may vanish at any moment: first comes the outcome, then the newest checkpoint, which
+the trainer still uploads. The lease is renewed until the end.
+"""
+
+import logging
+import signal
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+
+from drcli.base.errors import DrError, OwnershipLost, StorageError, WorkerDied
+from drcli.base.installation import installation_error
+from drcli.base.log import get_logger
+from drcli.bucket.bucket import Bucket
+from drcli.model import lease
+from drcli.model.model_prefix import delete_unlearned, newest_checkpoint
+from drcli.model.training_state import write_outcome
+from drcli.records.job import Job, WorkerExit
+from drcli.records.training_record import RunOutcome
+from drcli.run.duty import Duty, attempt
+from drcli.run.journal import Journal
+from drcli.run.outcome import INTERRUPTED, Ending, Outcome
+from drcli.run.periodic import Periodic, within
+from drcli.run.run_logs import LogUpload
+from drcli.run.worker_processes import Child, stop_workers
+
+_logger = get_logger(__name__)
+
+EXIT_S = 10.0
+LOOK_PATIENCE_S, LOGS_PATIENCE_S, RELEASE_PATIENCE_S = 2.0, 9.0, 2.0
+"""A stopped process has 30 s."""
+
+HURRIED_EXIT_S, LAST_LOGS_S = 20.0, 20.0
+"""With 5 MB/s, the state of an optimizer takes 9 s."""
+
+RECORD_PATIENCE_S = 2.0
+EXIT_SHARE, LOGS_SHARE = 0.35, 0.3
+"""Of a limited time."""
+
+
+class RunEnding:
+    def __init__(
+        self,
+        job: Job,
+        bucket: Bucket,
+        *,
+        open_bucket: Callable[[], Bucket],
+        children: Sequence[Child],
+        duties: Sequence[Duty],
+        journal: Journal,
+        logs: LogUpload,
+        lease_thread: Periodic,
+        hurried: Callable[[], bool],
+    ) -> None:
+        self._job = job
+        self._prefix = job.config.model.prefix
+        self._bucket = bucket
+        self._open_bucket = open_bucket
+        self._children = children
+        self._duties = duties
+        self._journal = journal
+        self._logs = logs
+        self._lease = lease_thread
+        self._hurried = hurried
+        self._silent = False
+        self._wanted: RunOutcome | None = None
+        self._records: Bucket | None = None
+        self._writing = threading.Lock()
+
+    def end(self, outcome: Outcome) -> tuple[Outcome, Ending]:
+        """Returns the outcome with its remedy, and the ending for `Duty.leave`."""
+        lost = outcome.code == OwnershipLost.code
+        deadline_s = None
+        if outcome.save_within_s is not None:
+            deadline_s = time.monotonic() + outcome.save_within_s
+        _logger.info("Stopping; waiting for the workers to exit.")
+        if not lost and outcome.state != "finished":
+            # A successor can go on from here, whatever comes next. Meanwhile the workers exit.
+            self._record(outcome, (), wait_s=0.0)
+        for child in stop_workers(self._children, 0.0 if lost else self._exit_s(outcome)):
+            _logger.warning("%s did not exit in time and was killed.", child.name)
+        if outcome.state == "stopped":
+            outcome = replace(outcome, remedy=self._how_to_continue())
+        ending = Ending(outcome, self._duties_end_s(deadline_s), self._hurried, self._job.end_work)
+        level = logging.ERROR if outcome.state == "failed" else logging.INFO
+        _logger.log(level, "%s", f"{outcome.message} {outcome.remedy}".rstrip())
+        if not lost and not self._silent:
+            self._save(outcome, ending)
+            outcome = self._with_results(outcome)
+            ending = replace(ending, outcome=outcome)
+        if not lost:
+            self._logs.finish(self._logs_s(deadline_s), self._hurried)
+        self._lease.stop(wait_s=1.0)  # or it might write the lease after its release
+        if not lost and not self._silent:
+            within(RELEASE_PATIENCE_S, self._release, self._hurried)
+        return outcome, ending
+
+    def _exit_s(self, outcome: Outcome) -> float:
+        if outcome.save_within_s is None:
+            return EXIT_S
+        return min(HURRIED_EXIT_S, EXIT_SHARE * outcome.save_within_s)
+
+    def _duties_end_s(self, deadline_s: float | None) -> float | None:
+        if deadline_s is None:
+            return None
+        left_s = max(0.0, deadline_s - time.monotonic())
+        return deadline_s - min(LAST_LOGS_S, LOGS_SHARE * left_s) - RELEASE_PATIENCE_S
+
+    def _logs_s(self, deadline_s: float | None) -> float:
+        if self._silent:
+            return 0.0
+        if deadline_s is None:
+            return LOGS_PATIENCE_S
+        left_s = deadline_s - time.monotonic() - RELEASE_PATIENCE_S
+        return min(LAST_LOGS_S, max(1.0, left_s))
+
+    def _save(self, outcome: Outcome, ending: Ending) -> None:
+        text = f"{outcome.message} {outcome.remedy}".rstrip()
+        facts: dict[str, object] = {}
+        for duty in self._duties:
+            facts |= attempt(duty, duty.end_facts) or {}
+        self._journal.note("end", text, state=outcome.state, code=outcome.code, **facts)
+        self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
+        if outcome.state == "finished":
+            with suppress(DrError):  # they are deleted with the model at the latest
+                delete_unlearned(self._bucket, self._prefix)
+        for duty in self._duties:
+            attempt(duty, partial(duty.finish, ending))
+        self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
+        self._journal.finish(RECORD_PATIENCE_S, self._hurried)
+
+    def _with_results(self, outcome: Outcome) -> Outcome:
+        """Told only now, because some of it may have failed."""
+        for duty in self._duties:
+            result = attempt(duty, duty.end_result)
+            if result is not None:
+                outcome = replace(
+                    outcome,
+                    code=outcome.code or result.code,
+                    message=f"{outcome.message} {result.message}".lstrip(),
+                    remedy=f"{outcome.remedy} {result.remedy}".strip(),
+                    complete=True,
+                )
+        return outcome
+
+    def _left(self, ending: Ending) -> tuple[str, ...]:
+        if ending.outcome.state != "finished":
+            return ()
+        found = (attempt(duty, partial(duty.left, ending)) or () for duty in self._duties)
+        return tuple(name for names in found for name in names)
+
+    def _record(self, outcome: Outcome, left: tuple[str, ...], wait_s: float) -> None:
+        record = self._outcome(outcome, left)
+        known = self._wanted and replace(self._wanted, ended_at=record.ended_at)
+        if record == known:
+            return
+        self._wanted = record
+
+        def write() -> None:
+            with self._writing:
+                if record is not self._wanted:
+                    return  # a newer one waits
+                try:
+                    self._records = self._records or self._open_bucket()
+                    write_outcome(self._records, self._prefix, record)
+                except DrError as error:
+                    _logger.warning("The outcome could not be recorded in the bucket: %s", error)
+
+        within(wait_s, write, self._hurried)
+
+    def _outcome(self, outcome: Outcome, left: tuple[str, ...]) -> RunOutcome:
+        now = time.time()
+        begun = self._job.begun or RunOutcome(self._job.session, "", now, now)
+        return replace(
+            begun,
+            state=outcome.state,
+            code=outcome.code,
+            message=outcome.message,
+            # That of a stop is known only when the workers have exited.
+            remedy=outcome.remedy if outcome.code == INTERRUPTED else "",
+            ended_at=now,
+            stays_ended=outcome.stays_ended,
+            left=left,
+        )
+
+    def _release(self) -> None:
+        with suppress(DrError):
+            lease.release(self._bucket, self._prefix, self._job.session)
+
+    def _how_to_continue(self) -> str:
+        found: list[bool] = []
+
+        def look() -> None:
+            with suppress(DrError):
+                newest = newest_checkpoint(self._bucket, self._prefix)
+                found.append(newest is not None)
+
+        within(LOOK_PATIENCE_S, look, self._hurried)
+        self._silent = not found  # then nothing else is asked from the bucket
+        learned = not found or found[0]  # if unknown, a resume finds out
+        option = "--resume" if learned else "-w"
+        return f"{'Continue' if learned else 'Start again'} with `dr-start-training {option}`."
+
+
+# Decides when a worker that dies again and again ends the run.
+
+
+CRASHES: dict[int, str] = {
+    signal.SIGSEGV: "a memory fault (signal SIGSEGV)",
+    signal.SIGBUS: "a memory fault (signal SIGBUS)",
+    signal.SIGILL: "an unknown instruction (signal SIGILL)",
+    signal.SIGFPE: "an arithmetic fault (signal SIGFPE)",
+    signal.SIGABRT: "an abort (signal SIGABRT)",
+}
+CRASH_S = 600.0
+"""Until it reaches the same place."""
+
+QUICK_DEATH_S = 20.0
+MAX_QUICK_DEATHS = 3
+MAX_QUICK_KILLS = 25
+
+
+def died_too_often(
+    child: Child, code: int, lived_s: float, words: WorkerExit | None
+) -> Outcome | None:
+    crash = CRASHES.get(-code)
+    quick = lived_s < (QUICK_DEATH_S if crash is None else CRASH_S)
+    child.quick_deaths = child.quick_deaths + 1 if quick else 0
+    lost = words is not None and words.lost
+    own_fault = (code > 0 or crash is not None) and not lost
+    if child.quick_deaths <= (MAX_QUICK_DEATHS if own_fault else MAX_QUICK_KILLS):
+        return None
+    died = f"{child.name} died {child.quick_deaths} times in a row:"
+    if words is None:
+        if broken := installation_error():
+            return Outcome(broken.code, f"{died} {broken}", broken.remedy)
+        remedy = f"Read the reason with `dr-logs {child.name}`."
+        return Outcome(WorkerDied.code, f"{died} {crash or f'exit code {code}'}.", remedy)
+    exit_code = words.code if words.code == StorageError.code else WorkerDied.code
+    return Outcome(exit_code, f"{died} {words.message}", words.remedy)

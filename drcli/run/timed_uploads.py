@@ -1,0 +1,299 @@
+"""Uploads a model by the clock, at new best checkpoints, and at interruptions.
+
+Each upload is a command of its own, which cannot hold up the training; one runs at a time.
+"""
+
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from drcli.base.errors import SettingsError
+from drcli.base.files import rewrite
+from drcli.base.log import get_logger
+from drcli.bucket.bucket import Bucket
+from drcli.metrics.event_file import FROM_HISTORY, PATTERN
+from drcli.model import keys
+from drcli.records.job import Job
+from drcli.run.checkpoint_watch import CheckpointWatch
+from drcli.run.command_process import CommandEnd, CommandProcess, Start
+from drcli.run.duty import Duty, RunningTraining
+from drcli.run.journal import Journal
+from drcli.run.outcome import INTERRUPTED, Ending, Outcome
+
+_logger = get_logger(__name__)
+
+BEST_EVERY_S = 300.0
+"""At first, each evaluation is a new best."""
+
+MODELS_SHARE, ARCHIVE_SHARE = 0.6, 0.4
+"""Of the time left at an interruption; the rest is for logs and lease."""
+
+STOPPED_PATIENCE_S = 5.0
+
+
+@dataclass
+class Upload:
+    """`every_s` None: for each new checkpoint, `BEST_EVERY_S` apart. `due_s` is monotonic."""
+
+    name: str
+    command: tuple[str, ...]
+    every_s: float | None
+    best: bool = False
+    due_s: float = 0.0
+    done: str = ""
+    problem: str = ""
+
+
+def wanted_uploads(job: Job) -> list[Upload]:
+    settings = job.config.unattended
+    found = []
+    command: tuple[str, ...]
+    if settings.regular_upload:
+        every_s = 60.0 * settings.regular_upload
+        command = ("upload-model", "-f", "--json")
+        found.append(Upload("last checkpoint", command, every_s))
+    if settings.upload_best_model:
+        command = ("upload-model", "-b", "-f", "--json")
+        found.append(Upload("best checkpoint", command, None, best=True))
+    if settings.regular_physical_model_upload:
+        every_s = 60.0 * settings.regular_physical_model_upload
+        command = ("upload-car-zip", "-f", "-L", "--only-numbered", "--json")
+        found.append(Upload("car archive", command, every_s))
+    return found
+
+
+class TimedUploads(Duty):
+    name = "uploads"
+
+    def __init__(
+        self,
+        job: Job,
+        watch: CheckpointWatch,
+        *,
+        start: Start = CommandProcess,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._job = job
+        self._watch = watch
+        self._start = start
+        self._clock = clock
+        self._uploads = wanted_uploads(job)
+        self._running: tuple[Upload, CommandProcess] | None = None
+        self._journal: Journal | None = None
+
+    def start(self, run: RunningTraining) -> None:
+        self._journal = run.journal
+        now_s = self._clock()
+        for upload in self._uploads:
+            upload.due_s = now_s + (upload.every_s or 0.0)
+        if self._uploads:
+            self._watch.start(run.open_bucket, run.job.config.model.prefix)
+
+    def check(self) -> Outcome | None:
+        if self._running is not None:
+            upload, process = self._running
+            end = process.poll()
+            if end is None:
+                return None
+            self._running = None
+            self._note(upload, end)
+        now_s = self._clock()
+        for upload in self._uploads:
+            if now_s >= upload.due_s and self._is_new(upload):
+                self._begin(upload, now_s)
+                break
+        return None
+
+    def finish(self, ending: Ending) -> None:
+        """Complete trainings: `drcli.run.end_of_training`."""
+        self._watch.stop()
+        hurried = ending.outcome.code == INTERRUPTED or ending.deadline_s is not None
+        complete = ending.outcome.code == 0
+        models_until_s = self._clock() + ending.left_s(MODELS_SHARE)
+        if self._running is not None:
+            upload, process = self._running
+            self._running = None
+            patience_s = models_until_s - self._clock() if hurried else STOPPED_PATIENCE_S
+            if complete and not hurried:
+                patience_s = float("inf")
+            self._note(upload, process.wait(patience_s, lambda: ending.left_s() <= 0.0), ends=True)
+        if not hurried or complete or not self._uploads:
+            return
+        self._watch.look_last(ending.left_s(0.1))
+        for upload in self._uploads:
+            # The best comes after the last, so that the pointers at the target name the best.
+            within_s = models_until_s - self._clock()
+            if upload.command[0] != "upload-model":
+                within_s = ending.left_s(ARCHIVE_SHARE)
+            if within_s <= 0.0 or not self._is_new(upload):
+                continue
+            process = self._start(self._job, *upload.command)
+            self._note(upload, process.wait(within_s, lambda: ending.left_s() <= 0.0), ends=True)
+
+    def leave(self, ending: Ending) -> None:
+        """`finish` is not called if the model was lost."""
+        self._watch.stop()
+        if self._running is not None:
+            self._running[1].kill()
+            self._running = None
+
+    def _is_new(self, upload: Upload) -> bool:
+        score = self._watch.best if upload.best else self._watch.last
+        return score is not None and score.name != upload.done
+
+    def _begin(self, upload: Upload, now_s: float) -> None:
+        # Also if it fails: a bucket in trouble is not asked without a pause.
+        upload.due_s = now_s + (BEST_EVERY_S if upload.every_s is None else upload.every_s)
+        self._running = upload, self._start(self._job, *upload.command)
+
+    def _note(self, upload: Upload, end: CommandEnd, *, ends: bool = False) -> None:
+        if end.ok:
+            upload.done = str(end.report.get("checkpoint", ""))
+            target = end.report.get("target") or next(iter(end.report.get("files", [])), "")
+            size = end.report.get("copied_bytes", end.report.get("size_bytes", 0))
+            text = f"Uploaded the {upload.name} {upload.done} to {target} in {end.seconds:.0f} s."
+            _logger.info("%s", text)
+            if self._journal is not None:
+                if upload.problem:
+                    self._journal.note("recovery", f"The upload of the {upload.name} works again.")
+                self._journal.note(
+                    "upload",
+                    text,
+                    what=upload.name,
+                    checkpoint=upload.done,
+                    target=target,
+                    bytes=size,
+                    seconds=round(end.seconds, 1),
+                )
+            upload.problem = ""
+            return
+        again = "" if end.killed or ends else " It is tried again at its next time."
+        text = f"The upload of the {upload.name} failed: {end.reason}{again}"
+        if text != upload.problem:
+            _logger.warning("%s", text)
+            if self._journal is not None:
+                self._journal.note("fault", text, event="upload", what=upload.name)
+        upload.problem = text
+
+
+# TensorBoard event files in the bucket, where they outlive a spot machine.
+
+
+_NAME = re.compile(r"events\.out\.tfevents\.[A-Za-z0-9._-]+")
+
+
+class EventFileCopies:
+    """Uploads event files that have grown; above `max_bytes`, the oldest go.
+
+    The files of other machines stay: TensorBoard drops what a later file has again.
+    """
+
+    def __init__(self, bucket: Bucket, prefix: str, folder: Path, max_bytes: int) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._folder = folder
+        self._max_bytes = max_bytes
+        self._copied: dict[str, int] | None = None
+
+    def update(self, over: Callable[[], bool] = lambda: False, *, hurried: bool = False) -> None:
+        """Upload until `over()`; if `hurried`, the newest file comes first.
+
+        Raises:
+            StorageError: The bucket does not answer, or refuses.
+            OSError: A file cannot be read.
+        """
+        if not self._folder.is_dir():
+            return
+        if self._copied is None:
+            self._copied = copied_sizes(self._bucket, self._prefix)
+        kept = self._kept(self._copied)
+        for name in sorted(kept, reverse=hurried):
+            path = self._folder / name
+            if over() or not path.is_file():
+                continue
+            if path.stat().st_size > self._copied.get(name, -1):
+                data = path.read_bytes()
+                self._bucket.put(keys.event_file(self._prefix, name), data)
+                self._copied[name] = len(data)
+        for name in sorted(set(self._copied) - kept):
+            self._bucket.delete([keys.event_file(self._prefix, name)])
+            del self._copied[name]
+
+    def left_bytes(self) -> int:
+        copied = self._copied or {}
+        sizes = local_sizes(self._folder)
+        return sum(max(0, sizes.get(n, 0) - copied.get(n, 0)) for n in self._kept(copied))
+
+    def _kept(self, copied: dict[str, int]) -> set[str]:
+        sizes, kept, total = copied | local_sizes(self._folder), set(), 0
+        for name in sorted(sizes, reverse=True):
+            total += sizes[name]
+            if total > self._max_bytes:
+                break
+            kept.add(name)
+        return kept
+
+
+def fetch_event_files(bucket: Bucket, prefix: str, folder: Path, max_bytes: int) -> bool:
+    """Download a model's event files that this machine lacks; whether any was new.
+
+    Older files than those here stay away: the first file of a machine begins with all earlier
+    iterations. One made of the history gives way to real ones.
+
+    Raises:
+        StorageError: The bucket cannot be read.
+        SettingsError: A file cannot be written.
+    """
+    there = copied_sizes(bucket, prefix)
+    here = local_sizes(folder)
+    made_here = {name for name in here if name.endswith(FROM_HISTORY) and name not in there}
+    replaced = made_here if there and made_here == set(here) else set()
+    oldest_wanted = max(set(here) - replaced, default="")
+    fetched, total = False, 0
+    wanted = [name for name, size in there.items() if size > here.get(name, -1)]
+    for name in sorted(wanted, reverse=True):
+        total += there[name]
+        if name < oldest_wanted or total > max_bytes:
+            continue
+        data = bucket.get(keys.event_file(prefix, name))
+        path = folder / name
+        try:
+            fetched = _extend(path, data) or fetched
+        except OSError as error:
+            raise SettingsError(
+                f"{path}: cannot be written ({error.strerror or error}).",
+                remedy=f"Check that you can write {folder}, and that its disk has room.",
+            ) from None
+    if fetched:
+        for name in replaced:
+            (folder / name).unlink(missing_ok=True)
+    return fetched
+
+
+def copied_sizes(bucket: Bucket, prefix: str) -> dict[str, int]:
+    folder = keys.event_folder(prefix)
+    return {
+        name: info.size_bytes
+        for info in bucket.list(folder)
+        if _NAME.fullmatch(name := info.key.removeprefix(folder))
+    }
+
+
+def local_sizes(folder: Path) -> dict[str, int]:
+    return {path.name: path.stat().st_size for path in folder.glob(PATTERN) if path.is_file()}
+
+
+def _extend(path: Path, data: bytes) -> bool:
+    """Only what it lacks at its end: TensorBoard may be reading it."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        rewrite(path, data)
+        return True
+    own = path.read_bytes()
+    if len(data) <= len(own) or not data.startswith(own):
+        return False
+    with path.open("ab") as file:
+        file.write(data[len(own) :])
+    return True

@@ -1,1 +1,0 @@
-"""Runs: plan, launch, supervise, record, report and stop a training or an evaluation."""

@@ -1,1 +1,0 @@
-"""Training on machines of Amazon, and interruption notices."""

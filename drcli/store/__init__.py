@@ -1,1 +1,0 @@
-"""The bucket: keys, checkpoints, rollouts, and the embedded S3 server."""

@@ -1,1 +1,0 @@
-"""Sends a training's figures to other tools."""

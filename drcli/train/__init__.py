@@ -1,0 +1,1 @@
+"""The processes that train: simulation worker, trainer, learner processes, shares and goals."""

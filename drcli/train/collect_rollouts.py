@@ -1,0 +1,239 @@
+"""Collects the rollouts of all simulation workers for the learner."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from drcli.base.log import get_logger
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
+from drcli.learn.rollout_buffer import Rollout
+from drcli.records.checkpoint import CheckpointName, checkpoint_name
+from drcli.records.iteration import IterationRecord
+from drcli.records.job import WorkerShare
+from drcli.records.rollout import Episodes, Manifest
+from drcli.train.rollouts import RolloutReader
+
+_logger = get_logger(__name__)
+
+LEAST_PATIENCE_S = 20.0
+"""After the first worker has delivered: one that died must start again."""
+
+STARTING_PATIENCE_S = 120.0
+"""In the first iteration: analysis tools need the first trace of every worker."""
+
+JOINED_PATIENCE_S = 5.0
+"""Others drive the share of one that dies. With a latency of 100 ms, checkpoint and rollouts take
+1.8 s.
+"""
+
+Hopeless = Callable[[WorkerShare, int, float, float], bool]
+"""Whether not to wait for a share of an iteration, by its steps and the seconds left from the
+beginning of its drive.
+"""
+
+
+@dataclass(frozen=True)
+class _Patience:
+    """How long to wait for the missing workers after the first has delivered.
+
+    Those with the largest share get as long again as the first one would have taken for it; a
+    joined worker with a part of it gets that part.
+    """
+
+    iteration: int
+    shares: Mapping[int, WorkerShare]
+    expected: Set[int]
+    first_s: float
+    least_s: float
+    repeats: float
+    is_hopeless: Hopeless
+
+    def is_over(self, arrived: Mapping[int, Manifest], waited_s: float) -> bool:
+        missing = self.expected - arrived.keys()
+        return all(self._is_given_up(self.shares[each], arrived, waited_s) for each in missing)
+
+    def _is_given_up(
+        self, share: WorkerShare, arrived: Mapping[int, Manifest], waited_s: float
+    ) -> bool:
+        counts = {worker: self.shares[worker].count for worker in arrived}
+        most = max(each.count for each in self.shares.values())
+        usual_s = min(m.notes.drive_s * most / counts[worker] for worker, m in arrived.items())
+        part = share.count / most if share.member else 1.0
+        within_s = usual_s + max(self.least_s, self.repeats * part * usual_s)
+        if self.first_s + waited_s >= within_s:
+            return True
+        steps = sum(m.steps for m in arrived.values()) * share.count / sum(counts.values())
+        return bool(share.member) and self.is_hopeless(share, self.iteration, steps, within_s)
+
+
+@dataclass(frozen=True)
+class Collected:
+    """One iteration's rollouts and what the workers report about them.
+
+    Attributes:
+        progress: Percent of the lap of each episode.
+        lap_s: Simulated durations of the completed laps.
+        drive_s: Wall time of the slowest worker.
+        checkpoint: What drove, the older one if there were two.
+        evaluates: The checkpoint that a worker evaluates now.
+        discarded: Episodes that the reward function declared broken.
+        speeds: Steps per second by worker.
+    """
+
+    rollout: Rollout
+    progress: list[float]
+    rewards: list[float]
+    lap_s: list[float]
+    simulated_s: float
+    drive_s: float
+    checkpoint: str
+    evaluates: int | None
+    reward_errors: int = 0
+    discarded: int = 0
+    speeds: Mapping[int, float] = field(default_factory=dict)
+    late: tuple[int, ...] = ()
+
+    def record(
+        self, newest: CheckpointName, *, elapsed_s: float, stage: str, world: str, phase: str
+    ) -> IterationRecord:
+        steps = self.rollout.steps
+        return IterationRecord(
+            iteration=newest.number,
+            checkpoint=self.checkpoint,
+            episodes=len(self.rewards),
+            steps=steps,
+            total_steps=newest.steps + steps,
+            mean_reward=float(np.mean(self.rewards)),
+            mean_progress=float(np.mean(self.progress)),
+            full_laps=len(self.lap_s),
+            best_lap_s=min(self.lap_s, default=None),
+            drive_s=self.drive_s,
+            elapsed_s=elapsed_s,
+            reward_errors=self.reward_errors,
+            discarded=self.discarded,
+            stage=stage,
+            world=world,
+            phase=phase,
+        )
+
+
+class Collector:
+    """Waits for all simulation workers, but not too long for any of them.
+
+    With `ahead`, workers drive an iteration before the trainer waits for it.
+    """
+
+    def __init__(self, reader: RolloutReader, max_steps: int, *, ahead: bool = False) -> None:
+        self._ahead = ahead
+        self._reader = reader
+        self._max_steps = max_steps
+        self._absent: set[int] = set()
+        self._least_patience_s = STARTING_PATIENCE_S
+
+    def collect(
+        self,
+        iteration: int,
+        checkpoints: Sequence[str],
+        workers: Sequence[WorkerShare],
+        should_stop: Callable[[], bool],
+        is_hopeless: Hopeless = lambda share, iteration, steps, within_s: False,
+    ) -> Collected | None:
+        """Wait for an iteration's rollouts and read them.
+
+        A worker that missed the iteration before is not waited for.
+
+        Returns:
+            None if `should_stop`, or if a part is missing or damaged: workers then drive it
+                again.
+        """
+        everybody = {share.worker for share in workers}
+        joined = {share.worker for share in workers if share.member}
+        wait = partial(
+            self._reader.wait_manifests,
+            iteration,
+            checkpoints,
+            sorted(everybody),
+            on_wait=_logger.info,
+            should_stop=should_stop,
+        )
+        manifests = wait(enough=1, patience_s=math.inf)
+        expected = everybody - self._absent
+        if manifests and not expected <= manifests.keys() and not should_stop():
+            only_joined = expected - manifests.keys() <= joined
+            patience = _Patience(
+                iteration,
+                {share.worker: share for share in workers},
+                expected,
+                max(m.notes.drive_s for m in manifests.values()),
+                JOINED_PATIENCE_S if only_joined else self._least_patience_s,
+                2.0 if self._ahead else 1.0,
+                is_hopeless,
+            )
+            manifests = wait(
+                enough=len(expected | manifests.keys()),
+                arrived=manifests,
+                patience_s=math.inf,
+                goes_on=patience.is_over,
+            )
+        if not manifests:
+            return None
+        self._least_patience_s = LEAST_PATIENCE_S
+        self._absent = everybody - manifests.keys()
+        if self._absent:
+            _logger.warning("Continuing without simulation worker %s.", sorted(self._absent))
+        try:
+            # In the order of the workers, so that equal seeds give equal minibatches.
+            collected = self._read([manifests[worker] for worker in sorted(manifests)])
+        except (ObjectMissing, ObjectDamaged) as error:
+            # Waiting workers notice that their manifests are gone.
+            _logger.warning("%s Iteration %d is driven again.", error, iteration)
+            self._reader.reject(iteration, manifests)
+            return None
+        return replace(collected, late=tuple(sorted(expected - manifests.keys())))
+
+    def recall(self, iteration: int) -> Rollout | None:
+        """None if they are missing or damaged."""
+        try:
+            manifests = self._reader.find_manifests(iteration)
+            return self._read(manifests).rollout if manifests else None
+        except (ObjectMissing, ObjectDamaged) as error:
+            _logger.warning("Cannot learn from iteration %d again: %s", iteration, error)
+            return None
+
+    def _read(self, manifests: list[Manifest]) -> Collected:
+        driven = self._within_cap(self._reader.read(manifests))
+        rollout = driven.rollout
+        begins = np.cumsum(rollout.lengths) - rollout.lengths
+        return Collected(
+            rollout=rollout,
+            progress=driven.progress.tolist(),
+            rewards=np.add.reduceat(rollout.rewards, begins).tolist(),
+            lap_s=driven.duration_s[driven.completed].tolist(),
+            simulated_s=float(driven.duration_s.sum()),
+            drive_s=max(m.notes.drive_s for m in manifests),
+            checkpoint=str(min(checkpoint_name(m.checkpoint) for m in manifests)),
+            evaluates=next((n for m in manifests if (n := m.notes.evaluates) is not None), None),
+            reward_errors=sum(m.notes.reward_errors for m in manifests),
+            discarded=sum(m.notes.discarded for m in manifests),
+            speeds={m.worker: m.steps / max(m.notes.drive_s, 1e-3) for m in manifests},
+        )
+
+    def _within_cap(self, driven: Episodes) -> Episodes:
+        """The limit is for frames: episodes of a teacher have none."""
+        if not driven.rollout.frames.size:
+            return driven
+        order = np.argsort(driven.numbers, kind="stable")
+        fits = np.cumsum(driven.rollout.lengths[order]) <= self._max_steps
+        fits[0] = True
+        if fits.all():
+            return driven
+        _logger.warning(
+            "Learning from %d of %d episodes: DR_TRAIN_MAX_STEPS_PER_ITERATION is %d steps.",
+            fits.sum(),
+            len(order),
+            self._max_steps,
+        )
+        return driven.chosen(np.sort(order[fits]))

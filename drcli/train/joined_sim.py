@@ -1,0 +1,49 @@
+"""A worker that joins a training: `python -m drcli.train.joined_sim MEMBER`.
+
+`dr-start-worker` runs it; MEMBER is its unique name.
+"""
+
+import sys
+
+from drcli.base.errors import DrError
+from drcli.base.log import get_logger
+from drcli.learn.compute import flush_denormals
+from drcli.live.live_scene import facts_of
+from drcli.live.live_view import live_show
+from drcli.records.job import Job
+from drcli.train.membership import JoinedLifeline, Membership
+from drcli.train.sim import SimWorker
+from drcli.workers import worker_process
+from drcli.workers.reward_failures import reward_failure
+from drcli.workers.worker_process import Lifeline
+from drsim.errors import RewardError
+
+_logger = get_logger(__name__)
+
+
+def main(job: Job, lifeline: Lifeline) -> None:
+    assert isinstance(lifeline, JoinedLifeline)
+    flush_denormals()
+    member, prefix = sys.argv[1], job.config.model.prefix
+    bucket = worker_process.open_own_bucket(job, lifeline, far=True)
+    membership = Membership(bucket, prefix, job.session, member, lifeline)
+    try:
+        number = membership.wait_for_number()
+        _logger.info("This is simulation worker %d of s3://%s/%s.", number, bucket.name, prefix)
+        facts = facts_of(job.config.race(number), [prefix])
+        with live_show(job, f"sim-{number}", lambda: lifeline.pulse.activity, facts) as live:
+            SimWorker(job, lifeline, number, live=live, membership=membership).run()
+    except RewardError as error:
+        membership.close(str(reward_failure(error)))
+        raise
+    except DrError as error:
+        membership.close(str(error))
+        raise
+    finally:
+        membership.close()
+        if lifeline.ended:
+            _logger.info("The training has stopped: %s.", lifeline.ended)
+
+
+if __name__ == "__main__":
+    worker_process.run(sys.argv[1], main, JoinedLifeline)

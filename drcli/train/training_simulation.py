@@ -1,0 +1,333 @@
+"""What a simulation worker drives in a training, or in one stage of it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drcli.base.log import plain
+from drcli.bucket.bucket import Bucket
+from drcli.config.run_config import RaceConfig
+from drcli.drive import reference_log
+from drcli.drive.build_race import (
+    build_simulation,
+    load_reward,
+    load_world,
+    longest_episode,
+    realism_of,
+)
+from drcli.drive.driving import Driven, Driver, Plan, Racer, columns_of
+from drcli.drive.evaluator import fresh_starts
+from drcli.drive.reward_client import RewardProcess
+from drcli.live.live_moment import Onlooker
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.network_shape import Design
+from drcli.records.iteration import CONFIRMING_LAPS
+from drcli.records.job import Job
+from drcli.records.scores import SecondEvaluation
+from drcli.records.stage import PhaseMark, Stage
+from drcli.train.episode_share import AssignedShare, Share
+from drcli.train.goals import targets_of
+from drcli.train.stage_progress import episodes_of, numbered_episodes, parameters_of, teacher_drives
+from drcli.workers.cores import driving_threads, usable_cores
+from drcli.workers.reward_failures import RewardFailures
+from drsim.car.conditions import NOMINAL
+from drsim.car.realism import Realism
+from drsim.episode.episode_rules import EpisodeRules
+from drsim.errors import RewardError
+from drsim.track.worlds import directed
+
+# Evaluates checkpoints on a second track: DR_TRAIN_EVAL_WORLD.
+
+
+class SecondTrack:
+    """A simulation of the same race on another track.
+
+    `start_seed` is the same for all workers.
+
+    Raises:
+        ProblemsError: The track is not installed, or there is no room for obstacles or bots.
+    """
+
+    def __init__(
+        self,
+        race: RaceConfig,
+        metadata: ModelMetadata,
+        racer: Racer,
+        reward: RewardProcess,
+        *,
+        num_threads: int,
+        seed: int,
+        start_seed: int,
+        on_reward_error: Callable[[RewardError, int], float] | None = None,
+        onlooker: Onlooker | None = None,
+    ) -> None:
+        self.world = race.world_name
+        self._start_seed = start_seed
+        self._track = track = directed(load_world(race), reverse=race.train_reverse_direction)
+        self._simulation = build_simulation(
+            race,
+            "training",
+            metadata,
+            track,
+            num_cars=reward.cars,
+            reward=reward,
+            rules=EpisodeRules(max_steps=longest_episode(track, racer.actions)),
+            num_threads=num_threads,
+            seed=seed,
+            on_reward_error=on_reward_error,
+        )
+        self._driver = Driver(self._simulation, [racer], seed, onlooker=onlooker)
+
+    def evaluate(self, trials: int, should_stop: Callable[[], bool]) -> SecondEvaluation:
+        """Drive with the present weights, from starts spread over the lap.
+
+        Broken episodes count only if there are no others.
+
+        Raises:
+            StopRequested: `should_stop` returned True.
+        """
+        episodes: list[Driven] = []
+        plans = fresh_starts(self._track, trials, self._start_seed)
+        self._driver.drive(plans, episodes.append, should_stop)
+        episodes.sort(key=lambda episode: episode.number)
+        sound = [episode for episode in episodes if not episode.discarded] or episodes
+        return SecondEvaluation(*columns_of(sound), self.world)
+
+    def close(self) -> None:
+        self._simulation.close()
+
+
+def sentence_of(result: SecondEvaluation) -> str:
+    return f"drives {result.mean_progress:.1f} % of the lap on {result.world} ({result.laps})."
+
+
+SEED_STRIDE = 7_919
+CONFIRMATION_STRIDE = 1_000_003
+"""Between confirmations of checkpoints."""
+
+
+START_OFFSET_M, START_ANGLE_DEG = 0.15, 10.0
+"""For teachers and students that learn from them: who has seen this comes back to the line."""
+
+MILD = Realism(
+    image_noise=4.0,
+    brightness=0.25,
+    camera_angle_deg=1.0,
+    latency_jitter_s=0.04,
+    friction=0.15,
+    battery=0.08,
+    steering_trim_deg=1.5,
+    glare=0.2,
+    reflections=0.2,
+)
+"""For half of a student's episodes, where the settings name nothing: evaluations drive the nominal
+car.
+"""
+
+
+class TrainingSimulation:
+    """The cars of one worker, and which episodes they drive.
+
+    `assigned` replaces `share` once the trainer says who drives what; `trials` is 0 without
+    evaluations.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        bucket: Bucket,
+        design: Design,
+        racers: Sequence[Racer],
+        stage: Stage | None,
+        *,
+        worker: int,
+        divisor: int,
+        joined: bool = False,
+        gpu: bool = False,
+        on_reward_error: Callable[[RewardError, int], float],
+        onlooker: Onlooker | None = None,
+    ) -> None:
+        """A `joined` worker's part may become larger; `divisor` is of the cars at a time.
+
+        `on_reward_error` is as in `Simulation`.
+
+        Raises:
+            SettingsError: The reward function cannot be loaded, the track is not installed, or
+                there is no room for obstacles or bots.
+        """
+        self._job = job
+        train, prefix, metadata = job.config.train, job.config.model.prefix, design.metadata
+        race = job.config.race(worker) if stage is None else stage.race(worker)
+        self._race = race
+        self.stage = stage
+        self._parameters = parameters_of(stage, design.parameters)
+        self.assigned: AssignedShare | None = None
+        self.phase: PhaseMark | None = None
+        racer = racers[0]
+        self.share = Share(
+            worker,
+            max(1, train.workers),
+            self._parameters.num_episodes_between_training,
+            numbered_episodes(job.stages, design.parameters),
+        )
+        plain.info(reference_log.start_lines(prefix, race, metadata, self._parameters, "TRAINING"))
+        self.targets = targets_of(job, stage)
+        # Every checkpoint is evaluated at least once, or there would be no best checkpoint.
+        trials = max([train.eval_laps, *(target.laps or 0 for target in self.targets)])
+        # Without a worker of its own, any of those that have joined may have to evaluate.
+        evaluates = train.workers == 0 if joined else worker == 0
+        self.trials = trials if evaluates else 0
+        episodes = self.share.count
+        if joined or self._parameters.taught:
+            episodes = self.share.most
+        num_cars = -(-(race.train_lanes or episodes + self.trials) // divisor)
+        folder = job.folder / f"sim-{worker}"
+        reward = load_reward(bucket, prefix, folder, num_cars, stage, job.inputs)
+        track = directed(load_world(race), reverse=race.train_reverse_direction)
+        self.track_length_m = track.length_m
+        self._track = track
+        threads = usable_cores(train) if joined else driving_threads(train)
+        seed = job.seed + SEED_STRIDE * worker
+        self._is_nominal = realism_of(race, "training") == Realism()
+        self._simulation = build_simulation(
+            race,
+            "training",
+            metadata,
+            track,
+            num_cars=num_cars,
+            reward=reward,
+            rules=EpisodeRules(max_steps=longest_episode(track, racer.actions)),
+            num_threads=threads,
+            seed=seed,
+            on_reward_error=on_reward_error,
+            longest_latency_s=MILD.longest_latency_s if self._parameters.taught else 0.0,
+            gpu=gpu,
+        )
+        self._seed = seed
+        self._driver = Driver(self._simulation, racers, seed, onlooker=onlooker)
+        second = job.config.second_race(race) if evaluates else None
+        self.second: SecondTrack | None = None
+        if second is not None:
+            self.second = SecondTrack(
+                second,
+                metadata,
+                racer,
+                load_reward(bucket, prefix, folder, -(-trials // divisor), stage, job.inputs),
+                num_threads=threads,
+                seed=seed,
+                start_seed=job.seed,
+                # Counted apart: its calls are none of the training.
+                on_reward_error=RewardFailures(train, worker).handle,
+                onlooker=onlooker,
+            )
+
+    def enter_phase(self, mark: PhaseMark | None) -> None:
+        self.phase = mark
+        self.share = replace(self.share, episodes=episodes_of(mark, self._parameters))
+        self._simulation.draws = mark is None or mark.name != "teacher"
+
+    @property
+    def part(self) -> Share | AssignedShare:
+        return self.assigned or self.share
+
+    @property
+    def race(self) -> RaceConfig:
+        return self._race
+
+    @property
+    def reward_calls(self) -> int:
+        return self._simulation.reward_calls
+
+    def drive(
+        self,
+        plans: list[Plan],
+        on_end: Callable[[Driven], None],
+        should_stop: Callable[[], bool],
+        policy_steps: int,
+    ) -> None:
+        self._driver.drive(plans, on_end, should_stop, self._epsilon(policy_steps))
+
+    def drive_again(
+        self,
+        plans: list[Plan],
+        on_end: Callable[[Driven], None],
+        should_stop: Callable[[], bool],
+    ) -> None:
+        """With the cars of evaluations if there are enough.
+
+        The variables of their reward functions must not reach training episodes.
+
+        Raises:
+            StopRequested: `should_stop` returned True.
+        """
+        cars = self._simulation.num_cars
+        own = range(max(0, cars - self.trials), cars)
+        self._driver.drive(plans, on_end, should_stop, cars=own)
+
+    def plans(
+        self, numbers: range, trials: int, attempt: int = 0, *, iteration: int = 0
+    ) -> list[Plan]:
+        race = self._race
+        offset = race.train_start_position_offset
+        advance = race.train_round_robin_advance_dist if race.train_change_start_position else 0.0
+        alternate = race.train_alternate_driving_direction
+        plans = [
+            Plan(
+                number,
+                "training",
+                (offset + self.part.position(number) * advance) % 1.0,
+                reverse=alternate and number % 2 == 1,
+                attempt=attempt,
+            )
+            for number in numbers
+        ]
+        trial_plans = fresh_starts(self._track, trials, self._job.seed) if trials else []
+        if self.phase is not None:
+            plans = [self._of_phase(self.phase, plan, iteration) for plan in plans]
+        if self.phase is not None and self._is_nominal:
+            trial_plans = [replace(plan, conditions=NOMINAL) for plan in trial_plans]
+        return plans + trial_plans
+
+    def _of_phase(self, mark: PhaseMark, plan: Plan, iteration: int) -> Plan:
+        random = np.random.Generator(np.random.Philox(key=[self._seed, plan.number]))
+        fraction, offset, angle, nominal = random.uniform(-1.0, 1.0, 4).tolist()
+        if self._is_nominal:
+            is_mild = mark.name != "teacher" and nominal > 0.0
+            drawn = MILD.draw(plan.seed(self._seed)) if is_mild else NOMINAL
+            plan = replace(plan, conditions=drawn)
+        if mark.name == "ppo":
+            return plan
+        return replace(
+            plan,
+            start_fraction=0.5 + 0.5 * fraction,
+            offset_m=START_OFFSET_M * offset,
+            angle_deg=START_ANGLE_DEG * angle,
+            racer=int(teacher_drives(mark, iteration, self.part.position(plan.number))),
+        )
+
+    def confirmation_plans(self, number: int, count: int) -> list[Plan]:
+        """Their numbers, and so their random numbers, are those of no evaluation."""
+        first = self.trials + number * max(CONFIRMING_LAPS, self.trials)
+        plans = fresh_starts(
+            self._track, count, self._job.seed + CONFIRMATION_STRIDE * (number + 1)
+        )
+        return [replace(plan, number=first + plan.number) for plan in plans]
+
+    def close(self) -> None:
+        self._simulation.close()
+        if self.second is not None:
+            self.second.close()
+
+    def _epsilon(self, policy_steps: int) -> Callable[[int], float] | None:
+        p = self._parameters
+        workers = len(self.assigned.shares.workers) if self.assigned else self.share.workers
+        in_phase = self.phase is not None and self.phase.name != "ppo"
+        if p.exploration_type != "e-greedy" or in_phase:
+            return None
+
+        def share(driven: int) -> float:
+            done = min(1.0, (policy_steps + driven * workers) / p.epsilon_steps)
+            return 1.0 + (p.e_greedy_value - 1.0) * done
+
+        return share

@@ -1,0 +1,1 @@
+"""Models on their way: upload, download, export, import, history, removal."""

@@ -1,0 +1,102 @@
+"""Continues a TensorFlow checkpoint, which becomes one of ours beside it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from drcli.bucket.bucket import Bucket, ObjectDamaged
+from drcli.convert.stored_checkpoint import load_checkpoint
+from drcli.model import keys
+from drcli.model.best_checkpoint import read_scores, write_scores
+from drcli.model.checkpoint_choice import missing_parts
+from drcli.model.checkpoints import Checkpoint, CheckpointStore
+from drcli.model.files.custom_files import InputFile
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.network_shape import Design
+from drcli.model.model_prefix import is_tensorflow
+from drcli.records.checkpoint import CheckpointName
+from drcli.records.scores import Score, Scores
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """The newest TensorFlow checkpoint as one of ours; nothing is written yet."""
+
+    bucket: Bucket
+    prefix: str
+    checkpoint: Checkpoint
+    best: str | None
+
+    @property
+    def name(self) -> str:
+        return self.checkpoint.record.name
+
+    @property
+    def design(self) -> Design:
+        inputs = self.checkpoint.record.counters.inputs
+        files = {name: text.encode() for name, text in inputs.items()}
+        metadata, parameters = keys.MODEL_METADATA_FILE, keys.HYPERPARAMETERS_FILE
+        return Design(
+            ModelMetadata.from_bytes(files[metadata], metadata),
+            Hyperparameters.from_bytes(files[parameters], parameters),
+            metadata,
+            parameters,
+            files,
+        )
+
+    def own_files(self, files: Mapping[str, InputFile]) -> dict[str, InputFile]:
+        """Corrected by the policy: the reference ignores some values, such as `stack_size`."""
+        own = {
+            keys.MODEL_METADATA_FILE: keys.model_metadata(self.prefix),
+            keys.HYPERPARAMETERS_FILE: keys.hyperparameters(self.prefix),
+        }
+        return {
+            name: replace(files[name], data=self.design.files[name])
+            for name, key in own.items()
+            if name in files and files[name].origin == f"{self.bucket.name}/{key}"
+        }
+
+    @property
+    def sentence(self) -> str:
+        best = ""
+        if self.best is not None:
+            best = (
+                f" The best one so far, {self.best}, was judged in another simulation: the next "
+                "checkpoint that is evaluated becomes the best."
+            )
+        return (
+            f"{self.name} is a TensorFlow checkpoint. The training continues from its weights, "
+            f"with a fresh optimizer; its files stay where they are.{best}"
+        )
+
+    def write(self) -> None:
+        record = self.checkpoint.record
+        CheckpointStore(self.bucket, self.prefix).save(
+            record.number, record.steps, self.checkpoint.tensors, counters=record.counters
+        )
+        last = Score(record.name)
+        write_scores(self.bucket, self.prefix, Scores(last, last))
+
+
+def plan_conversion(bucket: Bucket, prefix: str) -> Conversion | None:
+    """Read the newest checkpoint if it is TensorFlow's, else None.
+
+    The pointer names it or, if that is incomplete, it has the highest number, as in the reference.
+
+    Raises:
+        DrError: It cannot be read or trained here.
+    """
+    listed = bucket.list(keys.model_folder(prefix))
+    names = {keys.checkpoint_of(prefix, info.key) for info in listed}
+    whole = {name for name in names if name and not missing_parts(listed, prefix, str(name))}
+    pointed = CheckpointStore(bucket, prefix).pointed()
+    newest: CheckpointName | None = pointed if pointed in whole else max(whole, default=None)
+    if newest is None or not is_tensorflow([info.key for info in listed], prefix, str(newest)):
+        return None
+    try:
+        scores = read_scores(bucket, prefix)
+    except ObjectDamaged:
+        scores = None
+    best = None if scores is None else scores.best_checkpoint.name
+    found = load_checkpoint(bucket, prefix, str(newest))
+    return Conversion(bucket, prefix, found, None if best == str(newest) else best)

@@ -1,0 +1,177 @@
+"""Lists, adds, changes and removes a racer's notes about a model."""
+
+from dataclasses import dataclass, field
+
+from drcli.base.errors import BadValue, SettingsError, shown
+from drcli.bucket.bucket import Bucket
+from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.config.settings import Settings
+from drcli.config.value_types import LONGEST_TEXT
+from drcli.model import keys
+from drcli.model.model_prefix import is_used, newest_checkpoint
+from drcli.model.notes import (
+    DESCRIPTION,
+    StoredNote,
+    add_note,
+    change_note,
+    read_notes,
+    remove_note,
+    write_description,
+)
+from drcli.transfer.transfer_buckets import bucket_to_look_at
+
+
+@dataclass(frozen=True)
+class NoteEntry:
+    """A note in the list.
+
+    Attributes:
+        number: Counted from 1; 0 is the description.
+        at: When it was written, Unix seconds; None if damaged.
+        edited_at: When it was last changed; None if never.
+        host: The machine on which it was written.
+        checkpoint: Number of the newest checkpoint then; None if unknown.
+        text: What it says.
+    """
+
+    number: int
+    at: float | None
+    edited_at: float | None
+    host: str
+    checkpoint: int | None
+    text: str
+
+
+@dataclass(frozen=True)
+class NoteList:
+    """The notes of a model.
+
+    Attributes:
+        model: As s3://bucket/prefix.
+        notes: The description, then the oldest first.
+        damaged: A sentence for each note that cannot be read.
+    """
+
+    model: str
+    notes: list[NoteEntry] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)
+
+
+def list_notes(settings: Settings, prefix: str | None) -> NoteList:
+    """The notes of a model, by default the configured one.
+
+    Raises:
+        SettingsError: There is no such model.
+    """
+    bucket = bucket_to_look_at(settings.transfer, upload=False)
+    return notes_of(bucket, _model(settings, bucket, prefix))
+
+
+def notes_of(bucket: Bucket, prefix: str) -> NoteList:
+    return _listed(bucket, prefix, read_notes(bucket, prefix))
+
+
+def write_note(settings: Settings, prefix: str | None, text: str) -> NoteList:
+    """Add a note, and return all.
+
+    Raises:
+        SettingsError: There is no such model, or the text cannot be a note.
+    """
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    model, words = _model(settings, bucket, prefix), _checked(text)
+    known = read_notes(bucket, model)  # before the change: nothing can fail once it is made
+    newest = newest_checkpoint(bucket, model)
+    added = add_note(bucket, model, words, None if newest is None else newest.number)
+    return _listed(bucket, model, [*known, added])
+
+
+def rewrite_note(settings: Settings, prefix: str | None, number: int, text: str) -> NoteList:
+    """Replace a note; number 0 is the description, which need not exist.
+
+    Raises:
+        SettingsError: There is no such model or note, or the text cannot be one.
+    """
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    model, words = _model(settings, bucket, prefix), _checked(text)
+    found = read_notes(bucket, model)
+    known = dict(_numbered(found))
+    if number == 0 and number not in known:
+        changed = write_description(bucket, model, words)
+    else:
+        changed = change_note(bucket, model, _of_number(known, number, bucket, model), words)
+    others = [note for note in found if note.name != changed.name]
+    return _listed(bucket, model, [*others, changed])
+
+
+def delete_note(settings: Settings, prefix: str | None, number: int) -> NoteList:
+    """Remove a note; the numbers of others change.
+
+    Raises:
+        SettingsError: There is no such model or note.
+    """
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    model = _model(settings, bucket, prefix)
+    found = read_notes(bucket, model)
+    removed = _of_number(dict(_numbered(found)), number, bucket, model)
+    remove_note(bucket, model, removed)
+    return _listed(bucket, model, [note for note in found if note != removed])
+
+
+def _listed(bucket: Bucket, prefix: str, found: list[StoredNote]) -> NoteList:
+    found = sorted(found, key=lambda note: note.name)
+    entries = [_entry(number, note) for number, note in _numbered(found)]
+    damaged = [note.problem for note in found if note.problem]
+    return NoteList(f"s3://{bucket.name}/{prefix}", entries, damaged)
+
+
+def _numbered(found: list[StoredNote]) -> list[tuple[int, StoredNote]]:
+    described = [(0, note) for note in found if note.name == DESCRIPTION]
+    others = [note for note in found if note.name != DESCRIPTION]
+    return [*described, *enumerate(others, start=1)]
+
+
+def _entry(number: int, note: StoredNote) -> NoteEntry:
+    if note.record is None:
+        return NoteEntry(number, None, None, "", None, "(damaged)")
+    record = note.record
+    return NoteEntry(
+        number, record.at, record.edited_at, record.host, record.checkpoint, record.text
+    )
+
+
+def _of_number(
+    known: dict[int, StoredNote], number: int, bucket: Bucket, prefix: str
+) -> StoredNote:
+    if number not in known:
+        there = ", ".join(map(str, known)) or "none"
+        raise SettingsError(
+            f"s3://{bucket.name}/{prefix} has no note {number}; there are: {there}.",
+            remedy="`dr-note list` shows them with their numbers.",
+        )
+    return known[number]
+
+
+def _model(settings: Settings, bucket: Bucket, prefix: str | None) -> str:
+    chosen = settings.model_prefix if prefix is None else prefix.rstrip("/")
+    if not keys.is_valid_prefix(chosen) or not is_used(bucket, chosen):
+        raise SettingsError(
+            f"There is no model at s3://{bucket.name}/{chosen}.",
+            remedy="Start its training first, or name another with -p; `dr-list-models` lists all. "
+            "DR_MODEL_DESCRIPTION describes a model that is still to be started.",
+        )
+    return chosen
+
+
+def _checked(text: str) -> str:
+    words = text.strip()
+    try:
+        words.encode()
+        if not words:
+            raise BadValue("is empty", "Write some words.")
+        if len(words) > LONGEST_TEXT:
+            raise BadValue("is too long", f"Write at most {LONGEST_TEXT} characters.")
+    except UnicodeEncodeError:
+        raise SettingsError("The note is not text in UTF-8.", remedy="Write it again.") from None
+    except BadValue as error:
+        raise SettingsError(f"The note {shown(text)} {error}.", remedy=error.remedy) from error
+    return words

@@ -1,0 +1,119 @@
+"""Finds weights of another model to start with, and checks them."""
+
+from dataclasses import dataclass
+
+from drcli.base.errors import Place, Problem, ProblemsError, SettingsError, refuse
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.config.fields import setting_problem
+from drcli.config.run_config import PretrainedConfig
+from drcli.config.value_types import CheckpointChoice, parse_checkpoint
+from drcli.convert.stored_checkpoint import load_checkpoint
+from drcli.model import keys
+from drcli.model.checkpoint_choice import (
+    CheckpointGone,
+    Chosen,
+    ModelCheckpoints,
+    find_choice,
+    sentence_about,
+)
+from drcli.model.checkpoints import Checkpoint, CheckpointStore
+from drcli.model.files.network_shape import Design, weight_problems
+from drcli.model.model_prefix import contains, what_helps
+from drcli.model.repair import Model, readable_scores
+from drcli.records.scores import Score
+from drcli.records.training_record import Pretrained
+
+PREFIX = "DR_LOCAL_S3_PRETRAINED_PREFIX"
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Weights as safetensors; `critic_warmup` is as in `Counters`."""
+
+    source: Pretrained
+    tensors: bytes
+    warnings: list[Problem]
+    critic_warmup: int | None = None
+
+
+def find(
+    config: PretrainedConfig, bucket: Bucket, new: str, wanted: Design, *, wiping: bool
+) -> Transfer:
+    """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name.
+
+    Raises:
+        ProblemsError: Model or checkpoint is missing, or does not fit.
+    """
+    prefix, place = config.prefix, config.place
+    if wiping and contains(new, prefix):
+        what = f"-w would delete that model, because it is inside DR_LOCAL_S3_MODEL_PREFIX={new}."
+        remedy = "Choose another DR_LOCAL_S3_MODEL_PREFIX."
+        raise _wrong(PREFIX, place, prefix, what, remedy)
+    source, found = named_weights(config, bucket)
+    try:
+        trained = Design.of_record(bucket, prefix, found.record)
+    except ObjectMissing as e:
+        remedy = "Restore that file from a copy, or choose another model."
+        raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e
+    model = f"s3://{bucket.name}/{prefix}"
+    warnings = weight_problems(trained, wanted, model)
+    refuse(warnings)
+    if config.checkpoint == "best" and source.metric is None:
+        name = "DR_LOCAL_S3_PRETRAINED_CHECKPOINT"
+        what = (
+            f"no checkpoint of {model} has been evaluated yet, so its first one, {source.name}, "
+            "counts as its best."
+        )
+        remedy = "Ignore this if you want that checkpoint."
+        warnings.append(
+            setting_problem(name, config.checkpoint_place, what, remedy, severity="warning")
+        )
+    return Transfer(source, found.tensors, warnings, found.record.counters.critic_warmup)
+
+
+def named_weights(config: PretrainedConfig, bucket: Bucket) -> tuple[Pretrained, Checkpoint]:
+    return read_weights(bucket, config.prefix, config.checkpoint, PREFIX, config.place)
+
+
+def read_weights(
+    bucket: Bucket, prefix: str, checkpoint: CheckpointChoice, name: str, place: Place
+) -> tuple[Pretrained, Checkpoint]:
+    """Read the setting's checkpoint; ProblemsError if missing or incomplete."""
+    folder = f"s3://{bucket.name}/{keys.model_folder(prefix)}"
+    store = CheckpointStore(bucket, prefix)
+    model = Model(bucket, prefix, keys.metrics_prefix(prefix))
+    scores, _ = readable_scores(model)
+    try:
+        pointed = store.pointed()
+        if scores is None and pointed is not None:
+            chosen = str(pointed)
+        elif scores is None:
+            remedy = what_helps(bucket, prefix, setting=name)
+            raise _wrong(name, place, prefix, f"there is no checkpoint at {folder}.", remedy)
+        else:
+            chosen = find_choice(model, checkpoint).name
+        found = load_checkpoint(bucket, prefix, chosen)
+    except (ObjectMissing, ObjectDamaged, CheckpointGone) as e:
+        what = f"its {checkpoint} checkpoint cannot be used: {e}"
+        if not isinstance(e, CheckpointGone):
+            what += f" {ModelCheckpoints.read(model).summary}"
+        other = "last" if checkpoint == "best" else "best"
+        remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other} or to another one of these, or "
+        raise _wrong(name, place, prefix, what, f"{remedy}choose another model.") from e
+    except ProblemsError:
+        raise
+    except SettingsError as e:  # a TensorFlow checkpoint of another network
+        raise _wrong(name, place, prefix, str(e), e.remedy) from e
+    metric = None if scores is None else scores.metric_of(chosen)
+    sha256 = found.record.tensors.sha256
+    return Pretrained(prefix, str(checkpoint), chosen, metric, sha256), found
+
+
+def sentence_of(bucket: Bucket, source: Pretrained) -> str:
+    model = Model(bucket, source.prefix, keys.metrics_prefix(source.prefix))
+    score = Score(source.name, source.metric)
+    return sentence_about(model, Chosen(parse_checkpoint(source.checkpoint), score, ()))
+
+
+def _wrong(name: str, place: Place, prefix: str, message: str, remedy: str) -> ProblemsError:
+    return ProblemsError([setting_problem(name, place, f"{name}={prefix}: {message}", remedy)])

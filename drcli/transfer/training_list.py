@@ -1,0 +1,497 @@
+"""Lists a bucket's trainings, recorded or not."""
+
+import csv
+import io
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from datetime import UTC, datetime
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from typing import Any, get_args
+
+from drcli.base.clock import moment
+from drcli.base.errors import SettingsError
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectNewer
+from drcli.config.settings import catalogue
+from drcli.model import keys, lease
+from drcli.model.repair import Model
+from drcli.model.run_metadata import read_start
+from drcli.model.traces import models_in
+from drcli.model.training_records import at_once, ended_elsewhere, read_trainings
+from drcli.records.training_record import TrainingRecord, TrainingState
+from drcli.transfer.record_training import (
+    derived_training,
+    evaluations_by_folder,
+    model_of,
+    origin_of,
+    with_evaluations,
+    with_results,
+)
+
+# A training in short, and its settings with defaults.
+
+
+@dataclass(frozen=True)
+class TrainingEntry:
+    """A training in the list.
+
+    Attributes:
+        id: Eight hexadecimal digits.
+        model: Prefix of the model.
+        state: running, finished, stopped, interrupted, failed, lost or unknown.
+        message: Why it ended.
+        began_at: Time of its first start in UTC, ISO 8601; empty if unknown.
+        ended_at: Time of its end, likewise.
+        exists: Whether its model is still there.
+        derived: Whether this was worked out from the model, as nobody wrote a record.
+        world: Track.
+        race_type: DR_RACE_TYPE.
+        algorithm: clipped_ppo or sac.
+        action_space: Kind and number of actions.
+        workers: Simulation workers.
+        starts: How often it was started.
+        iterations: Finished iterations.
+        episodes: Training episodes.
+        steps: Steps learned from.
+        elapsed_s: Wall time of training.
+        hours: Machine hours of all starts.
+        usd: What these cost.
+        best_lap_s: Fastest clean lap of an evaluation on `world`, during the training or later.
+        best_training_lap_s: Fastest lap of a training episode on `world`.
+        best_progress: Highest mean progress of an evaluation on `world`, percent.
+        best_checkpoint: Name of the best checkpoint.
+        best_score: Its score.
+        mean_reward: Of the last iteration.
+        mean_progress: Of the last iteration, percent.
+        parent: The model with whose weights it began; empty for fresh ones.
+        parent_checkpoint: Name of that checkpoint.
+        parent_training: Id of the training that made it; empty if unknown.
+        host: Machine of the newest start.
+        processor: Of that machine.
+        drcli: Version of drcli of the newest start.
+        commit: Git commit of the working folder, with + if files were changed.
+        seed: Of its random numbers.
+        description: DR_MODEL_DESCRIPTION.
+        metric: DR_TRAIN_BEST_MODEL_METRIC, of which the score is; empty if unknown.
+    """
+
+    id: str
+    model: str
+    state: str
+    message: str
+    began_at: str
+    ended_at: str
+    exists: bool
+    derived: bool
+    world: str
+    race_type: str
+    algorithm: str
+    action_space: str
+    workers: int | None
+    starts: int
+    iterations: int
+    episodes: int
+    steps: int
+    elapsed_s: float
+    hours: float | None
+    usd: float | None
+    best_lap_s: float | None
+    best_training_lap_s: float | None
+    best_progress: float | None
+    best_checkpoint: str | None
+    best_score: float | None
+    mean_reward: float | None
+    mean_progress: float | None
+    parent: str
+    parent_checkpoint: str
+    parent_training: str
+    host: str
+    processor: str
+    drcli: str
+    commit: str
+    seed: int | None
+    description: str
+    metric: str
+
+
+def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
+    newest, results, parent = record.newest, record.results, record.parent
+    git = newest.git.get("working_folder")
+    return TrainingEntry(
+        id=record.id,
+        model=record.prefix,
+        state=record.state,
+        message=record.message,
+        began_at=moment_text(record.began_at),
+        ended_at=moment_text(record.ended_at),
+        exists=exists,
+        derived=record.derived,
+        world=record.world,
+        race_type=record.race_type,
+        algorithm=record.algorithm,
+        action_space=record.action_space,
+        workers=record.workers,
+        starts=record.number_of_starts,
+        iterations=results.iterations,
+        episodes=results.episodes,
+        steps=results.steps,
+        elapsed_s=results.elapsed_s,
+        hours=record.hours,
+        usd=record.usd,
+        best_lap_s=results.clean_lap_s(record.world),
+        best_training_lap_s=results.best_training_lap_s,
+        best_progress=results.best_progress,
+        best_checkpoint=results.best_checkpoint,
+        best_score=results.best_score,
+        mean_reward=results.mean_reward,
+        mean_progress=results.mean_progress,
+        parent="" if parent is None else parent.prefix,
+        parent_checkpoint="" if parent is None else parent.name,
+        parent_training=record.parent_training,
+        host=newest.host,
+        processor=str(newest.machine.get("processor") or ""),
+        drcli=newest.versions.get("drcli") or "",
+        commit="" if git is None else f"{git.commit[:12]}{'+' if git.dirty else ''}",
+        seed=newest.seed,
+        description=record.description,
+        metric=record.metric,
+    )
+
+
+def moment_text(at: float | None) -> str:
+    """A time in Unix seconds as ISO 8601 in UTC; empty if unknown."""
+    if not at:
+        return ""
+    try:
+        return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    except (ValueError, OverflowError, OSError):
+        return ""
+
+
+def settings_of(record: TrainingRecord) -> dict[str, Any]:
+    given = record.newest.settings
+    if given is None:
+        return {}
+    defaults = {
+        name: setting.default_text if setting.kind in ("path", "list") else setting.default
+        for name, setting in catalogue().items()
+        if setting.effect == "used"
+    }
+    return {**defaults, **given}
+
+
+MOST_EVALUATIONS = 1000
+"""At a time, of all models: each is a request."""
+
+LEAST_ID, FULL_ID = 4, 8
+"""Digits of an id that name a training, and all of them."""
+
+
+@dataclass(frozen=True)
+class TrainingList:
+    """The trainings of a bucket.
+
+    Attributes:
+        bucket: Its name.
+        trainings: The chosen ones, in the chosen order.
+        total: How many trainings there are.
+        damaged: A sentence for each record that cannot be read.
+    """
+
+    bucket: str
+    trainings: list[TrainingEntry]
+    total: int
+    damaged: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class KnownTrainings:
+    """All trainings by start; `existing` are ids whose model is still there."""
+
+    bucket: str
+    records: tuple[TrainingRecord, ...] = ()
+    existing: frozenset[str] = frozenset()
+    models: frozenset[str] = frozenset()
+    damaged: tuple[str, ...] = ()
+
+    def entries(self) -> list[TrainingEntry]:
+        return [entry_of(record, exists=record.id in self.existing) for record in self.records]
+
+    def find(self, name: str) -> TrainingRecord:
+        """By id or its beginning, or by model for its newest training, with ~1 for the one before.
+
+        A name that is both means the model, unless it is a whole id.
+
+        Raises:
+            SettingsError: None or several have this name.
+        """
+        prefix, _, back = name.rstrip("/").partition("~")
+        of_model = [record for record in self.records if record.prefix == prefix]
+        digits = name.casefold()
+        # A model may be called `cafe`: its name comes before the beginning of an id.
+        shortest = FULL_ID if of_model else LEAST_ID
+        if len(digits) >= shortest and not set(digits) - set("0123456789abcdef"):
+            found = [record for record in self.records if record.id.startswith(digits)]
+            if len(found) == 1:
+                return found[0]
+            if len(found) > 1:
+                raise SettingsError(
+                    f"{name} is the beginning of {len(found)} trainings: "
+                    f"{', '.join(record.id for record in found[:5])}.",
+                    remedy="Write more digits.",
+                )
+        count = int(back) if back.isdecimal() and len(back) < 6 else 0
+        if not of_model or (back and not back.isdecimal()):
+            raise SettingsError(
+                f"There is no training {name} in s3://{self.bucket}.",
+                remedy="`dr-history` lists all trainings.",
+            )
+        if count >= len(of_model):
+            how_many = "one training" if len(of_model) == 1 else f"{len(of_model)} trainings"
+            raise SettingsError(
+                f"There is no training {name}: {prefix} has {how_many}.",
+                remedy=f"`dr-history {prefix}` lists them.",
+            )
+        return of_model[-1 - count]
+
+
+def known_trainings(bucket: Bucket) -> KnownTrainings:
+    listed = bucket.list("")
+    present = {info.key for info in listed}
+    models = models_in(listed)
+    records, damaged = read_trainings(bucket)
+    left = {record.prefix for record in records if record.gone_at is None}
+    trained = [p for p in models if p not in left and keys.training_start(p) in present]
+
+    recorded = {(record.prefix, record.id) for record in records}
+
+    def derive(prefix: str) -> TrainingRecord | None:
+        try:
+            start = read_start(bucket, prefix)
+            origin = prefix if start is None else origin_of(prefix, start)
+            if start is not None and origin != prefix and (origin, start.training) in recorded:
+                return None  # a copy
+            return derived_training(Model(bucket, prefix, keys.metrics_prefix(prefix)), start)
+        except (ObjectDamaged, ObjectNewer) as error:
+            damaged.append(f"{error} {error.remedy}")
+            return None
+
+    records += [record for record in at_once(derive, sorted(trained)) if record is not None]
+    evaluations = evaluations_by_folder(listed)
+    if surplus := _surplus(records, bucket, evaluations):
+        damaged.append(
+            f"{len(surplus):,} older results of dr-evaluate were not read, only the newest "
+            f"{MOST_EVALUATIONS:,} of those that no record contains yet."
+        )
+        evaluations = {
+            folder: [key for key in found if key not in surplus]
+            for folder, found in evaluations.items()
+        }
+    records = at_once(lambda record: _as_it_is_now(bucket, evaluations, record), records)
+    records.sort(key=lambda record: (record.began_at, record.prefix, record.id))
+    # Only the newest training of a model can be the one whose model is there.
+    newest = {record.prefix: record for record in records if record.gone_at is None}
+    return KnownTrainings(
+        bucket.name,
+        tuple(records),
+        frozenset(record.id for record in newest.values() if record.prefix in models),
+        frozenset(models),
+        tuple(damaged),
+    )
+
+
+def _surplus(
+    records: Sequence[TrainingRecord], bucket: Bucket, evaluations: Mapping[str, Sequence[str]]
+) -> set[str]:
+    fresh: list[str] = []
+    for record in records:
+        if record.gone_at is None:
+            folder = keys.evaluation_metrics_folder(model_of(record, bucket).metrics_prefix)
+            fresh += evaluations.get(folder, [])[record.results.read_evaluations :]
+    fresh.sort(key=lambda key: key.rpartition("/")[2])
+    return set(fresh[:-MOST_EVALUATIONS])
+
+
+def _as_it_is_now(
+    bucket: Bucket, evaluations: Mapping[str, Sequence[str]], record: TrainingRecord
+) -> TrainingRecord:
+    if record.gone_at is not None:
+        return ended_elsewhere(bucket, record) if record.state == "running" else record
+    model = model_of(record, bucket)
+    if record.state == "running":
+        if lease.live_holder(bucket, record.prefix) is None:
+            record = ended_elsewhere(bucket, record)
+        return with_results(record, model)
+    found = evaluations.get(keys.evaluation_metrics_folder(model.metrics_prefix), [])
+    return replace(record, results=with_evaluations(record.results, model, found))
+
+
+# Chooses and sorts trainings for a list.
+
+
+def values_of(record: TrainingRecord, entry: TrainingEntry) -> Mapping[str, Any]:
+    return {**settings_of(record), **record.hyperparameters, **vars(entry)}
+
+
+def chosen(
+    known: KnownTrainings,
+    conditions: Sequence[Callable[[Mapping[str, Any]], bool]],
+    sort: str = "began",
+    limit: int = 0,
+) -> TrainingList:
+    """Sorted so that the best, newest or largest come last; `limit` keeps the last."""
+
+    def fits(record: TrainingRecord, entry: TrainingEntry) -> bool:
+        values = values_of(record, entry) if conditions else {}
+        return all(condition(values) for condition in conditions)
+
+    pairs = zip(known.records, known.entries(), strict=True)
+    found = ordered([entry for record, entry in pairs if fits(record, entry)], sort)
+    return TrainingList(
+        known.bucket, found[-limit:] if limit else found, len(known.records), list(known.damaged)
+    )
+
+
+ORDERS: Mapping[str, Callable[[TrainingEntry], Any]] = {
+    "began": lambda entry: entry.began_at or None,
+    "lap": lambda entry: None if entry.best_lap_s is None else -entry.best_lap_s,
+    "progress": lambda entry: entry.best_progress,
+    "score": lambda entry: entry.best_score,
+    "iterations": lambda entry: entry.iterations,
+    "hours": lambda entry: entry.hours,
+    "cost": lambda entry: entry.usd,
+    "model": lambda entry: entry.model,
+}
+"""Missing values come first."""
+
+
+def ordered(entries: Iterable[TrainingEntry], sort: str) -> list[TrainingEntry]:
+    key = ORDERS[sort]
+    known = [(key(entry), entry) for entry in entries]
+    without = [entry for value, entry in known if value is None]
+    with_value = [pair for pair in known if pair[0] is not None]
+    return without + [entry for _, entry in sorted(with_value, key=lambda pair: pair[0])]
+
+
+# Conditions that choose trainings: time, state, comparison.
+
+
+Condition = Callable[[Mapping[str, Any]], bool]
+
+STATES: tuple[str, ...] = get_args(TrainingState)
+
+_COMPARISON = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*(<=|>=|!=|==|=|<|>)\s*(.*?)\s*")
+
+
+def of_model(pattern: str) -> Condition:
+    """By a part of the prefix, or `*` and `?`."""
+    has_wildcards = any(character in pattern for character in "*?[")
+
+    def fits(values: Mapping[str, Any]) -> bool:
+        model = str(values["model"])
+        return fnmatchcase(model, pattern) if has_wildcards else pattern in model
+
+    return fits
+
+
+def in_state(words: str) -> Condition:
+    """States separated by commas; raises SettingsError."""
+    wanted = [word.casefold() for word in re.split(r"[,\s]+", words) if word]
+    for word in wanted:
+        if word not in STATES:
+            raise SettingsError(
+                f"--state {word} is no state of a training.",
+                remedy=f"Write some of {', '.join(STATES)}, separated by commas.",
+            )
+    return lambda values: values["state"] in wanted
+
+
+def began(option: str, text: str, now: datetime, *, after: bool) -> Condition:
+    """By a date in UTC, or an age; raises SettingsError."""
+    limit = moment(option, text, now).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+    def fits(values: Mapping[str, Any]) -> bool:
+        at = str(values["began_at"])
+        return bool(at) and (at >= limit if after else at < limit)
+
+    return fits
+
+
+def where(text: str, names: Collection[str]) -> Condition:
+    """A comparison such as `lr<0.001` or `DR_WORLD_NAME=reinvent*`.
+
+    Texts are compared without case; = and != know `*` and `?`. A missing value fulfils only !=.
+
+    Raises:
+        SettingsError: It is not one, or no training can have such a value.
+    """
+    found = _COMPARISON.fullmatch(text)
+    if found is None:
+        raise SettingsError(
+            f"--where {text} is no comparison.",
+            remedy="Write one with =, !=, <, <=, > or >=, as in --where 'lr<0.001'.",
+        )
+    name, sign, wanted = found[1], found[2], found[3]
+    known = {each.casefold(): each for each in names}
+    if name.casefold() not in known:
+        close = get_close_matches(name.casefold(), known, 3)
+        likely = f"Did you mean {', '.join(known[each] for each in close)}? " if close else ""
+        raise SettingsError(
+            f"--where {text}: no training has a value {name}.",
+            remedy=f"{likely}Use a setting, a hyperparameter, or a key of `dr-history --json`.",
+        )
+    name = known[name.casefold()]
+    return lambda values: _holds(values.get(name), sign, wanted)
+
+
+def _holds(value: Any, sign: str, wanted: str) -> bool:
+    if value is None or value == "":
+        return sign == "!=" and wanted != ""
+    left, right = _number(value), _number(wanted)
+    if left is not None and right is not None:
+        return {
+            "=": left == right,
+            "==": left == right,
+            "!=": left != right,
+            "<": left < right,
+            "<=": left <= right,
+            ">": left > right,
+            ">=": left >= right,
+        }[sign]
+    one, other = str(value).casefold(), wanted.casefold()
+    if sign in ("=", "==", "!="):
+        return fnmatchcase(one, other) == (sign != "!=")
+    return {"<": one < other, "<=": one <= other, ">": one > other, ">=": one >= other}[sign]
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool):
+        return None
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return None
+    return None if number != number else number
+
+
+# Trainings as a CSV table.
+
+
+def csv_table(known: KnownTrainings, chosen: Collection[TrainingEntry]) -> str:
+    """With each hyperparameter and each setting that was given."""
+    records = {record.id: record for record in known.records}
+    found = [records[entry.id] for entry in chosen]
+    parameters = sorted({name for record in found for name in record.hyperparameters})
+    settings = sorted({name for record in found for name in record.newest.settings or {}})
+    names = [each.name for each in fields(TrainingEntry)]
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow([*names, *parameters, *settings])
+    for entry, record in zip(chosen, found, strict=True):
+        given = record.newest.settings or {}
+        cells = [getattr(entry, name) for name in names]
+        cells += [record.hyperparameters.get(name) for name in parameters]
+        cells += [given.get(name) for name in settings]
+        table.writerow(["" if cell is None else cell for cell in cells])
+    return text.getvalue()

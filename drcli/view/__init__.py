@@ -1,0 +1,1 @@
+"""Pictures of driven laps: videos, saliency, the episode player."""

@@ -1,0 +1,113 @@
+"""Which policy drove a trace, and how it is opened."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drcli.base.errors import DrError, SettingsError
+from drcli.bucket.bucket import Bucket
+from drcli.config.run_config import ModelConfig
+from drcli.model import keys
+from drcli.model.checkpoint_choice import ModelCheckpoints, find_choice
+from drcli.model.repair import Model, readable_history
+from drcli.records.checkpoint import CHECKPOINT_NAME
+from drcli.view.playback.stored_traces import StoredTrace
+from drcli.view.video.trace_source import FoundTrace
+
+if TYPE_CHECKING:
+    from drcli.view.saliency.policy_outputs import ExplainedPolicy
+
+
+@dataclass(frozen=True)
+class DrivingPolicy:
+    """The policy of a trace.
+
+    Attributes:
+        checkpoint: Null if unknown.
+        available: Checkpoints that can be opened.
+        sentence: Why it cannot be shown, or empty.
+    """
+
+    checkpoint: int | None
+    available: list[int]
+    sentence: str
+
+
+def policy_of(
+    bucket: Bucket, config: ModelConfig, prefix: str, trace: StoredTrace, found: FoundTrace
+) -> DrivingPolicy:
+    available = _available(bucket, config, prefix)
+    number = _recorded(found)
+    if trace.kind == "training":
+        number = _of_iteration(bucket, config, prefix, trace.iteration)
+    if number is None:
+        sentence = "Nobody recorded which checkpoint drove, so no choices are shown."
+    elif number in available:
+        sentence = ""
+    else:
+        sentence = (
+            f"Checkpoint {number}, which drove, is no longer there: a training keeps the newest, "
+            "the best and the milestones."
+        )
+    if sentence and available:
+        sentence += " Another checkpoint can look at the same pictures."
+    return DrivingPolicy(number, available, sentence)
+
+
+def open_checkpoint(
+    bucket: Bucket, config: ModelConfig, prefix: str, number: int
+) -> "ExplainedPolicy":
+    """The network, or the frozen graph where only that is left.
+
+    Raises:
+        SettingsError: It cannot be found or used.
+        StorageError: It is damaged, or the bucket cannot be read.
+    """
+    from drcli.view.saliency.policy_outputs import (  # torch takes seconds
+        open_policy,
+        open_policy_file,
+    )
+
+    name = ""
+    try:
+        name = find_choice(Model.of(config, bucket, prefix), number).name
+    except SettingsError:
+        if not bucket.exists(keys.checkpoint_graph(prefix, number)):
+            raise
+    if name:
+        return open_policy(bucket, prefix, name)
+    with tempfile.TemporaryDirectory(prefix="dr-policy-") as folder:
+        graph, metadata = Path(folder, f"model_{number}.pb"), Path(folder, "model_metadata.json")
+        graph.write_bytes(bucket.get(keys.checkpoint_graph(prefix, number)))
+        metadata.write_bytes(bucket.get(keys.model_metadata(prefix)))
+        return open_policy_file(graph, metadata)
+
+
+def _available(bucket: Bucket, config: ModelConfig, prefix: str) -> list[int]:
+    has = ModelCheckpoints.read(Model.of(config, bucket, prefix))
+    there = {info.key for info in has.listed}
+    whole = {name.number for name in has.names if not has.missing_parts(str(name))}
+    graphs = {
+        name.number for name in has.names if keys.checkpoint_graph(prefix, name.number) in there
+    }
+    return sorted(whole | graphs)
+
+
+def _recorded(found: FoundTrace) -> int | None:
+    recorded = "" if found.recording is None else found.recording.checkpoint
+    name = CHECKPOINT_NAME.fullmatch(recorded)
+    return None if name is None else int(name[1])
+
+
+def _of_iteration(bucket: Bucket, config: ModelConfig, prefix: str, iteration: int) -> int:
+    """Where driving and learning overlap, an older checkpoint drove."""
+    try:
+        records, _ = readable_history(Model.of(config, bucket, prefix))
+    except DrError:
+        records = []
+    for record in records:
+        name = CHECKPOINT_NAME.fullmatch(record.checkpoint)
+        if record.iteration == iteration and name is not None:
+            return int(name[1])
+    return iteration

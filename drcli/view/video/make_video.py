@@ -1,0 +1,344 @@
+"""Films the chosen episodes of a trace."""
+
+import contextlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from drcli.base.errors import NotAvailable, SettingsError
+from drcli.base.files import refuse_replacing
+from drcli.config.value_types import shell_color
+from drcli.records.iteration import counted_resets
+from drcli.records.trace import STATUS_LABELS
+from drcli.view.video import encode
+from drcli.view.video.film import GHOST_COLORS, SIZES, Film, Renderer, Scene, View, frame_count
+from drcli.view.video.overlay import Titles, clock
+from drcli.view.video.recorded_lap import RecordedLap
+from drcli.view.video.trace_source import FoundTrace
+from drsim.race.solids import SHAPES, Shape
+from drsim.track.track import Track
+from drsim.viewing.car_eye import CarEye, lens_above
+from drsim.viewing.placed_things import OPPONENT_COLOR
+from drsim.viewing.world_view import WorldView
+
+if TYPE_CHECKING:
+    from drcli.view.saliency.policy_outputs import ExplainedPolicy
+
+# What a video holds.
+
+
+@dataclass(frozen=True)
+class FilmedEpisode:
+    """An episode in a video.
+
+    Attributes:
+        episode: Its number in the trace.
+        seconds: Simulated seconds.
+        progress: Percent of the lap.
+        status: How it ended, such as "Lap complete".
+        resets: How often the car left the track or crashed before its end.
+        penalty_s: In the time, simulated seconds.
+        clean: Completed without reset and penalty.
+        text: End, and time of a completed lap, for people.
+    """
+
+    episode: int
+    seconds: float
+    progress: float
+    status: str
+    resets: int
+    penalty_s: float = 0.0
+    clean: bool = False
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class VideoReport:
+    """What `dr-video` made.
+
+    Attributes:
+        file: The video.
+        seconds: How long it plays.
+        frames: How many.
+        width: Pixels.
+        height: Pixels.
+        fps: Frames per second.
+        world: The track.
+        trace: What was filmed.
+        model: Prefix of the model that drove, or empty.
+        checkpoint: Whose probabilities are shown, or empty.
+        renderer: What made the view.
+        episodes: In the order of the film.
+        notes: What a reader should know.
+    """
+
+    file: str
+    seconds: float
+    frames: int
+    width: int
+    height: int
+    fps: int
+    world: str
+    trace: str
+    model: str
+    checkpoint: str
+    renderer: str
+    episodes: list[FilmedEpisode]
+    notes: list[str] = field(default_factory=list)
+
+
+RendererName = Literal["raycast", "mujoco"]
+
+ENDINGS = (".mp4", ".gif")
+
+USUAL_SECONDS = 300
+
+
+@dataclass(frozen=True)
+class Wish:
+    """How a video should be.
+
+    Attributes:
+        episode: "best", "all", or a number in the trace.
+        size: A key of `SIZES`.
+        ghosts: The fastest other laps of the trace.
+        color: As DR_CAR_COLOR.
+        explain: Show which pixels moved the action.
+        most_seconds: None for no limit.
+    """
+
+    episode: str = "best"
+    size: str = "640x480"
+    fps: int = 15
+    ghosts: int = 0
+    renderer: RendererName = "raycast"
+    color: str = "Red"
+    racer: str = ""
+    explain: bool = False
+    most_seconds: int | None = None
+
+    @property
+    def most_frames(self) -> float:
+        return math.inf if self.most_seconds is None else self.most_seconds * self.fps
+
+
+def film_trace(
+    trace: FoundTrace,
+    track: Track,
+    wish: Wish,
+    files: Sequence[tuple[View, Path]],
+    *,
+    subject: "ExplainedPolicy | None" = None,
+    driver: str = "",
+    others: Sequence[tuple[str, RecordedLap]] = (),
+) -> VideoReport:
+    """Film a trace into a video or GIF for each view.
+
+    `driver` is what titles call the driver, such as `model · checkpoint 3`; `others` become ghosts.
+
+    Raises:
+        NotAvailable: A library is missing.
+        SettingsError: The episode does not exist, or a file cannot be written.
+    """
+    laps = chosen_laps(trace.laps, wish.episode, trace.origin)
+    for _, path in files:
+        if path.suffix.lower() == ".mp4":
+            encode.require_encoder()
+    shapes = _shapes(trace)
+    rows, columns = SIZES[wish.size]
+    renderer = _renderer(wish, track, (rows, columns))
+    film = Film(track, renderer, wish.fps)
+    eye = CarEye(track, shapes)
+    total = 0
+    filmed: list[FilmedEpisode] = []
+
+    def scenes() -> Iterator[Scene]:
+        for lap in laps:
+            filmed.append(_filmed(lap))
+            ghosts = _ghosts(trace, lap, wish.ghosts, others)
+            yield _scene(trace, track, lap, wish, eye, shapes, subject, driver, ghosts)
+
+    try:
+        with contextlib.ExitStack() as stack:
+            writers = [
+                stack.enter_context(
+                    encode.gif(path, wish.fps)
+                    if path.suffix.lower() == ".gif"
+                    else encode.mp4(path, (rows, columns), wish.fps)
+                )
+                for _, path in files
+            ]
+            views = [view for view, _ in files]
+            for frames in (made for scene in scenes() for made in film.frames(scene, views)):
+                for writer, frame in zip(writers, frames, strict=True):
+                    writer.add(frame)
+                total += 1
+                if total >= wish.most_frames or all(writer.full for writer in writers):
+                    break
+    finally:
+        renderer.close()
+    form = encode.form_of(files[0][1], encode.Form(columns, rows, wish.fps, total))
+    return VideoReport(
+        file=str(files[0][1]),
+        seconds=form.frames / form.fps,
+        frames=form.frames,
+        width=form.columns,
+        height=form.rows,
+        fps=form.fps,
+        world=track.name,
+        trace=trace.origin,
+        model=trace.model,
+        checkpoint=driver if subject is not None else "",
+        renderer=wish.renderer,
+        episodes=filmed,
+        notes=[*trace.notes, *_cut(laps, wish)],
+    )
+
+
+def frames_of(trace: FoundTrace, wish: Wish) -> int:
+    laps = chosen_laps(trace.laps, wish.episode, trace.origin)
+    return int(min(_frames(laps, wish), wish.most_frames))
+
+
+def _frames(laps: Sequence[RecordedLap], wish: Wish) -> int:
+    return sum(frame_count(lap, wish.fps) for lap in laps)
+
+
+def _cut(laps: Sequence[RecordedLap], wish: Wish) -> list[str]:
+    frames = _frames(laps, wish)
+    if frames <= wish.most_frames:
+        return []
+    what = "the episode takes" if len(laps) == 1 else "the episodes take"
+    return [
+        f"The film ends after {wish.most_seconds} s; {what} {math.ceil(frames / wish.fps)} s "
+        "(`dr-video --seconds` moves the end)."
+    ]
+
+
+def chosen_laps(laps: Sequence[RecordedLap], episode: str, origin: str) -> list[RecordedLap]:
+    """Raises SettingsError without such an episode."""
+    if episode == "all":
+        return list(laps)
+    if episode == "best":
+        return [min(laps, key=rank_of)]
+    found = [lap for lap in laps if str(lap.number) == episode]
+    if not found:
+        first, last = laps[0].number, laps[-1].number
+        raise SettingsError(
+            f"{origin} has no episode {episode:.20}.",
+            remedy=f"Choose best, all, or a number from {first} to {last} with --episode.",
+        )
+    return found[:1]
+
+
+def refuse_file(path: Path, *, force: bool = False) -> None:
+    """Raises SettingsError for names of other files, replacing a file, and bad places."""
+    if path.suffix.lower() not in ENDINGS:
+        raise SettingsError(
+            f"{path} ends neither in .mp4 nor in .gif.",
+            remedy="Name another file with --out, such as --out lap.mp4 or --out lap.gif.",
+        )
+    refuse_replacing(path, force=force)
+
+
+def rank_of(lap: RecordedLap) -> tuple[bool, int, float]:
+    if lap.completed:
+        return False, int(lap.resets[-1]), lap.duration_s
+    return True, 0, -float(lap.progress[-1])
+
+
+def _renderer(wish: Wish, track: Track, size: tuple[int, int]) -> Renderer:
+    if wish.renderer == "mujoco":
+        from drsim.viewing.mujoco_view import MujocoView, RendererError
+
+        try:
+            view = MujocoView(track, columns=size[1], rows=size[0])
+            view.frame(lens_above(track, size), [])
+        except RendererError as error:
+            raise NotAvailable(
+                f"--renderer mujoco needs OpenGL: {error}",
+                remedy="Install OpenGL without a window (Debian: `apt-get install libegl1 "
+                "libgl1-mesa-dri`), set MUJOCO_GL=osmesa or egl, or leave out --renderer.",
+            ) from None
+        return view
+    return WorldView(track, columns=size[1], rows=size[0])
+
+
+def _shapes(trace: FoundTrace) -> tuple[Shape, ...]:
+    names = [] if trace.recording is None else trace.recording.shapes
+    count = trace.laps[0].objects.shape[1]
+    known = tuple(SHAPES[name] for name in names if name in SHAPES)
+    return known if len(known) == count == len(names) else ()
+
+
+def _ghosts(
+    trace: FoundTrace,
+    lap: RecordedLap,
+    count: int,
+    others: Sequence[tuple[str, RecordedLap]],
+) -> list[tuple[str, RecordedLap]]:
+    rest = sorted((other for other in trace.laps if other is not lap), key=rank_of)[:count]
+    named = [*others, *((f"episode {other.number}", other) for other in rest)]
+    return [(f"{name}  {_ghost_time(other)}", other) for name, other in named[: len(GHOST_COLORS)]]
+
+
+def _ghost_time(lap: RecordedLap) -> str:
+    resets = int(lap.resets[-1])
+    return f"{clock(lap.duration_s)}, {counted_resets(resets)}" if resets else clock(lap.duration_s)
+
+
+def _scene(
+    trace: FoundTrace,
+    track: Track,
+    lap: RecordedLap,
+    wish: Wish,
+    eye: CarEye,
+    shapes: tuple[Shape, ...],
+    subject: "ExplainedPolicy | None",
+    driver: str,
+    ghosts: Sequence[tuple[str, RecordedLap]],
+) -> Scene:
+    insight = None
+    actions: tuple[tuple[float, float], ...] = ()
+    if subject is None:
+        camera = eye.frames(lap.poses, lap.objects)[:, 0]
+    else:
+        from drcli.view.video.policy_insight import look_through  # torch takes seconds to load
+
+        seen = look_through(subject, eye, lap, explain=wish.explain)
+        insight, camera, actions = seen.insight, seen.camera, seen.actions
+    other_color = "" if trace.recording is None else trace.recording.other_color
+    where = f"{track.name} · episode {lap.number}"
+    titles = Titles(
+        wish.racer or "DeepRacer",
+        driver or trace.origin,
+        where,
+        actions,
+        tuple((name, color) for (name, _), color in zip(ghosts, GHOST_COLORS, strict=False)),
+    )
+    return Scene(
+        lap,
+        titles,
+        shell_color(wish.color),
+        shapes,
+        camera,
+        insight,
+        tuple((other, color) for (_, other), color in zip(ghosts, GHOST_COLORS, strict=False)),
+        shell_color(other_color) if other_color else OPPONENT_COLOR,
+    )
+
+
+def _filmed(lap: RecordedLap) -> FilmedEpisode:
+    status = lap.status[-1]
+    return FilmedEpisode(
+        lap.number,
+        round(lap.duration_s, 3),
+        round(float(lap.progress[-1]), 3),
+        STATUS_LABELS.get(status, status),
+        int(lap.resets[-1]),
+        round(lap.penalty_s, 3),
+        lap.clean,
+        lap.told,
+    )

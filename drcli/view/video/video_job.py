@@ -1,0 +1,212 @@
+"""Makes a video with all that bucket and settings tell."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drcli.base.errors import BadValue, DrError, SettingsError
+from drcli.bucket.bucket import Bucket
+from drcli.config.run_config import ModelConfig, RaceConfig
+from drcli.config.value_types import parse_checkpoint
+from drcli.model import keys, race_keys
+from drcli.model.checkpoint_choice import find_choice
+from drcli.model.repair import Model
+from drcli.view.video.film import View
+from drcli.view.video.make_video import VideoReport, Wish, film_trace
+from drcli.view.video.recorded_lap import RecordedLap, find_world, load_world
+from drcli.view.video.trace_source import FoundTrace, trace_of_evaluation, trace_of_file
+
+if TYPE_CHECKING:
+    from drcli.view.saliency.policy_outputs import ExplainedPolicy
+
+NO_POLICY = "none"
+_POLICY_FILES = (".pb", ".onnx", ".xml", ".tflite", ".gz", ".tgz")
+
+
+@dataclass(frozen=True)
+class PolicyWish:
+    """Whose probabilities are shown.
+
+    Attributes:
+        name: Checkpoint, file, `NO_POLICY`, or None for the checkpoint that drove.
+        metadata: Of a file; None if it lies beside it.
+        iteration: Of a training; None for an evaluation.
+    """
+
+    name: str | None = None
+    metadata: Path | None = None
+    iteration: int | None = None
+
+
+@dataclass(frozen=True)
+class Defaults:
+    model: ModelConfig
+    tracks_folder: Path
+    world: str
+    racer: str
+    color: str
+
+    @staticmethod
+    def of(model: ModelConfig, race: RaceConfig) -> "Defaults":
+        names = race.world_name, race.racer_name, race.car_color
+        return Defaults(model, race.tracks_folder, *names)
+
+
+def make_video(
+    defaults: Defaults,
+    bucket: Callable[[], Bucket],
+    trace: FoundTrace,
+    wish: Wish,
+    files: Sequence[tuple[View, Path]],
+    *,
+    world: str | None = None,
+    policy: PolicyWish | None = None,
+    ghosts: Sequence[str] = (),
+) -> VideoReport:
+    """Film a trace with everything that is known about it.
+
+    The bucket is opened only where needed; `ghosts` are trace files or evaluation stamps.
+
+    Raises:
+        SettingsError: Track or policy is missing, or a file cannot be written.
+        NotAvailable: A library is missing.
+    """
+    recording = trace.recording
+    folder = defaults.tracks_folder
+    if world is not None:
+        track = load_world(world, folder)
+    elif recording is not None:
+        track = load_world(recording.world, folder)
+    else:
+        track = find_world(trace.laps, defaults.world, folder, trace.origin)
+    subject, driver, notes = _policy(defaults, bucket, trace, policy or PolicyWish())
+    if wish.explain and subject is None:
+        raise SettingsError(
+            "No policy is known whose pixels could be explained.",
+            remedy="Name a checkpoint or a file with --policy, or leave out --explain.",
+        )
+    others = [_ghost(bucket, trace, name) for name in ghosts]
+    racer = wish.racer or (recording.racer if recording is not None else defaults.racer)
+    color = wish.color or (recording.color if recording is not None else defaults.color)
+    report = film_trace(
+        trace,
+        track,
+        replace(wish, racer=racer, color=color),
+        files,
+        subject=subject,
+        driver=driver or _driver(trace),
+        others=others,
+    )
+    return replace(
+        report,
+        checkpoint=driver.rpartition("checkpoint ")[2] if subject is not None else "",
+        notes=[*report.notes, *notes],
+    )
+
+
+def _driver(trace: FoundTrace) -> str:
+    recording = trace.recording
+    if recording is None:
+        # A path says nothing to viewers, and names the folders of who made the video.
+        return f"{trace.model} · {trace.origin}" if trace.model else trace.stem
+    number = recording.checkpoint.partition("_")[0]
+    model = race_keys.submitted_model(recording.model)
+    return f"{model} · checkpoint {number}" if number else model
+
+
+def _policy(
+    defaults: Defaults,
+    bucket: Callable[[], Bucket],
+    trace: FoundTrace,
+    wish: PolicyWish,
+) -> tuple["ExplainedPolicy | None", str, list[str]]:
+    if wish.name == NO_POLICY:
+        return None, "", []
+    if wish.name is not None and _is_file(wish.name):
+        from drcli.view.saliency.policy_outputs import open_policy_file
+
+        path = Path(wish.name).expanduser()
+        return open_policy_file(path, wish.metadata), path.name, []
+    if wish.name is not None:
+        if not trace.model:
+            raise SettingsError(
+                f"{trace.origin} names no model, so --policy {wish.name:.40} cannot be found.",
+                remedy="Name a file with --policy, such as model_0.pb.",
+            )
+        return _checkpoint(defaults, bucket(), trace.model, wish.name)
+    recording = trace.recording
+    recorded = "" if recording is None else recording.checkpoint
+    name = recorded or ("" if wish.iteration is None else str(wish.iteration))
+    if not trace.model or not name:
+        return None, "", []
+    try:
+        return _checkpoint(defaults, bucket(), trace.model, name)
+    except DrError:
+        number = name.partition("_")[0]
+        note = (
+            f"Checkpoint {number} of {trace.model}, which drove, is no longer there: the video "
+            "shows no probabilities. --policy names another one."
+        )
+        return None, "", [note]
+
+
+def _checkpoint(
+    defaults: Defaults, bucket: Bucket, model: str, name: str
+) -> tuple["ExplainedPolicy | None", str, list[str]]:
+    from drcli.view.saliency.policy_outputs import open_policy
+
+    try:
+        choice = parse_checkpoint(name)
+    except BadValue as error:
+        raise SettingsError(f"--policy {name:.60} {error.reason}.", remedy=error.remedy) from None
+    found = find_choice(Model.of(defaults.model, bucket, model), choice).name
+    number = found.partition("_")[0]
+    title = f"{race_keys.submitted_model(model)} · checkpoint {number}"
+    return open_policy(bucket, model, found), title, []
+
+
+def _is_file(name: str) -> bool:
+    return Path(name).suffix.lower() in _POLICY_FILES
+
+
+def _ghost(bucket: Callable[[], Bucket], trace: FoundTrace, name: str) -> tuple[str, RecordedLap]:
+    from drcli.view.video.make_video import chosen_laps
+
+    path = Path(name).expanduser()
+    if path.exists():
+        other, title = trace_of_file(path), path.parent.parent.name or path.stem
+    elif trace.model and (name == "last" or name.isdecimal()):
+        stamp = None if name == "last" else name
+        other, title = trace_of_evaluation(bucket(), trace.model, stamp), name
+    else:
+        raise SettingsError(
+            f"--ghost {name:.60} is neither a file nor an evaluation of a model.",
+            remedy="Name a simtrace file, or the fourteen digits of an evaluation.",
+        )
+    return title, chosen_laps(other.laps, "best", other.origin)[0]
+
+
+def put_videos(bucket: Bucket, prefix: str, stamp: str, files: dict[View, Path]) -> list[str]:
+    """Put an evaluation's videos where DeepRacer-for-Cloud has them; returns keys.
+
+    The complete view, last, is also put beside the trace: the next evaluation replaces the others.
+    """
+    put = []
+    for view, path in sorted(files.items(), key=lambda file: file[0] == "film"):
+        key = keys.video(prefix, CAMERAS[view])
+        bucket.put(key, path.read_bytes())
+        put.append(key)
+    if "film" in files and stamp:
+        key = keys.evaluation_video(prefix, stamp)
+        bucket.put(key, files["film"].read_bytes())
+        put.append(key)
+    return put
+
+
+CAMERAS: dict[View, str] = {
+    "film": "camera-pip",
+    "chase": "camera-45degree",
+    "top": "camera-topview",
+}
+"""Source: the reference simulator."""

@@ -1,0 +1,244 @@
+"""Hyperparameters on the page."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, get_args
+
+from starlette.requests import Request
+from starlette.routing import BaseRoute, Route
+
+from drcli.base.errors import Problem, ProblemsError
+from drcli.checks.explain.lookup import shipped_value, value_if_left_out
+from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
+from drcli.checks.parameter_rules import PPO_ONLY, review_parameters
+from drcli.config.settings import Settings
+from drcli.model.files.action_choice import grid
+from drcli.model.files.action_space import MANY_ACTIONS, USUAL
+from drcli.model.files.custom_files import InputFile
+from drcli.model.files.data_file import read_json_object
+from drcli.model.files.hyperparameters import KEYS, OWN_KEYS, Hyperparameters
+from drcli.model.files.model_metadata import (
+    CAMERAS,
+    LIDARS,
+    RULES,
+    Algorithm,
+    ModelMetadata,
+    Network,
+)
+from drcli.model.keys import HYPERPARAMETERS_FILE, MODEL_METADATA_FILE
+from drcli.transfer.action_space_change import metadata_text, with_metadata
+from drcli.web.answers import BadRequest, accepts, answers, placed, text_of
+from drcli.web.own_files import OwnFile, base_of, own_file, save_own_file, values_of
+from drcli.web.served_folder import ServedFolder
+
+NO_EFFECT = ("term_cond_avg_score",)
+
+
+def _content(file: OwnFile) -> dict[str, Any]:
+    values = values_of(file, "V-04")
+    return {"values": values or {}, "broken": values is None}
+
+
+def _limits(schema: dict[str, Any]) -> dict[str, Any]:
+    options = [each for each in schema.get("anyOf", [schema]) if each.get("type") != "null"]
+    one = options[0]
+    kinds = {"integer": "whole", "boolean": "flag", "number": "number"}
+    return {
+        "kind": "choice" if "enum" in one else kinds.get(one.get("type", ""), "text"),
+        "choices": one.get("enum", []),
+        "low": one.get("minimum"),
+        "high": one.get("maximum"),
+        "optional": len(options) < len(schema.get("anyOf", options)),
+    }
+
+
+def _keys() -> list[dict[str, Any]]:
+    properties = Hyperparameters.model_json_schema()["properties"]
+    found = []
+    for key in KEYS:
+        text = HYPERPARAMETER_TEXTS[key]
+        found.append(
+            {
+                "key": key,
+                **_limits(properties[key]),
+                "meaning": text.meaning,
+                "higher": text.higher,
+                "lower": text.lower,
+                "advice": text.advice,
+                "shipped": shipped_value(key),
+                "left_out": value_if_left_out(key),
+                "beyond": key in OWN_KEYS,
+                "algorithms": _algorithms(key),
+                "effect": key not in NO_EFFECT,
+            }
+        )
+    return found
+
+
+def _algorithms(key: str) -> list[str]:
+    if key.startswith("sac_"):
+        return ["sac"]
+    return ["clipped_ppo"] if key in PPO_ONLY | {"training_method"} else ["clipped_ppo", "sac"]
+
+
+def _text(file: OwnFile, changes: dict[str, Any]) -> bytes:
+    """None removes a key; order and other keys stay."""
+    values = {**read_json_object(file.data, file.shown, "V-04").values, **changes}
+    kept = {key: value for key, value in values.items() if value is not None}
+    return (json.dumps(kept, indent=2, ensure_ascii=False) + "\n").encode()
+
+
+def _changes(body: dict[str, Any]) -> dict[str, Any]:
+    changes = body.get("values")
+    simple = (str, int, float, type(None))  # bool is an int
+    if not isinstance(changes, dict) or not all(
+        key in KEYS and isinstance(value, simple) for key, value in changes.items()
+    ):
+        raise BadRequest("The request needs values: hyperparameters by name.")
+    return changes
+
+
+def _problems(settings: Settings, file: InputFile) -> list[dict[str, Any]]:
+    metadata = own_file(settings, MODEL_METADATA_FILE).input
+    review = review_parameters(file, metadata, settings)
+    return [placed(each) for each in review.problems if each.file != metadata.origin]
+
+
+def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    def show(_: Request) -> Any:
+        settings = folder.settings()
+        file = own_file(settings, HYPERPARAMETERS_FILE)
+        problems = _problems(settings, file.input)
+        return {**file.facts(), **_content(file), "keys": _keys(), "problems": problems}
+
+    def check(_: Request, body: dict[str, Any]) -> Any:
+        settings = folder.settings()
+        file = own_file(settings, HYPERPARAMETERS_FILE)
+        try:
+            data = _text(file, _changes(body))
+        except ProblemsError:
+            data = file.data  # the review says what is wrong
+        return {"problems": _problems(settings, InputFile(file.name, data, file.shown))}
+
+    def save(_: Request, body: dict[str, Any]) -> Any:
+        settings = folder.settings()
+        file = own_file(settings, HYPERPARAMETERS_FILE)
+        data = _text(base_of(file, body), _changes(body))
+        Hyperparameters.from_bytes(data, file.shown)
+        saved = save_own_file(settings, HYPERPARAMETERS_FILE, data, text_of(body, "version"))
+        return {**saved, **_content(own_file(settings, HYPERPARAMETERS_FILE))}
+
+    return [
+        Route("/api/hyperparameters", answers(show), methods=["GET"]),
+        Route("/api/hyperparameters", accepts(save), methods=["PUT"]),
+        Route("/api/hyperparameters/check", accepts(check), methods=["POST"]),
+    ]
+
+
+# Sensors, algorithm, network and actions on the page: model_metadata.json.
+
+
+MOST_ANGLES = 100
+"""Angles, and speeds, of a generated list, as in `dr-action-space generate`."""
+
+WIDEST_DEG, LEAST_DEG = 30.0, 0.5
+
+
+def _metadata_content(file: OwnFile) -> dict[str, Any]:
+    values = values_of(file, "V-03")
+    return {"values": values or {}, "broken": values is None}
+
+
+def _metadata_problems(settings: Settings, file: OwnFile) -> list[dict[str, Any]]:
+    parameters = own_file(settings, HYPERPARAMETERS_FILE).input
+    review = review_parameters(parameters, file.input, None)
+    ours = (each for each in review.problems if each.file != parameters.origin)
+    return [placed(each) for each in (*ours, *_conflicts(review.problems, parameters.origin))]
+
+
+def _conflicts(problems: Sequence[Problem], origin: str) -> list[Problem]:
+    return [each for each in problems if each.file == origin and each.rule == "V-34"]
+
+
+def _metadata_changes(body: dict[str, Any]) -> dict[str, Any]:
+    changes = body.get("values")
+    if not isinstance(changes, dict) or not set(changes) <= set(RULES):
+        raise BadRequest("The request needs values: keys of model_metadata.json.")
+    if "action_space" in changes:
+        kind = "continuous" if isinstance(changes["action_space"], dict) else "discrete"
+        changes = {**changes, "action_space_type": kind}
+    return changes
+
+
+def _whole(body: dict[str, Any], key: str) -> int:
+    value = _number(body, key, 1, MOST_ANGLES)
+    if value != int(value):
+        raise BadRequest(f"{key} is a whole number.", 422)
+    return int(value)
+
+
+def _number(body: dict[str, Any], key: str, low: float, high: float) -> float:
+    value = body.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise BadRequest(f"{key} is a number from {low:g} to {high:g}.", 422)
+    return float(value)
+
+
+def action_space_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    def show(_: Request) -> Any:
+        settings = folder.settings()
+        file = own_file(settings, MODEL_METADATA_FILE)
+        return {
+            **file.facts(),
+            **_metadata_content(file),
+            "problems": _metadata_problems(settings, file),
+            "cameras": CAMERAS,
+            "lidars": LIDARS,
+            "algorithms": get_args(Algorithm),
+            "networks": get_args(Network),
+            "limits": USUAL,
+            "many_actions": MANY_ACTIONS,
+        }
+
+    def check(_: Request, body: dict[str, Any]) -> Any:
+        settings = folder.settings()
+        file = own_file(settings, MODEL_METADATA_FILE)
+        written = values_of(file, "V-03")
+        if written is None:
+            return {"problems": _metadata_problems(settings, file)}
+        values = {**written, **_metadata_changes(body)}
+        kept = {key: value for key, value in values.items() if value is not None}
+        new = replace(file, data=metadata_text(kept).encode())
+        return {"problems": _metadata_problems(settings, new)}
+
+    def save(_: Request, body: dict[str, Any]) -> Any:
+        settings = folder.settings()
+        file = own_file(settings, MODEL_METADATA_FILE)
+        data = with_metadata(base_of(file, body).data, file.shown, _metadata_changes(body))
+        saved = save_own_file(settings, MODEL_METADATA_FILE, data, text_of(body, "version"))
+        new = own_file(settings, MODEL_METADATA_FILE)
+        warnings = [placed(each) for each in ModelMetadata.from_bytes(data, file.shown).problems]
+        return {**saved, **_metadata_content(new), "problems": warnings}
+
+    def generate(_: Request, body: dict[str, Any]) -> Any:
+        angles = _whole(body, "angles")
+        speeds = _whole(body, "speeds")
+        widest = _number(body, "max_angle", LEAST_DEG, WIDEST_DEG)
+        fastest = _number(body, "max_speed", *USUAL["speed"])
+        made = grid(angles, speeds, max_angle=widest, max_speed=fastest)
+        if len({(each.steering_angle, each.speed) for each in made}) < len(made):
+            raise BadRequest("Some of these actions are equal: choose fewer angles or speeds.", 422)
+        return {
+            "actions": [
+                {"steering_angle": each.steering_angle, "speed": each.speed} for each in made
+            ],
+            "note": "" if angles % 2 else f"With {angles} angles no action drives straight ahead.",
+        }
+
+    return [
+        Route("/api/metadata", answers(show), methods=["GET"]),
+        Route("/api/metadata", accepts(save), methods=["PUT"]),
+        Route("/api/metadata/check", accepts(check), methods=["POST"]),
+        Route("/api/metadata/generate", accepts(generate), methods=["POST"]),
+    ]
