@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drcli.analysis.report.graphs import Picture
-from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
 from drcli.config.value_types import parse_checkpoint
+from drcli.model.model_store import ModelStore
 from drcli.view.saliency.question import FAST_SPACING, Question
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ _LIKELY = 3
 
 
 def explained_pictures(
-    settings: Settings, bucket: Bucket, prefix: str, question: Question = SOME_STEPS
+    settings: Settings, model: ModelStore, question: Question = SOME_STEPS
 ) -> tuple[Picture, ...]:
     """Drive an episode with a model's best checkpoint, and explain some of its steps.
 
@@ -29,7 +29,7 @@ def explained_pictures(
     from drcli.view.saliency import explain_model  # here: torch takes seconds to load
 
     best = parse_checkpoint("best")
-    explained, name = explain_model.explain_checkpoint(settings, bucket, prefix, best, question)
+    explained, name = explain_model.explain_checkpoint(settings, model, best, question)
     number = name.partition("_")[0]
     steps = range(len(explained.chosen))
     return tuple(_picture(explained, step, f"Checkpoint {number}.") for step in steps)

@@ -16,6 +16,7 @@ from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
 from drcli.model import keys
 from drcli.model.growing_file import read_complete
+from drcli.model.model_store import ModelStore
 from drcli.model.traces import models_in
 from drcli.transfer.files_as_bucket import FilesAsBucket
 from drcli.transfer.find_checkpoint import LARGEST_BYTES, files_in_folder
@@ -332,7 +333,7 @@ def _in_bucket(
         if setting:
             remedy = "Train it with `dr-start-training`, or name another one; " + remedy
         else:
-            remedy = _similar(bucket, prefix) + remedy
+            remedy = _similar(ModelStore(bucket, prefix)) + remedy
         raise SettingsError(f"There is nothing at {origin}.", remedy=remedy)
     objects = Objects(
         {name: info.size_bytes for name, info in infos.items()},
@@ -346,8 +347,8 @@ def _in_bucket(
     )
 
 
-def _similar(bucket: Bucket, prefix: str) -> str:
-    near = closest(prefix, list(models_in(bucket.list(""))))
+def _similar(model: ModelStore) -> str:
+    near = closest(model.prefix, list(models_in(model.bucket.list(""))))
     return f"Did you mean {near}? " if near else ""
 
 

@@ -16,6 +16,7 @@ from drcli.config.settings import Settings
 from drcli.model import keys
 from drcli.model.files.custom_files import InputFile, Inputs, missing_files
 from drcli.model.files.network_shape import Design, weight_problems
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.rewards.reward_rules import Source, read_source
 from drcli.rewards.try_inputs import try_inputs
@@ -135,7 +136,7 @@ def _of_bucket(
     if plans.resumed is not None:
         model = f"s3://{bucket.name}/{settings.model_prefix}"
         return None, [] if design is None else weight_problems(plans.resumed, design, model)
-    found = [] if plans.wiping else review_prefix(settings.model_prefix, bucket)
+    found = [] if plans.wiping else review_prefix(ModelStore(bucket, settings.model_prefix))
     if settings.pretrained_model is None:
         return None, found
     transfer, problems = review_pretrained(

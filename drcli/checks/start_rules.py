@@ -23,6 +23,7 @@ from drcli.metrics.open_sinks import check_figures
 from drcli.model import keys, lease
 from drcli.model.files.network_shape import Design
 from drcli.model.model_prefix import KIND_WORDS, is_used, model_kind
+from drcli.model.model_store import ModelStore
 from drcli.model.repair_model import find_lost
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.records.training_record import budget_of
@@ -139,13 +140,13 @@ LARGEST_SKEW_S = 300.0
 """Servers refuse requests from 15 minutes on."""
 
 
-def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
+def review_prefix(store: ModelStore) -> list[Problem]:
     """V-09: the prefix of the new model is empty."""
-    if not is_used(bucket, prefix):
+    if not is_used(store):
         return []
-    model = f"s3://{bucket.name}/{prefix}"
-    kind = model_kind(bucket, prefix)
-    lost = find_lost(bucket, prefix)
+    model = store.url
+    kind = model_kind(store)
+    lost = find_lost(store)
     if lost is not None:
         refusal = lost.refusal()
         return [Problem("V-09", "error", model, None, str(refusal), refusal.remedy)]
@@ -156,12 +157,12 @@ def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
     return [Problem("V-09", "error", model, None, what, remedy)]
 
 
-def review_owner(prefix: str, bucket: Bucket) -> list[Problem]:
+def review_owner(store: ModelStore) -> list[Problem]:
     """V-13: no other run trains this model."""
     try:
-        lease.refuse_other_owner(bucket, prefix)
+        lease.refuse_other_owner(store)
     except SettingsError as error:
-        model = f"s3://{bucket.name}/{prefix}"
+        model = store.url
         return [Problem("V-13", "error", model, None, str(error), error.remedy)]
     return []
 
@@ -180,7 +181,7 @@ def review_pretrained(
     return transfer, transfer.warnings
 
 
-def probe(bucket: Bucket, prefix: str) -> list[Problem]:
+def probe(model: ModelStore) -> list[Problem]:
     """V-50: objects can be written, read, listed and deleted; returns a warning about the clock.
 
     Tried among the model's records: keys may be limited to its folders.
@@ -188,21 +189,25 @@ def probe(bucket: Bucket, prefix: str) -> list[Problem]:
     Raises:
         StorageError: They cannot.
     """
-    folder = f"{keys.run_folder(prefix)}{TEST_FOLDER}-{uuid.uuid4().hex}/"
+    folder = f"{keys.run_folder(model.prefix)}{TEST_FOLDER}-{uuid.uuid4().hex}/"
     key, content = f"{folder}object", b"probe"
     try:
-        bucket.put(key, content)
+        model.bucket.put(key, content)
         try:
-            came_back = bucket.get(key) == content
-            written = [item for item in bucket.list(folder) if item.key == key]
+            came_back = model.bucket.get(key) == content
+            written = [item for item in model.bucket.list(folder) if item.key == key]
         finally:
-            bucket.delete([key])
+            model.bucket.delete([key])
     except AccessRefused as error:
-        needed = (keys.folder(prefix), keys.run_folder(prefix), keys.rollouts_folder(prefix))
+        needed = (
+            keys.folder(model.prefix),
+            keys.run_folder(model.prefix),
+            keys.rollouts_folder(model.prefix),
+        )
         raise error.below(needed) from error
-    if not (came_back and written) or bucket.exists(key):
+    if not (came_back and written) or model.bucket.exists(key):
         raise StorageError(
-            f"The bucket {bucket.name} does not correctly return, list or delete objects.",
+            f"The bucket {model.bucket.name} does not correctly return, list or delete objects.",
             remedy="Use another S3 server; this one could lose a model.",
         )
     skew_s = time.time() - written[0].modified.timestamp()
@@ -216,4 +221,4 @@ def probe(bucket: Bucket, prefix: str) -> list[Problem]:
         "Set the clock, as with `sudo timedatectl set-ntp true`; servers refuse requests if the "
         "clocks differ by 15 minutes."
     )
-    return [Problem("V-50", "warning", bucket.name, None, what, remedy)]
+    return [Problem("V-50", "warning", model.bucket.name, None, what, remedy)]

@@ -22,6 +22,7 @@ from drcli.config.track_names import track_problems
 from drcli.config.unused_names import WithoutEffect
 from drcli.model import keys
 from drcli.model.files.custom_files import FILE_RULES, InputFile, find, local_file
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.rewards.reward_rules import read_source, review_source
@@ -176,9 +177,10 @@ class _Validation:
     def _bucket(self, settings: Settings, *, trains: bool) -> Bucket | None:
         try:
             bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-            self.found += probe(bucket, settings.model_prefix)
+            model = ModelStore(bucket, settings.model_prefix)
+            self.found += probe(model)
             if not trains:
-                self.found += review_owner(settings.model_prefix, bucket)
+                self.found += review_owner(model)
         except StorageError as error:
             self.found.append(_unusable(error, *settings.place("DR_CLOUD")))
             self._skip(BUCKET_RULES[:-1], "The bucket cannot be used.")

@@ -13,12 +13,12 @@ import torch
 
 from drcli.base.errors import Problem, ProblemsError
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket
 from drcli.config.run_config import RaceConfig
 from drcli.config.track_names import remedy, track_problem
 from drcli.drive.reward_client import RewardProcess
 from drcli.model import keys
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.model_store import ModelStore
 from drcli.records.stage import Stage
 from drcli.workers.reward_failures import reward_failure
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
@@ -237,8 +237,7 @@ def build_simulation(
 
 
 def load_reward(
-    bucket: Bucket,
-    prefix: str,
+    model: ModelStore,
     folder: Path,
     cars: int,
     stage: Stage | None = None,
@@ -253,7 +252,7 @@ def load_reward(
     if stage is None:
         path = folder / keys.REWARD_FUNCTION_FILE
         own = (inputs or {}).get(keys.REWARD_FUNCTION_FILE)
-        data = bucket.get(keys.reward_function(prefix)) if own is None else own.encode()
+        data = model.bucket.get(keys.reward_function(model.prefix)) if own is None else own.encode()
         path.write_bytes(data)
     else:
         name = Path(stage.reward_name).name  # errors name the file as its author calls it

@@ -44,6 +44,7 @@ from drcli.model import keys
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
+from drcli.model.model_store import ModelStore
 from drcli.records.episode_metrics import (
     REPORT_FILE,
     EvaluationTrials,
@@ -257,7 +258,9 @@ def evaluate(
     plans = [replace(plan, racer=racer) for plan in starts for racer in range(len(racers))]
     num_cars = min(len(plans), MOST_CARS) if fresh_laps else len(plans)
     reward = (
-        load_reward(bucket, config.model.prefix, job.folder / f"reward-{os.getpid()}", num_cars)
+        load_reward(
+            ModelStore(bucket, config.model.prefix), job.folder / f"reward-{os.getpid()}", num_cars
+        )
         if s.eval_debug_reward
         else centre_line_reward
     )
@@ -361,6 +364,7 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
         SettingsError: It cannot be used, or its file has changed since it was checked.
         NotAvailable: Its engine is not installed here.
     """
+    store = ModelStore(bucket, entry.prefix)
     source, threads = entry.source, min(MOST_ENGINE_THREADS, usable_cores(config.train))
     policy: Policy
     if source.file is not None:
@@ -375,14 +379,14 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
         _say_start(config, metadata, parameters)
         policy = policy_of_file(file, source.runtime, threads)
         return Racer(policy, actions_of(metadata)), metadata
-    graph = driving_graph(bucket, entry.prefix, entry.checkpoint)
+    graph = driving_graph(store, entry.checkpoint)
     if graph is not None:
         metadata = graph.metadata
         _say_start(config, metadata, Hyperparameters.from_bytes(b"{}"))
         runtime = None if source.runtime == "torch" else source.runtime
         return Racer(policy_of_file(graph, runtime, threads), actions_of(metadata)), metadata
-    checkpoint = load_checkpoint(bucket, entry.prefix, entry.checkpoint)
-    design = Design.of_record(bucket, entry.prefix, checkpoint.record)
+    checkpoint = load_checkpoint(store, entry.checkpoint)
+    design = Design.of_record(store, checkpoint.record)
     metadata, parameters = design.metadata, design.parameters
     _say_start(config, metadata, parameters)
     model = build_policy(metadata, parameters)

@@ -14,6 +14,7 @@ from drcli.learn.policy import Policy
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
+from drcli.model.model_store import ModelStore
 from drcli.records.evaluation_task import TRIALS_FILE, CarTrial, encode_trials
 from drcli.records.job import Job
 from drcli.workers import worker_process
@@ -67,9 +68,10 @@ def main(job: Job, lifeline: Lifeline) -> None:
     torch.set_num_threads(1)
     bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
     prefix = job.config.model.prefix
-    design = Design.of_checkpoint(bucket, prefix, checkpoint)
+    store = ModelStore(bucket, prefix)
+    design = Design.of_checkpoint(store, checkpoint)
     model = build_policy(design.metadata, design.parameters)
-    found = CheckpointStore(bucket, prefix).load(checkpoint)
+    found = CheckpointStore(store).load(checkpoint)
     load_weights(model, found.tensors, found.record.name)
     track = load_world(job.config.race())
     scene = build_scene(track)

@@ -7,8 +7,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drcli.bucket.bucket import Bucket, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import ObjectMissing, read_record, remedy_of
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import checkpoint_name
 from drcli.records.iteration import CONFIRMING_CLEAN, CONFIRMING_LAPS, share_interval
 from drcli.records.scores import EvaluationEpisodes, EvaluationResult, Score, Scores
@@ -93,48 +94,51 @@ def _rank(episodes: EvaluationEpisodes) -> tuple[float, float]:
     return bound, episodes.mean_progress if median_s is None else -median_s
 
 
-def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
+def read_scores(model: ModelStore) -> Scores | None:
     """None before the first checkpoint; raises ObjectDamaged."""
-    key = keys.deepracer_checkpoints(prefix)
+    key = keys.deepracer_checkpoints(model.prefix)
     try:
-        return read_record(bucket, key, Scores.decode, remedy_of(key))
+        return read_record(model.bucket, key, Scores.decode, remedy_of(key))
     except ObjectMissing:
         return None
 
 
-def write_scores(bucket: Bucket, prefix: str, scores: Scores) -> None:
-    bucket.put(keys.deepracer_checkpoints(prefix), scores.encode())
+def write_scores(model: ModelStore, scores: Scores) -> None:
+    model.bucket.put(keys.deepracer_checkpoints(model.prefix), scores.encode())
 
 
-def forget_scores(bucket: Bucket, prefix: str) -> None:
+def forget_scores(model: ModelStore) -> None:
     """Keep the best checkpoint without its score, which any evaluation beats.
 
     Unless it is the newest, which is driven again.
     """
-    known = read_scores(bucket, prefix)
+    known = read_scores(model)
     if known is not None:
         best, last = unscored(known.best_checkpoint), unscored(known.last_checkpoint)
-        write_scores(bucket, prefix, Scores(best, last))
-        bucket.delete([keys.evaluation_result(prefix, checkpoint_name(last.name).number)])
+        write_scores(model, Scores(best, last))
+        model.bucket.delete(
+            [keys.evaluation_result(model.prefix, checkpoint_name(last.name).number)]
+        )
 
 
 def unscored(score: Score) -> Score:
     return replace(score, avg_eval_metric=None, episodes=None)
 
 
-def read_evaluation(bucket: Bucket, prefix: str, number: int) -> EvaluationResult:
-    key = keys.evaluation_result(prefix, number)
-    return read_record(bucket, key, EvaluationResult.decode, remedy_of(key))
+def read_evaluation(model: ModelStore, number: int) -> EvaluationResult:
+    key = keys.evaluation_result(model.prefix, number)
+    return read_record(model.bucket, key, EvaluationResult.decode, remedy_of(key))
 
 
-def write_evaluation(bucket: Bucket, prefix: str, number: int, result: EvaluationResult) -> None:
-    bucket.put(keys.evaluation_result(prefix, number), result.encode())
+def write_evaluation(model: ModelStore, number: int, result: EvaluationResult) -> None:
+    model.bucket.put(keys.evaluation_result(model.prefix, number), result.encode())
 
 
-def evaluated_numbers(bucket: Bucket, prefix: str) -> list[int]:
-    folder = keys.evaluations_folder(prefix)
+def evaluated_numbers(model: ModelStore) -> list[int]:
+    folder = keys.evaluations_folder(model.prefix)
     found = (
-        re.fullmatch(r"(\d+)\.json", info.key.removeprefix(folder)) for info in bucket.list(folder)
+        re.fullmatch(r"(\d+)\.json", info.key.removeprefix(folder))
+        for info in model.bucket.list(folder)
     )
     return sorted(int(match[1]) for match in found if match is not None)
 

@@ -12,7 +12,8 @@ from drcli.model import keys
 from drcli.model.best_checkpoint import read_evaluation
 from drcli.model.milestones import Milestone, Milestones, readable_milestones
 from drcli.model.model_prefix import what_helps
-from drcli.model.repair import Model, readable_history, readable_scores
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import readable_history, readable_scores
 from drcli.records.checkpoint import CheckpointName, checkpoint_name
 from drcli.records.iteration import IterationRecord, Laps
 from drcli.records.scores import Score, Scores
@@ -44,14 +45,14 @@ class ModelCheckpoints:
     milestones: Milestones
 
     @staticmethod
-    def read(model: Model) -> "ModelCheckpoints":
+    def read(model: ModelStore) -> "ModelCheckpoints":
         """Reconstructs damaged records, but writes nothing."""
         bucket, prefix = model.bucket, model.prefix
         listed = bucket.list(keys.model_folder(prefix))
         found = {keys.checkpoint_of(prefix, info.key) for info in listed}
         scores, _ = readable_scores(model)
         history, _ = readable_history(model)
-        milestones, _ = readable_milestones(bucket, prefix, history)
+        milestones, _ = readable_milestones(ModelStore(bucket, prefix), history)
         names = tuple(sorted(name for name in found if name is not None))
         url = f"s3://{bucket.name}/{prefix}"
         return ModelCheckpoints(url, prefix, listed, names, scores, milestones)
@@ -115,14 +116,14 @@ class Chosen:
         return f"Chosen checkpoint: {self.number}"
 
 
-def take_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
+def take_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
     """As `find_choice`, but says which one it took."""
     chosen = find_choice(model, choice, remedy=remedy)
     errors.show(sentence_about(model, chosen))
     return chosen
 
 
-def sentence_about(model: Model, chosen: Chosen, option: str = "--checkpoint") -> str:
+def sentence_about(model: ModelStore, chosen: Chosen, option: str = "--checkpoint") -> str:
     """Such as "Takes checkpoint 77 of m-1, the last: never evaluated. ..."."""
     history, _ = readable_history(model)
     scores, _ = readable_scores(model)
@@ -147,7 +148,7 @@ def sentence_about(model: Model, chosen: Chosen, option: str = "--checkpoint") -
     )
 
 
-def best_and_last(model: Model) -> str:
+def best_and_last(model: ModelStore) -> str:
     """Such as "best: 76, 20 of 20 laps clean, ...; last: 77, ..."."""
     history, _ = readable_history(model)
     scores, _ = readable_scores(model)
@@ -160,18 +161,18 @@ def best_and_last(model: Model) -> str:
     )
 
 
-def laps_of(model: Model, history: Iterable[IterationRecord], name: str) -> Laps | None:
+def laps_of(model: ModelStore, history: Iterable[IterationRecord], name: str) -> Laps | None:
     number = checkpoint_name(name).number
     laps = next((record.all_laps for record in history if record.iteration == number), None)
     if laps is None:  # the learning curve may have no record of its iteration yet
         with suppress(ObjectMissing, ObjectDamaged):
-            result = read_evaluation(model.bucket, model.prefix, number)
+            result = read_evaluation(model, number)
             if result.checkpoint == name:
                 laps = result.on("training").laps
     return laps
 
 
-def _driven(model: Model, history: Iterable[IterationRecord], score: Score) -> str:
+def _driven(model: ModelStore, history: Iterable[IterationRecord], score: Score) -> str:
     laps = laps_of(model, history, score.name)
     if laps is not None:
         return str(laps)
@@ -182,7 +183,7 @@ def _driven(model: Model, history: Iterable[IterationRecord], score: Score) -> s
     return NEVER_EVALUATED
 
 
-def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
+def find_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
     """The complete checkpoint that a word or a number chooses.
 
     Raises:
@@ -190,13 +191,14 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
         SettingsError: The model has no checkpoint.
     """
     bucket, prefix = model.bucket, model.prefix
+    store = ModelStore(bucket, prefix)
     scores, _ = readable_scores(model)
     if choice == "last" or choice == "best":
         if scores is None:
             raise SettingsError(
                 f"No checkpoint file available at s3://{bucket.name}/"
                 f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
-                remedy=what_helps(bucket, prefix),
+                remedy=what_helps(store),
             )
         score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
         listed = bucket.list(keys.model_folder(prefix))
@@ -211,7 +213,7 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
             return Chosen(choice, _score(scores, name), _parts(listed, prefix, str(name)))
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(store))
     if isinstance(choice, int):
         name = _numbered(has, choice, remedy)
     else:

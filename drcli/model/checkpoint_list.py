@@ -5,7 +5,7 @@ from typing import Literal
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.config.run_config import ModelConfig
 from drcli.config.value_types import CheckpointWord
 from drcli.model import keys
@@ -17,8 +17,9 @@ from drcli.model.files.params_yaml import moved_training_parameters
 from drcli.model.growing_file import read_complete
 from drcli.model.milestones import KINDS, MilestoneKind
 from drcli.model.model_prefix import is_tensorflow, what_helps
+from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import readable_evaluations
-from drcli.model.repair import Model, find_damage, readable_history
+from drcli.model.repair import find_damage, readable_history
 from drcli.records.checkpoint import CheckpointName, checkpoint_name
 from drcli.records.iteration import Laps
 from drcli.records.stage import is_untaught
@@ -103,24 +104,24 @@ class CheckpointList:
 
 
 def list_checkpoints(
-    config: ModelConfig, bucket: Bucket, prefix: str, *, check: bool = False
+    config: ModelConfig, store: ModelStore, *, check: bool = False
 ) -> CheckpointList:
     """List the checkpoints of a model; with `check`, their files are compared.
 
     Raises:
         SettingsError: There is no such model.
     """
-    if not keys.is_valid_prefix(prefix):
+    if not keys.is_valid_prefix(store.prefix):
         raise SettingsError(
-            f"{prefix!r} is not the prefix of a model.",
+            f"{store.prefix!r} is not the prefix of a model.",
             remedy="List the models with `dr-list-models`.",
         )
-    model = Model.of(config, bucket, prefix)
+    model = ModelStore.of(config, store.bucket, store.prefix)
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(store))
     history, _ = readable_history(model)
-    results = readable_evaluations(bucket, prefix).values()
+    results = readable_evaluations(store).values()
     # By number: where driving and learning overlap, an older one drove the iteration.
     evaluated = {
         record.iteration: (
@@ -136,7 +137,7 @@ def list_checkpoints(
     # The record of a milestone has the numbers of an evaluation that the learning curve has lost.
     marked = {found.name: found for _, found in has.milestones.reached()}
     sizes = _sizes(has)
-    store = CheckpointStore(bucket, prefix)
+    checkpoints = CheckpointStore(store)
     spaced = set(has.milestones.spaced)
     there = {info.key for info in has.listed}
     listed = []
@@ -160,8 +161,8 @@ def list_checkpoints(
                 progress=seen[2],
                 best_lap_s=seen[3],
                 size_bytes=sizes[name],
-                problem=_problem(has, store, name, check=check),
-                form="tensorflow" if is_tensorflow(there, prefix, str(name)) else "drcli",
+                problem=_problem(has, checkpoints, name, check=check),
+                form="tensorflow" if is_tensorflow(there, store.prefix, str(name)) else "drcli",
                 median_s=Laps(len(progress), lap_s).median_s,
                 untaught=untaught,
             )
@@ -238,15 +239,15 @@ class Item:
     data: bytes
 
 
-def known_best(bucket: Bucket, prefix: str) -> str | None:
+def known_best(model: ModelStore) -> str | None:
     try:
-        scores = read_scores(bucket, prefix)
+        scores = read_scores(model)
     except ObjectDamaged:
         return None
     return None if scores is None else scores.best_checkpoint.name
 
 
-def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
+def read_checkpoint(model: ModelStore, chosen: Chosen) -> list[Item]:
     """Read a checkpoint, without an unusable optimizer state; ours are checked.
 
     Raises:
@@ -256,34 +257,32 @@ def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
     start = f"model/{chosen.name}"
     items = []
     if all(part in chosen.parts for part in OUR_PARTS):
-        found = CheckpointStore(bucket, prefix).load(chosen.name, with_optimizer=True)
+        found = CheckpointStore(model).load(chosen.name, with_optimizer=True)
         record = found.record if found.optimizer else replace(found.record, optimizer=None)
         items.append(Item(f"{start}.safetensors", found.tensors))
         if found.optimizer is not None:
             items.append(Item(f"{start}.optimizer.safetensors", found.optimizer))
         items.append(Item(f"{start}.json", record.encode()))
     theirs = [part for part in keys.TENSORFLOW_PARTS if part in chosen.parts]
-    items += [_filled(bucket, prefix, start + part) for part in theirs]
-    graph = keys.checkpoint_graph(prefix, chosen.number)
-    if bucket.exists(graph):
-        items.append(_filled(bucket, prefix, graph.removeprefix(keys.folder(prefix))))
+    items += [_filled(model, start + part) for part in theirs]
+    graph = keys.checkpoint_graph(model.prefix, chosen.number)
+    if model.bucket.exists(graph):
+        items.append(_filled(model, graph.removeprefix(keys.folder(model.prefix))))
     return items
 
 
-def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
+def refuse_incomplete(model: ModelConfig, store: ModelStore) -> None:
     """Raise SettingsError if shared files are missing."""
-    _, missing = _shared_files(model, bucket, prefix)
-    if missing and not bucket.list(keys.folder(prefix)):
+    _, missing = _shared_files(model, store)
+    if missing and not store.bucket.list(keys.folder(store.prefix)):
         raise SettingsError(
-            "Meta-data files are not found. Exiting. There is no model at "
-            f"s3://{bucket.name}/{prefix}.",
+            f"Meta-data files are not found. Exiting. There is no model at {store.url}.",
             remedy="Correct its name (DR_LOCAL_S3_MODEL_PREFIX, or -p); `dr-list-models` lists "
             "all models.",
         )
     if missing:
         raise SettingsError(
-            f"Meta-data files are not found. Exiting. s3://{bucket.name}/{prefix} lacks "
-            f"{', '.join(missing)}.",
+            f"Meta-data files are not found. Exiting. {store.url} lacks {', '.join(missing)}.",
             remedy="If it is being trained, wait for its first iteration; otherwise choose another "
             "model with -p (`dr-list-models` lists all models).",
         )
@@ -291,66 +290,63 @@ def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
 
 def read_model_files(
     model: ModelConfig,
-    bucket: Bucket,
-    prefix: str,
+    store: ModelStore,
     checkpoint: str,
     target: tuple[str, str],
     described: bytes,
 ) -> list[Item]:
     """Read the shared files for a copy at `target`; `described` is for a missing parameter file."""
-    found, _ = _shared_files(model, bucket, prefix)
-    items = {name: Item(name, read_complete(bucket, key)) for name, key in found.items()}
+    found, _ = _shared_files(model, store)
+    items = {name: Item(name, read_complete(store.bucket, key)) for name, key in found.items()}
     for name, item in items.items():
         if not item.data and not name.startswith(METRICS):
             raise ObjectDamaged(
-                f"s3://{bucket.name}/{found[name]} is empty.",
+                f"s3://{store.bucket.name}/{found[name]} is empty.",
                 remedy="Restore it from a copy, or upload another model with -p.",
             )
-    own = own_files(bucket, prefix, checkpoint)
+    own = own_files(store, checkpoint)
     for name in SHAPING:
         items[name] = Item(name, own[name.rpartition("/")[2]])
     copies = [Item(keys.MODEL_METADATA_FILE, items[METADATA].data)]
-    if bucket.exists(keys.training_start(prefix)):
-        copies.append(Item(TRAINING_START, bucket.get(keys.training_start(prefix))))
-    for info in bucket.list(keys.notes_folder(prefix)):
-        name = info.key.removeprefix(keys.folder(prefix))
-        copies.append(Item(name, bucket.get(info.key)))
-    parameters = _parameters(model, bucket, prefix, target, described)
+    if store.bucket.exists(keys.training_start(store.prefix)):
+        copies.append(Item(TRAINING_START, store.bucket.get(keys.training_start(store.prefix))))
+    for info in store.bucket.list(keys.notes_folder(store.prefix)):
+        name = info.key.removeprefix(keys.folder(store.prefix))
+        copies.append(Item(name, store.bucket.get(info.key)))
+    parameters = _parameters(model, store, target, described)
     return [*items.values(), *copies, Item(PARAMETERS_FILE, parameters)]
 
 
-def _filled(bucket: Bucket, prefix: str, name: str) -> Item:
-    data = bucket.get(keys.folder(prefix) + name)
+def _filled(model: ModelStore, name: str) -> Item:
+    data = model.bucket.get(keys.folder(model.prefix) + name)
     if not data:
         raise ObjectDamaged(
-            f"{bucket.name}/{keys.folder(prefix)}{name} is empty.",
+            f"{model.bucket.name}/{keys.folder(model.prefix)}{name} is empty.",
             remedy="Restore it from a copy, or choose another checkpoint.",
         )
     return Item(name, data)
 
 
-def _shared_files(
-    model: ModelConfig, bucket: Bucket, prefix: str
-) -> tuple[dict[str, str], list[str]]:
-    rewards = [keys.reward_function(prefix)]
-    folders = [keys.folder(keys.metrics_prefix(prefix))]
-    if prefix == model.prefix:
+def _shared_files(model: ModelConfig, store: ModelStore) -> tuple[dict[str, str], list[str]]:
+    rewards = [keys.reward_function(store.prefix)]
+    folders = [keys.folder(keys.metrics_prefix(store.prefix))]
+    if store.prefix == model.prefix:
         rewards.append(model.reward_key)
         folders.append(keys.folder(model.metrics_prefix))
     wanted = {
         keys.REWARD_FUNCTION_FILE: rewards,
-        METADATA: [keys.model_metadata(prefix)],
-        HYPERPARAMETERS: [keys.hyperparameters(prefix)],
+        METADATA: [keys.model_metadata(store.prefix)],
+        HYPERPARAMETERS: [keys.hyperparameters(store.prefix)],
     }
     found = {}
     for name, places in wanted.items():
-        key = next(filter(bucket.exists, places), None)
+        key = next(filter(store.bucket.exists, places), None)
         if key is not None:
             found[name] = key
     metrics = {
         METRICS + info.key.removeprefix(folder): info.key
         for folder in dict.fromkeys(folders)
-        for info in bucket.list(folder)
+        for info in store.bucket.list(folder)
         if not keys.is_part(info.key)  # of a file that grows, which is copied as a whole
     }
     missing = [name for name in wanted if name not in found]
@@ -358,12 +354,14 @@ def _shared_files(
 
 
 def _parameters(
-    model: ModelConfig, bucket: Bucket, prefix: str, target: tuple[str, str], described: bytes
+    model: ModelConfig, store: ModelStore, target: tuple[str, str], described: bytes
 ) -> bytes:
-    key = keys.parameter_file(prefix, model.parameters_file)
-    written = bucket.get(key) if bucket.exists(key) else described
+    key = keys.parameter_file(store.prefix, model.parameters_file)
+    written = store.bucket.get(key) if store.bucket.exists(key) else described
     try:
         return moved_training_parameters(written, *target)
     except ValueError as e:
-        errors.warn(f"{bucket.name}/{key} is damaged: {e}. The copy is made from the settings.")
+        errors.warn(
+            f"{store.bucket.name}/{key} is damaged: {e}. The copy is made from the settings."
+        )
         return moved_training_parameters(described, *target)

@@ -10,11 +10,12 @@ from functools import partial
 
 from drcli.base.errors import StorageError
 from drcli.base.json_record import Fingerprint, RecordError
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, read_record, remedy_of
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.model import best_checkpoint, keys
 from drcli.model.best_checkpoint import read_scores, write_scores
 from drcli.model.milestones import MarkedCheckpoints, Milestones
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import (
     CheckpointName,
     CheckpointRecord,
@@ -122,13 +123,12 @@ class CheckpointStore:
     """The checkpoints below a prefix: the newest `keep`, and those by `rules`, stay."""
 
     def __init__(
-        self, bucket: Bucket, prefix: str, rules: KeepRules = KEEP_ALL_MARKED, keep: int = KEEP
+        self, model: ModelStore, rules: KeepRules = KEEP_ALL_MARKED, keep: int = KEEP
     ) -> None:
         self._keep = keep
-        self._bucket = bucket
-        self._prefix = prefix
+        self._model = model
         self._rules = rules
-        self._marked = MarkedCheckpoints(bucket, prefix, self._unmarked)
+        self._marked = MarkedCheckpoints(model, self._unmarked)
 
     def save(
         self,
@@ -153,14 +153,14 @@ class CheckpointStore:
             sim_time_s,
             counters or Counters(),
         )
-        self._bucket.put(keys.checkpoint_tensors(self._prefix, name), tensors)
+        self._model.bucket.put(keys.checkpoint_tensors(self._model.prefix, name), tensors)
         if optimizer is not None:
-            self._bucket.put(keys.checkpoint_optimizer(self._prefix, name), optimizer)
-        self._bucket.put(keys.checkpoint_record(self._prefix, name), record.encode())
-        if isinstance(self._bucket, S3Bucket):
+            self._model.bucket.put(keys.checkpoint_optimizer(self._model.prefix, name), optimizer)
+        self._model.bucket.put(keys.checkpoint_record(self._model.prefix, name), record.encode())
+        if isinstance(self._model.bucket, S3Bucket):
             # After a power cut, the pointer must not name what is lost, nor the checkpoints before
             # be deleted.
-            self._bucket.flush()
+            self._model.bucket.flush()
         self._put_pointer(record)
         on_pointed()
         self._put_last_score(record)
@@ -174,32 +174,40 @@ class CheckpointStore:
         their size, follows while they drive.
         """
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
-        self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
-        self._bucket.put(keys.checkpoint_record(self._prefix, record.name), complete.encode())
+        self._model.bucket.put(
+            keys.checkpoint_optimizer(self._model.prefix, record.name), optimizer
+        )
+        self._model.bucket.put(
+            keys.checkpoint_record(self._model.prefix, record.name), complete.encode()
+        )
         self.forget_older_states(record.name)
         return complete
 
     def forget_older_states(self, name: str) -> None:
         """Keeps that of the one before, too: a trainer may go back to it."""
         newest = checkpoint_name(name)
-        objects = checkpoint_objects(self._bucket, self._prefix)
+        objects = checkpoint_objects(self._model)
         states = {key: name for key, name in objects.items() if keys.is_optimizer(key)}
         before = max((name for name in states.values() if name < newest), default=None)
-        self._bucket.delete(key for key, name in states.items() if name not in (before, newest))
+        self._model.bucket.delete(
+            key for key, name in states.items() if name not in (before, newest)
+        )
 
     def rewrite(self, record: CheckpointRecord) -> None:
-        self._bucket.put(keys.checkpoint_record(self._prefix, record.name), record.encode())
+        self._model.bucket.put(
+            keys.checkpoint_record(self._model.prefix, record.name), record.encode()
+        )
 
     def drop_newer(self, name: CheckpointName) -> None:
         """Delete checkpoints after the pointer's, which nobody uses."""
-        objects, theirs = self._own(checkpoint_objects(self._bucket, self._prefix))
+        objects, theirs = self._own(checkpoint_objects(self._model))
         newer = {key: each for key, each in objects.items() if each.number > name.number}
         numbers = {each.number for each in newer.values()} - theirs
-        graphs = {keys.checkpoint_graph(self._prefix, number) for number in numbers}
-        self._bucket.delete([*newer, *sorted(graphs)])
+        graphs = {keys.checkpoint_graph(self._model.prefix, number) for number in numbers}
+        self._model.bucket.delete([*newer, *sorted(graphs)])
 
     def attach_graph(self, number: int, graph: bytes) -> None:
-        self._bucket.put(keys.checkpoint_graph(self._prefix, number), graph)
+        self._model.bucket.put(keys.checkpoint_graph(self._model.prefix, number), graph)
 
     def point_to(self, record: CheckpointRecord) -> None:
         """`save` does it; a trainer that goes back, too, so that workers follow."""
@@ -207,17 +215,17 @@ class CheckpointStore:
         self._put_last_score(record)
 
     def _put_pointer(self, record: CheckpointRecord) -> None:
-        self._bucket.put(keys.coach_checkpoint(self._prefix), record.name.encode())
+        self._model.bucket.put(keys.coach_checkpoint(self._model.prefix), record.name.encode())
 
     def _put_last_score(self, record: CheckpointRecord) -> None:
         try:
-            known = read_scores(self._bucket, self._prefix)
+            known = read_scores(self._model)
         except ObjectDamaged:
             known = None  # the best is forgotten; the training can go on
         metric = None if known is None else known.metric_of(record.name)
         last = Score(record.name, metric, record.sim_time_s)
         best = last if known is None else known.best_checkpoint
-        write_scores(self._bucket, self._prefix, Scores(best, last))
+        write_scores(self._model, Scores(best, last))
 
     def repair_pointer(self, name: CheckpointName) -> bool:
         """Write a missing, damaged or older pointer again; True if written.
@@ -233,7 +241,7 @@ class CheckpointStore:
     def pointed(self) -> CheckpointName | None:
         """None before the first, or if damaged: the trainer repairs it."""
         try:
-            return decode_pointer(self._bucket.get(keys.coach_checkpoint(self._prefix)))
+            return decode_pointer(self._model.bucket.get(keys.coach_checkpoint(self._model.prefix)))
         except (ObjectMissing, RecordError):
             return None
 
@@ -254,15 +262,15 @@ class CheckpointStore:
         """
         if oldest >= newest.number:
             return [str(newest)]
-        names = set(checkpoint_objects(self._bucket, self._prefix).values())
+        names = set(checkpoint_objects(self._model).values())
         before = sorted(name for name in names if oldest <= name.number < newest.number)
         return [*map(str, before), str(newest)]
 
     def record(self, name: str) -> CheckpointRecord:
-        key = keys.checkpoint_record(self._prefix, name)
+        key = keys.checkpoint_record(self._model.prefix, name)
         decode = partial(CheckpointRecord.decode_of, name)
         # `attach_optimizer` writes it a second time, just when the workers read it.
-        return read_record(self._bucket, key, decode, remedy_of(key), written=True)
+        return read_record(self._model.bucket, key, decode, remedy_of(key), written=True)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Raises ObjectMissing or ObjectDamaged, with the file."""
@@ -273,7 +281,9 @@ class CheckpointStore:
 
     def tensors(self, record: CheckpointRecord) -> bytes:
         """Safetensors; raises ObjectMissing or ObjectDamaged."""
-        return self._checked(keys.checkpoint_tensors(self._prefix, record.name), record.tensors)
+        return self._checked(
+            keys.checkpoint_tensors(self._model.prefix, record.name), record.tensors
+        )
 
     def load_latest(
         self, *, with_optimizer: bool = False, newest: CheckpointName | None = None
@@ -293,15 +303,15 @@ class CheckpointStore:
                 return Checkpoint(found.record, found.tensors, found.optimizer, tuple(damaged))
         if not damaged:
             return None
+        folder = f"{self._model.bucket.name}/{keys.model_folder(self._model.prefix)}"
         raise CheckpointsLost(
-            f"{self._bucket.name}/{keys.model_folder(self._prefix)} has only damaged checkpoints: "
-            + " ".join(damaged),
+            f"{folder} has only damaged checkpoints: " + " ".join(damaged),
             remedy="Restore one from a copy, or train a new model under another "
             "DR_LOCAL_S3_MODEL_PREFIX.",
         )
 
     def best_name(self) -> str | None:
-        scores = read_scores(self._bucket, self._prefix)
+        scores = read_scores(self._model)
         return None if scores is None else scores.best_checkpoint.name
 
     def record_evaluation(
@@ -316,7 +326,7 @@ class CheckpointStore:
 
         Milestones are of the training track whatever `world` says.
         """
-        scores = read_scores(self._bucket, self._prefix)
+        scores = read_scores(self._model)
         try:
             time_stamp = self.record(result.checkpoint).sim_time_s
         except ObjectMissing:
@@ -327,7 +337,7 @@ class CheckpointStore:
         episodes = result.on(world)
         score = best_checkpoint.score_of(result.checkpoint, episodes, metric, time_stamp)
         after = best_checkpoint.with_evaluation(scores, score, metric, reaches_goal=reaches_goal)
-        write_scores(self._bucket, self._prefix, after)
+        write_scores(self._model, after)
         return after.best_checkpoint == score
 
     def restore_milestones(
@@ -336,7 +346,7 @@ class CheckpointStore:
         self._marked.restore(newest, records)
 
     def _unmarked(self) -> list[str]:
-        names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
+        names = sorted(set(checkpoint_objects(self._model).values()))
         try:
             best = self.best_name()
         except ObjectDamaged:
@@ -345,25 +355,25 @@ class CheckpointStore:
 
     def forget_damaged_best(self) -> str | None:
         """If damaged, the last becomes the best; says so in a sentence."""
-        known = read_scores(self._bucket, self._prefix)
+        known = read_scores(self._model)
         if known is None:
             return None
         try:
             self.load(known.best_checkpoint.name)
         except (ObjectMissing, ObjectDamaged) as error:
             last = best_checkpoint.unscored(known.last_checkpoint)
-            write_scores(self._bucket, self._prefix, Scores(last, last))
+            write_scores(self._model, Scores(last, last))
             return str(error)
         return None
 
     def begin_stage(self, first: int) -> None:
         """Forget best and fastest lap from before; until evaluated, the last is best."""
         self._marked.begin_stage(first)
-        known = read_scores(self._bucket, self._prefix)
+        known = read_scores(self._model)
         if known is None or checkpoint_name(known.best_checkpoint.name).number >= first:
             return
         last = best_checkpoint.unscored(known.last_checkpoint)
-        write_scores(self._bucket, self._prefix, Scores(last, last))
+        write_scores(self._model, Scores(last, last))
 
     def begin_track(self, first: int, *, judged: bool) -> None:
         """Forget the fastest lap from before, which was on another track.
@@ -371,18 +381,18 @@ class CheckpointStore:
         If such laps are `judged`, the best stays, without its score.
         """
         self._marked.begin_stage(first)
-        known = read_scores(self._bucket, self._prefix) if judged else None
+        known = read_scores(self._model) if judged else None
         best = None if known is None else known.best_checkpoint
         if (
             best is not None
             and best.avg_eval_metric is not None
             and checkpoint_name(best.name).number < first
         ):
-            best_checkpoint.forget_scores(self._bucket, self._prefix)
+            best_checkpoint.forget_scores(self._model)
 
     def best_of_stage(self, first: int) -> Checkpoint | None:
         try:
-            known = read_scores(self._bucket, self._prefix)
+            known = read_scores(self._model)
             if known is None or known.best_checkpoint.avg_eval_metric is None:
                 return None
             name = known.best_checkpoint.name
@@ -393,23 +403,23 @@ class CheckpointStore:
     def _optimizer(self, record: CheckpointRecord) -> bytes | None:
         if record.optimizer is None:
             return None
-        key = keys.checkpoint_optimizer(self._prefix, record.name)
+        key = keys.checkpoint_optimizer(self._model.prefix, record.name)
         try:
             return self._checked(key, record.optimizer)
         except (ObjectMissing, ObjectDamaged):
             return None
 
     def _checked(self, key: str, fingerprint: Fingerprint) -> bytes:
-        data = self._bucket.get(key)
+        data = self._model.bucket.get(key)
         fault = fingerprint.fault(data)
         if fault is not None:
             raise ObjectDamaged(
-                f"{self._bucket.name}/{key} is damaged: {fault}.", remedy=remedy_of(key)
+                f"{self._model.bucket.name}/{key} is damaged: {fault}.", remedy=remedy_of(key)
             )
         return data
 
     def _newest_first(self, newest: CheckpointName | None) -> list[str]:
-        objects = checkpoint_objects(self._bucket, self._prefix)
+        objects = checkpoint_objects(self._model)
         found = {name for key, name in objects.items() if key.endswith(".ckpt.json")}
         pointed = self.pointed()
         if pointed is not None:
@@ -426,8 +436,10 @@ class CheckpointStore:
         return own, {objects[key].number for key in theirs}
 
     def _prune(self, newest: CheckpointRecord) -> None:
-        listed = self._bucket.list(keys.model_folder(self._prefix))
-        objects, theirs = self._own(_of_checkpoints(self._prefix, [info.key for info in listed]))
+        listed = self._model.bucket.list(keys.model_folder(self._model.prefix))
+        objects, theirs = self._own(
+            _of_checkpoints(self._model.prefix, [info.key for info in listed])
+        )
         names = set(objects.values())
         older = sorted(name for name in names if name.number < newest.number)
         always = {str(name) for name in older[-(self._keep - 1) :]} | {
@@ -436,7 +448,7 @@ class CheckpointStore:
         }
         here = checkpoint_name(newest.name)
         sizes = dict.fromkeys((*older, here), 0)
-        graphs = {keys.checkpoint_graph(self._prefix, name.number): name for name in sizes}
+        graphs = {keys.checkpoint_graph(self._model.prefix, name.number): name for name in sizes}
         for info in listed:
             name = objects.get(info.key, graphs.get(info.key))
             if name in sizes:
@@ -449,17 +461,21 @@ class CheckpointStore:
         old = names - pinned - kept.names
         # The graph of the newest one is written later; what is there belongs to a lost checkpoint.
         gone = {name.number for name in old} - {name.number for name in names - old}
-        unused = {keys.checkpoint_graph(self._prefix, n) for n in {*gone, newest.number} - theirs}
-        results = [keys.evaluation_result(self._prefix, number) for number in sorted(gone)]
-        self._bucket.delete(
+        unused = {
+            keys.checkpoint_graph(self._model.prefix, n) for n in {*gone, newest.number} - theirs
+        }
+        results = [keys.evaluation_result(self._model.prefix, number) for number in sorted(gone)]
+        self._model.bucket.delete(
             [key for key, name in objects.items() if name in old]
             + sorted(unused & {info.key for info in listed})
             + results
         )
 
 
-def checkpoint_objects(bucket: Bucket, prefix: str) -> dict[str, CheckpointName]:
-    return _of_checkpoints(prefix, [info.key for info in bucket.list(keys.model_folder(prefix))])
+def checkpoint_objects(model: ModelStore) -> dict[str, CheckpointName]:
+    return _of_checkpoints(
+        model.prefix, [info.key for info in model.bucket.list(keys.model_folder(model.prefix))]
+    )
 
 
 def _of_checkpoints(prefix: str, listed: Iterable[str]) -> dict[str, CheckpointName]:

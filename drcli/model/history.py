@@ -7,6 +7,7 @@ from dataclasses import replace
 from drcli.bucket.bucket import Bucket, ObjectInfo, ObjectMissing, read_record, remedy_of
 from drcli.model import keys
 from drcli.model.growing_file import GrowingFile, Layout, combined_history, list_parts, read_parts
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.iteration import (
     HISTORY_END,
@@ -39,15 +40,18 @@ class History:
             evaluated ones.
     """
 
-    def __init__(self, bucket: Bucket, prefix: str) -> None:
+    def __init__(self, model: ModelStore) -> None:
         self._file = GrowingFile(
-            bucket, keys.history(prefix), LAYOUT, iterations_per_part=ITERATIONS_PER_PART
+            model.bucket,
+            keys.history(model.prefix),
+            LAYOUT,
+            iterations_per_part=ITERATIONS_PER_PART,
         )
-        self.records = read_history(bucket, prefix)
+        self.records = read_history(model)
         self.count = len(self.records)
         self._file.restore(
             ((r.iteration, encode_iteration(r)) for r in self.records),
-            list_parts(bucket, keys.history(prefix)),
+            list_parts(model.bucket, keys.history(model.prefix)),
         )
         self._steps = array("q", (r.steps for r in self.records))
         self._fall = Fall(self.records)
@@ -138,29 +142,29 @@ class HistoryReader:
                     records = read_record(bucket, each, decode_history, remedy_of(each))
                 except ObjectMissing:  # deleted since the listing: the whole object has it
                     self._known.clear()
-                    return read_history(bucket, prefix)
+                    return read_history(ModelStore(bucket, prefix))
                 self._known[each] = infos[each], records
         parts = [self._known[part][1] for part in sorted(infos) if part != key]
         return combined_history(self._known[key][1] if key in infos else [], parts)
 
 
-def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
-    key = keys.history(prefix)
+def read_history(model: ModelStore) -> list[IterationRecord]:
+    key = keys.history(model.prefix)
 
     def read(key: str) -> list[IterationRecord]:
-        return read_record(bucket, key, decode_history, remedy_of(key))
+        return read_record(model.bucket, key, decode_history, remedy_of(key))
 
-    parts = read_parts(bucket, key, read)
+    parts = read_parts(model.bucket, key, read)
     try:
         return combined_history(read(key), parts)
     except ObjectMissing:
         return combined_history([], parts)
 
 
-def write_history(bucket: Bucket, prefix: str, records: Sequence[IterationRecord]) -> None:
-    parts = list_parts(bucket, keys.history(prefix))
-    bucket.put(keys.history(prefix), encode_history(records))
-    bucket.delete(parts)
+def write_history(model: ModelStore, records: Sequence[IterationRecord]) -> None:
+    parts = list_parts(model.bucket, keys.history(model.prefix))
+    model.bucket.put(keys.history(model.prefix), encode_history(records))
+    model.bucket.delete(parts)
 
 
 class Fall:

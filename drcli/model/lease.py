@@ -18,6 +18,7 @@ from drcli.base.json_record import NewerFormat, RecordError
 from drcli.base.processes import is_alive, started_s, this_machine
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import Lease
 
 STALE_S = 60.0
@@ -34,8 +35,8 @@ class ModelInUse(SettingsError):
     """Another start trains the model, or did a moment ago."""
 
 
-def read_lease(bucket: Bucket, prefix: str) -> Lease | None:
-    return read_lease_at(bucket, keys.lease(prefix))
+def read_lease(model: ModelStore) -> Lease | None:
+    return read_lease_at(model.bucket, keys.lease(model.prefix))
 
 
 def read_lease_at(bucket: Bucket, key: str) -> Lease | None:
@@ -50,16 +51,16 @@ def read_lease_at(bucket: Bucket, key: str) -> Lease | None:
     return replace(lease, age_s=time.time() - lease.renewed if age_s is None else age_s)
 
 
-def write_lease(bucket: Bucket, prefix: str, lease: Lease) -> None:
-    bucket.put(keys.lease(prefix), lease.encode())
+def write_lease(model: ModelStore, lease: Lease) -> None:
+    model.bucket.put(keys.lease(model.prefix), lease.encode())
 
 
-def holder(bucket: Bucket, prefix: str) -> Lease | None:
+def holder(model: ModelStore) -> Lease | None:
     """None if missing or expired.
 
     A newer drcli's never expires: its owner would not recognise ours.
     """
-    lease = read_lease(bucket, prefix)
+    lease = read_lease(model)
     if lease is not None and lease.newer:
         return lease
     if lease is None or lease.released or lease.age_s >= STALE_S:
@@ -67,34 +68,34 @@ def holder(bucket: Bucket, prefix: str) -> Lease | None:
     return lease
 
 
-def live_holder(bucket: Bucket, prefix: str) -> Lease | None:
-    held = holder(bucket, prefix)
+def live_holder(model: ModelStore) -> Lease | None:
+    held = holder(model)
     return held if held is not None and is_owner_alive(held) else None
 
 
-def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
+def refuse_other_owner(model: ModelStore, session: str = "") -> None:
     """Return unless another session trains on the prefix.
 
     Raises:
         ModelInUse: One does.
         SettingsError: The owner is a newer drcli.
     """
-    held = live_holder(bucket, prefix)
+    held = live_holder(model)
     if held is None or held.session == session:
         return
     if held.newer:
-        raise _owned_by_newer(bucket, prefix)
+        raise _owned_by_newer(model)
     raise ModelInUse(
-        f"s3://{bucket.name}/{prefix} is being trained by {held.owner} "
+        f"{model.url} is being trained by {held.owner} "
         f"(last heard from {max(0.0, held.age_s):.0f} s ago).",
         remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "
         f"is gone, try again in {STALE_S:.0f} seconds.",
     )
 
 
-def _owned_by_newer(bucket: Bucket, prefix: str) -> SettingsError:
+def _owned_by_newer(model: ModelStore) -> SettingsError:
     return SettingsError(
-        f"s3://{bucket.name}/{prefix} is or was trained by a newer version of drcli, whose lock "
+        f"{model.url} is or was trained by a newer version of drcli, whose lock "
         "this version cannot read.",
         remedy="Update drcli on this machine, or choose another DR_LOCAL_S3_MODEL_PREFIX.",
     )
@@ -105,15 +106,15 @@ def is_owner_alive(lease: Lease) -> bool:
     return lease.newer or lease.machine != this_machine() or is_alive(lease.pid, lease.pid_started)
 
 
-def take(bucket: Bucket, prefix: str, session: str) -> Lease:
+def take(model: ModelStore, session: str) -> Lease:
     """Own the prefix, then renew the lease.
 
     Raises:
         SettingsError: A newer drcli owns it.
     """
-    before = read_lease(bucket, prefix)
+    before = read_lease(model)
     if before is not None and before.newer:
-        raise _owned_by_newer(bucket, prefix)
+        raise _owned_by_newer(model)
     term = 1 if before is None else before.term + (before.session != session)
     lease = Lease(
         session=session,
@@ -124,20 +125,20 @@ def take(bucket: Bucket, prefix: str, session: str) -> Lease:
         pid_started=started_s(os.getpid()) or 0.0,
         term=term,
     )
-    write_lease(bucket, prefix, lease)
+    write_lease(model, lease)
     return lease
 
 
-def release(bucket: Bucket, prefix: str, session: str) -> None:
-    lease = read_lease(bucket, prefix)
+def release(model: ModelStore, session: str) -> None:
+    lease = read_lease(model)
     if lease is not None and lease.session == session and not lease.released:
-        write_lease(bucket, prefix, replace(lease, released=True, renewed=time.time()))
+        write_lease(model, replace(lease, released=True, renewed=time.time()))
 
 
-def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:
+def lost_to(model: ModelStore, lease: Lease) -> OwnershipLost:
     is_or_was = "was" if lease.released else "is"
     return OwnershipLost(
-        f"s3://{bucket.name}/{prefix} {is_or_was} trained by {lease.owner}, "
+        f"{model.url} {is_or_was} trained by {lease.owner}, "
         "which took over because this training had not renewed its lock for a minute. Everything "
         "this training did after that is discarded.",
         remedy="The model is safe; the other training continues. To continue here, stop the other "
@@ -153,8 +154,7 @@ class Ownership:
 
     def __init__(
         self,
-        bucket: Bucket,
-        prefix: str,
+        model: ModelStore,
         session: str,
         term: int = 0,
         *,
@@ -162,8 +162,7 @@ class Ownership:
         trusted_s: float = POINTER_TRUSTED_S,
         clock: Callable[[], float] = elapsed_s,
     ) -> None:
-        self._bucket = bucket
-        self._prefix = prefix
+        self._model = model
         self._session = session
         self._trusted_s = trusted_s
         self._clock = clock
@@ -183,9 +182,9 @@ class Ownership:
         began_s = self._clock()
         if began_s - self._read_s < (self._trusted_s if keys.decides(key) else OTHERS_TRUSTED_S):
             return
-        lease = read_lease(self._bucket, self._prefix)
+        lease = read_lease(self._model)
         if lease is not None and lease.outranks(self._session, self._term):
-            raise lost_to(self._bucket, self._prefix, lease)
+            raise lost_to(self._model, lease)
         if lease is not None and lease.session == self._session:
             self._term = lease.term
             if self._trainer is not None and lease.trainer > self._trainer:

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 from drcli.base.json_record import JsonRecord
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, read_record, remedy_of
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName, checkpoint_name
 from drcli.records.iteration import IterationRecord
 from drcli.records.scores import EvaluationResult
@@ -117,21 +118,21 @@ def _earlier(known: Milestone | None, new: Milestone) -> Milestone:
 NO_MILESTONES = Milestones()
 
 
-def read_milestones(bucket: Bucket, prefix: str) -> Milestones | None:
+def read_milestones(model: ModelStore) -> Milestones | None:
     """None if missing, as in version 0.1.0 (see `with_history`).
 
     Raises:
         ObjectDamaged: It is unreadable.
     """
-    key = keys.milestones(prefix)
+    key = keys.milestones(model.prefix)
     try:
-        return read_record(bucket, key, Milestones.decode, remedy_of(key))
+        return read_record(model.bucket, key, Milestones.decode, remedy_of(key))
     except ObjectMissing:
         return None
 
 
-def write_milestones(bucket: Bucket, prefix: str, milestones: Milestones) -> None:
-    bucket.put(keys.milestones(prefix), milestones.encode())
+def write_milestones(model: ModelStore, milestones: Milestones) -> None:
+    model.bucket.put(keys.milestones(model.prefix), milestones.encode())
 
 
 def with_history(known: Milestones, records: Iterable[IterationRecord]) -> Milestones:
@@ -160,12 +161,12 @@ def with_results(known: Milestones, results: Iterable[EvaluationResult]) -> Mile
 
 
 def readable_milestones(
-    bucket: Bucket, prefix: str, records: Iterable[IterationRecord]
+    model: ModelStore, records: Iterable[IterationRecord]
 ) -> tuple[Milestones, list[str]]:
     """For readers that never write, filled in from the learning curve; and a sentence on damage."""
     damaged: list[str] = []
     try:
-        known = read_milestones(bucket, prefix)
+        known = read_milestones(model)
     except ObjectDamaged as error:
         known, damaged = None, [f"{error} {error.remedy}"]
     return with_history(known or NO_MILESTONES, records), damaged
@@ -177,9 +178,8 @@ def readable_milestones(
 class MarkedCheckpoints:
     """Only a trainer writes it. If it is lost, `unmarked` checkpoints stay."""
 
-    def __init__(self, bucket: Bucket, prefix: str, unmarked: Callable[[], list[str]]) -> None:
-        self._bucket = bucket
-        self._prefix = prefix
+    def __init__(self, model: ModelStore, unmarked: Callable[[], list[str]]) -> None:
+        self._model = model
         self._unmarked = unmarked
         self._known: Milestones | None = None
 
@@ -187,7 +187,7 @@ class MarkedCheckpoints:
     def milestones(self) -> Milestones:
         if self._known is None:
             try:
-                found = read_milestones(self._bucket, self._prefix)
+                found = read_milestones(self._model)
             except ObjectDamaged:
                 found = replace(NO_MILESTONES, spaced=self._unmarked())
             self._known = found or NO_MILESTONES
@@ -205,11 +205,11 @@ class MarkedCheckpoints:
         It may have ended between evaluation and record, or have gone back. If the record is lost,
         every checkpoint stays.
         """
-        if not self._bucket.exists(keys.milestones(self._prefix)):
+        if not self._model.bucket.exists(keys.milestones(self._model.prefix)):
             self._known = replace(NO_MILESTONES, spaced=self._unmarked())
         self.write(with_history(self.milestones.until(newest), records))
 
     def write(self, milestones: Milestones) -> None:
         if milestones != self._known:
-            write_milestones(self._bucket, self._prefix, milestones)
+            write_milestones(self._model, milestones)
         self._known = milestones

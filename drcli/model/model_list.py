@@ -7,8 +7,9 @@ from fnmatch import fnmatchcase
 from drcli.bucket.bucket import Bucket, ObjectInfo
 from drcli.model import keys, lease, race_keys
 from drcli.model.model_prefix import Kind, kind_of
+from drcli.model.model_store import ModelStore
 from drcli.model.notes import headline
-from drcli.model.repair import Model, find_small_damage, readable_scores
+from drcli.model.repair import find_small_damage, readable_scores
 from drcli.model.run_metadata import metric_of
 from drcli.records.iteration import Laps
 from drcli.records.scores import Score
@@ -138,10 +139,15 @@ class ModelListReader:
             signature = signature_of(own[prefix])
             before = self._known.get(prefix)
             if before is not None and before[0] == signature:
-                training = keys.lease(prefix) in listed_keys and _is_trained(bucket, prefix)
+                training = keys.lease(prefix) in listed_keys and _is_trained(
+                    ModelStore(bucket, prefix)
+                )
                 known[prefix] = (signature, replace(before[1], training=training))
             else:
-                known[prefix] = (signature, _entry(bucket, prefix, own[prefix], listed_keys))
+                known[prefix] = (
+                    signature,
+                    _entry(ModelStore(bucket, prefix), own[prefix], listed_keys),
+                )
         self._known = known
         return ModelList(bucket.name, pattern, [entry for _, entry in known.values()])
 
@@ -158,8 +164,8 @@ def signature_of(objects: Iterable[ObjectInfo]) -> Signature:
     return count, size, newest
 
 
-def _is_trained(bucket: Bucket, prefix: str) -> bool:
-    return lease.live_holder(bucket, prefix) is not None
+def _is_trained(model: ModelStore) -> bool:
+    return lease.live_holder(model) is not None
 
 
 def model_prefixes(bucket: Bucket) -> set[str]:
@@ -198,25 +204,25 @@ def _fits(prefix: str, pattern: str) -> bool:
     return fnmatchcase(prefix, pattern) if has_wildcards else pattern in prefix
 
 
-def _entry(
-    bucket: Bucket, prefix: str, objects: list[ObjectInfo], listed: Collection[str]
-) -> ModelEntry:
-    names = {keys.checkpoint_of(prefix, info.key) for info in objects} - {None}
-    model = Model(bucket, prefix, keys.metrics_prefix(prefix))
+def _entry(store: ModelStore, objects: list[ObjectInfo], listed: Collection[str]) -> ModelEntry:
+    names = {keys.checkpoint_of(store.prefix, info.key) for info in objects} - {None}
+    model = ModelStore(store.bucket, store.prefix)
     scores, _ = readable_scores(model)
     metric = ""
-    if scores is not None and any(info.key == keys.training_start(prefix) for info in objects):
-        metric = metric_of(bucket, prefix)
+    if scores is not None and any(
+        info.key == keys.training_start(store.prefix) for info in objects
+    ):
+        metric = metric_of(store)
     return ModelEntry(
-        prefix=prefix,
+        prefix=store.prefix,
         checkpoints=len(names),
         best=None if scores is None else CheckpointEntry.of(scores.best_checkpoint, metric),
         last=None if scores is None else CheckpointEntry.of(scores.last_checkpoint, metric),
         objects=len(objects),
         size_bytes=sum(info.size_bytes for info in objects),
         modified=max(info.modified for info in objects).isoformat(timespec="seconds"),
-        training=_is_trained(bucket, prefix),
+        training=_is_trained(store),
         damaged=find_small_damage(model, listed),
-        note=headline(bucket, prefix, {info.key: info for info in objects}),
-        kind=kind_of([info.key.removeprefix(keys.folder(prefix)) for info in objects]),
+        note=headline(store, {info.key: info for info in objects}),
+        kind=kind_of([info.key.removeprefix(keys.folder(store.prefix)) for info in objects]),
     )

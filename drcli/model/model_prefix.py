@@ -4,80 +4,91 @@ import re
 from collections.abc import Collection
 from typing import Literal
 
-from drcli.bucket.bucket import TEST_FOLDER, Bucket
+from drcli.bucket.bucket import TEST_FOLDER
 from drcli.model import keys
 from drcli.model.checkpoints import checkpoint_objects
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 
 
-def is_used(bucket: Bucket, prefix: str) -> bool:
+def is_used(model: ModelStore) -> bool:
     """Whether there are objects below the prefix; `model-10` does not count for `model-1`.
 
     Nor do test objects, which `dr doctor` may be writing at the moment.
     """
-    test = keys.folder(prefix) + TEST_FOLDER
-    return any(not item.key.startswith(test) for item in bucket.list(keys.folder(prefix)))
+    test = keys.folder(model.prefix) + TEST_FOLDER
+    return any(
+        not item.key.startswith(test) for item in model.bucket.list(keys.folder(model.prefix))
+    )
 
 
-def newest_checkpoint(bucket: Bucket, prefix: str) -> CheckpointName | None:
-    return max(checkpoint_objects(bucket, prefix).values(), default=None)
+def newest_checkpoint(model: ModelStore) -> CheckpointName | None:
+    return max(checkpoint_objects(model).values(), default=None)
 
 
-def delete_unlearned(bucket: Bucket, prefix: str) -> None:
+def delete_unlearned(model: ModelStore) -> None:
     """Workers that drive ahead of a trainer that ended leave such an iteration."""
-    newest = newest_checkpoint(bucket, prefix)
+    newest = newest_checkpoint(model)
     if newest is None:
         return
     ahead = []
-    for info in bucket.list(keys.rollouts_folder(prefix)):
-        key = keys.rollout_key(prefix, info.key)
+    for info in model.bucket.list(keys.rollouts_folder(model.prefix)):
+        key = keys.rollout_key(model.prefix, info.key)
         if key is not None and key.iteration >= newest.number:
             ahead.append(info.key)
-    bucket.delete(ahead)
+    model.bucket.delete(ahead)
 
 
 def contains(outer: str, inner: str) -> bool:
     return keys.folder(inner).startswith(keys.folder(outer))
 
 
-def wipe(bucket: Bucket, prefix: str, *, spared: Collection[str] = ()) -> None:
-    for folder in (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix)):
-        bucket.delete([item.key for item in bucket.list(folder) if item.key not in spared])
+def wipe(model: ModelStore, *, spared: Collection[str] = ()) -> None:
+    for folder in (
+        keys.folder(model.prefix),
+        keys.rollouts_folder(model.prefix),
+        keys.run_folder(model.prefix),
+    ):
+        model.bucket.delete(
+            [item.key for item in model.bucket.list(folder) if item.key not in spared]
+        )
 
 
-def has_checkpoint(bucket: Bucket, prefix: str) -> bool:
+def has_checkpoint(model: ModelStore) -> bool:
     """Ours or TensorFlow's, maybe damaged."""
     ends = (".ckpt.json", ".ckpt.index")
-    return any(key.endswith(ends) for key in checkpoint_objects(bucket, prefix))
+    return any(key.endswith(ends) for key in checkpoint_objects(model))
 
 
-def is_aborted_start(bucket: Bucket, prefix: str, parameter_files: Collection[str]) -> bool:
+def is_aborted_start(model: ModelStore, parameter_files: Collection[str]) -> bool:
     """Whether there is only what a start wrote before its checkpoint.
 
     A new start may overwrite that.
     """
     known = {
-        keys.reward_function(prefix),
-        keys.model_metadata(prefix),
-        keys.hyperparameters(prefix),
-        keys.training_start(prefix),
-        keys.curriculum(prefix),
-        *(keys.parameter_file(prefix, name) for name in parameter_files),
+        keys.reward_function(model.prefix),
+        keys.model_metadata(model.prefix),
+        keys.hyperparameters(model.prefix),
+        keys.training_start(model.prefix),
+        keys.curriculum(model.prefix),
+        *(keys.parameter_file(model.prefix, name) for name in parameter_files),
     }
     folders = (
-        f"{keys.folder(prefix)}logs/",
-        keys.event_folder(prefix),
-        keys.journal_folder(prefix),
-        keys.notes_folder(prefix),
+        f"{keys.folder(model.prefix)}logs/",
+        keys.event_folder(model.prefix),
+        keys.journal_folder(model.prefix),
+        keys.notes_folder(model.prefix),
     )
-    unfinished = checkpoint_objects(bucket, prefix)
+    unfinished = checkpoint_objects(model)
     if any(
         name.number or key.endswith(".ckpt.json") or keys.is_tensorflow_part(key)
         for key, name in unfinished.items()
     ):
         return False
-    listed = {info.key for info in bucket.list(keys.folder(prefix))}
-    ours = keys.training_start(prefix) in listed or bucket.exists(keys.outcome(prefix))
+    listed = {info.key for info in model.bucket.list(keys.folder(model.prefix))}
+    ours = keys.training_start(model.prefix) in listed or model.bucket.exists(
+        keys.outcome(model.prefix)
+    )
     return ours and all(
         key in known or key in unfinished or key.startswith(folders) for key in listed
     )
@@ -119,10 +130,10 @@ def is_tensorflow(listed: Collection[str], prefix: str, name: str) -> bool:
     return index in listed and keys.checkpoint_record(prefix, name) not in listed
 
 
-def model_kind(bucket: Bucket, prefix: str) -> Kind:
-    folder = keys.folder(prefix)
+def model_kind(model: ModelStore) -> Kind:
+    folder = keys.folder(model.prefix)
     test = folder + TEST_FOLDER
-    listed = [info.key for info in bucket.list(folder)]
+    listed = [info.key for info in model.bucket.list(folder)]
     return kind_of([key.removeprefix(folder) for key in listed if not key.startswith(test)])
 
 
@@ -136,35 +147,35 @@ KIND_WORDS: dict[Kind, str] = {
 }
 
 
-def what_helps(bucket: Bucket, prefix: str, *, setting: str = "", variables: str = "") -> str:
+def what_helps(model: ModelStore, *, setting: str = "", variables: str = "") -> str:
     """For a command that misses a checkpoint or file: one that works.
 
     `variables` (each followed by a space) precede it if the bucket is not that of the settings.
     """
-    kind = model_kind(bucket, prefix)
-    url = f"s3://{bucket.name}/{prefix}"
+    kind = model_kind(model)
+    url = model.url
     if kind == "drcli":
         resume = f"{variables}dr-start-training --resume"
         return f"Restore it from a copy; `{resume}` reconstructs what it can."
     if kind in ("tensorflow", "upload"):
-        command = f"{variables}{import_command(bucket, prefix, local=True)}"
+        command = f"{variables}{import_command(model, local=True)}"
         if kind == "tensorflow":
             return f"Restore it from a copy, or make a model of what is there with `{command}`."
         return f"{url} holds {KIND_WORDS[kind]}: make it a model with `{command}`."
     if kind == "traces":
-        return f"{url} holds {KIND_WORDS[kind]}: `{variables}dr-analyze {prefix}` shows them."
+        return f"{url} holds {KIND_WORDS[kind]}: `{variables}dr-analyze {model.prefix}` shows them."
     other = f"correct {setting or 'its name'}; `{variables}dr-list-models` lists all models."
     if kind == "files":
         return f"If it is being trained, wait for its first iteration; otherwise {other}"
     return f"There is nothing at {url}: train it with `{variables}dr-start-training`, or {other}"
 
 
-def import_command(bucket: Bucket, prefix: str, *, local: bool) -> str:
+def import_command(model: ModelStore, *, local: bool) -> str:
     """Makes a model of ours; unless `local`, from the bucket of uploads."""
-    name = f"{prefix}-imported"
+    name = f"{model.prefix}-imported"
     if local:
         number = 1
-        while is_used(bucket, name):
+        while is_used(ModelStore(model.bucket, name)):
             number += 1
-            name = f"{prefix}-imported-{number}"
-    return f"dr-import {'-L ' if local else ''}s3://{bucket.name}/{prefix} -t {name}"
+            name = f"{model.prefix}-imported-{number}"
+    return f"dr-import {'-L ' if local else ''}{model.url} -t {name}"

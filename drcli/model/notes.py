@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 from drcli.base.json_record import JsonRecord, RecordError
 from drcli.bucket.bucket import (
-    Bucket,
     ObjectDamaged,
     ObjectInfo,
     ObjectMissing,
@@ -18,6 +17,7 @@ from drcli.bucket.bucket import (
     remedy_of,
 )
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 
 
 @dataclass(frozen=True)
@@ -50,53 +50,53 @@ class StoredNote:
     problem: str = ""
 
 
-def read_notes(bucket: Bucket, prefix: str) -> list[StoredNote]:
+def read_notes(model: ModelStore) -> list[StoredNote]:
     """The description, then oldest first."""
     found = []
-    for info in bucket.list(keys.notes_folder(prefix)):
-        name = _name_of(prefix, info.key)
-        note = None if name is None else _read(bucket, prefix, name)
+    for info in model.bucket.list(keys.notes_folder(model.prefix)):
+        name = _name_of(model.prefix, info.key)
+        note = None if name is None else _read(model, name)
         if note is not None:
             found.append(note)
     return found
 
 
-def headline(bucket: Bucket, prefix: str, objects: Mapping[str, ObjectInfo]) -> str:
-    names = sorted(name for key in objects if (name := _name_of(prefix, key)) is not None)
+def headline(model: ModelStore, objects: Mapping[str, ObjectInfo]) -> str:
+    names = sorted(name for key in objects if (name := _name_of(model.prefix, key)) is not None)
     if not names:
         return ""
-    note = _read(bucket, prefix, DESCRIPTION if DESCRIPTION in names else names[-1])
+    note = _read(model, DESCRIPTION if DESCRIPTION in names else names[-1])
     return "" if note is None or note.record is None else note.record.text
 
 
-def add_note(bucket: Bucket, prefix: str, text: str, checkpoint: int | None) -> StoredNote:
+def add_note(model: ModelStore, text: str, checkpoint: int | None) -> StoredNote:
     now = time.time()
-    listed = bucket.list(keys.notes_folder(prefix))
-    known = [_name_of(prefix, info.key) or "" for info in listed]
+    listed = model.bucket.list(keys.notes_folder(model.prefix))
+    known = [_name_of(model.prefix, info.key) or "" for info in listed]
     stamps = [int(name[:18]) for name in known if _STAMPED.match(name)]
     # Later than all others, also if two are written in one moment or a clock was set back.
     stamp = max([int(now * 1e6), *(stamp + 1 for stamp in stamps)])
     name = f"{stamp:018d}-{secrets.token_hex(3)}"
-    return _write(bucket, prefix, name, NoteRecord(now, text, socket.gethostname(), checkpoint))
+    return _write(model, name, NoteRecord(now, text, socket.gethostname(), checkpoint))
 
 
-def change_note(bucket: Bucket, prefix: str, note: StoredNote, text: str) -> StoredNote:
+def change_note(model: ModelStore, note: StoredNote, text: str) -> StoredNote:
     now = time.time()
     record = note.record or NoteRecord(now, text, socket.gethostname())
-    return _write(bucket, prefix, note.name, replace(record, text=text, edited_at=now))
+    return _write(model, note.name, replace(record, text=text, edited_at=now))
 
 
-def remove_note(bucket: Bucket, prefix: str, note: StoredNote) -> None:
-    bucket.delete([keys.note(prefix, note.name)])
+def remove_note(model: ModelStore, note: StoredNote) -> None:
+    model.bucket.delete([keys.note(model.prefix, note.name)])
 
 
-def describe(bucket: Bucket, prefix: str, text: str, *, is_new: bool = True) -> None:
-    if text.strip() and (is_new or not bucket.exists(keys.note(prefix, DESCRIPTION))):
-        write_description(bucket, prefix, text)
+def describe(model: ModelStore, text: str, *, is_new: bool = True) -> None:
+    if text.strip() and (is_new or not model.bucket.exists(keys.note(model.prefix, DESCRIPTION))):
+        write_description(model, text)
 
 
-def write_description(bucket: Bucket, prefix: str, text: str) -> StoredNote:
-    return _write(bucket, prefix, DESCRIPTION, NoteRecord(time.time(), text, socket.gethostname()))
+def write_description(model: ModelStore, text: str) -> StoredNote:
+    return _write(model, DESCRIPTION, NoteRecord(time.time(), text, socket.gethostname()))
 
 
 def _name_of(prefix: str, key: str) -> str | None:
@@ -104,10 +104,10 @@ def _name_of(prefix: str, key: str) -> str | None:
     return None if found is None else found[1]
 
 
-def _read(bucket: Bucket, prefix: str, name: str) -> StoredNote | None:
-    key = keys.note(prefix, name)
+def _read(model: ModelStore, name: str) -> StoredNote | None:
+    key = keys.note(model.prefix, name)
     try:
-        record = read_record(bucket, key, NoteRecord.decode, remedy_of(key))
+        record = read_record(model.bucket, key, NoteRecord.decode, remedy_of(key))
     except ObjectMissing:
         return None
     except (ObjectDamaged, ObjectNewer) as error:
@@ -115,6 +115,6 @@ def _read(bucket: Bucket, prefix: str, name: str) -> StoredNote | None:
     return StoredNote(name, record)
 
 
-def _write(bucket: Bucket, prefix: str, name: str, record: NoteRecord) -> StoredNote:
-    bucket.put(keys.note(prefix, name), record.encode())
+def _write(model: ModelStore, name: str, record: NoteRecord) -> StoredNote:
+    model.bucket.put(keys.note(model.prefix, name), record.encode())
     return StoredNote(name, record)

@@ -23,6 +23,7 @@ from drcli.model.checkpoints import KEEP, CheckpointStore, checkpoint_objects
 from drcli.model.growing_file import combined_history, list_parts
 from drcli.model.history import with_evaluation as evaluated_record
 from drcli.model.milestones import NO_MILESTONES, Milestone, Milestones, with_history, with_results
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_rollbacks
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters
 from drcli.records.episode_metrics import EpisodeMetrics
@@ -50,20 +51,20 @@ def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
     return found
 
 
-def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
-    objects = checkpoint_objects(bucket, prefix)
+def whole_checkpoints(model: ModelStore) -> list[CheckpointName]:
+    objects = checkpoint_objects(model)
     return sorted(
         name
         for name in set(objects.values())
-        if keys.checkpoint_record(prefix, str(name)) in objects
-        and keys.checkpoint_tensors(prefix, str(name)) in objects
+        if keys.checkpoint_record(model.prefix, str(name)) in objects
+        and keys.checkpoint_tensors(model.prefix, str(name)) in objects
     )
 
 
-def readable_records(bucket: Bucket, prefix: str) -> list[CheckpointRecord]:
-    store = CheckpointStore(bucket, prefix)
+def readable_records(model: ModelStore) -> list[CheckpointRecord]:
+    store = CheckpointStore(model)
     found = []
-    for name in whole_checkpoints(bucket, prefix):
+    for name in whole_checkpoints(model):
         try:
             found.append(store.record(str(name)))
         except (ObjectMissing, ObjectDamaged):
@@ -71,11 +72,11 @@ def readable_records(bucket: Bucket, prefix: str) -> list[CheckpointRecord]:
     return found
 
 
-def readable_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationResult]:
+def readable_evaluations(model: ModelStore) -> dict[int, EvaluationResult]:
     found = {}
-    for number in evaluated_numbers(bucket, prefix):
+    for number in evaluated_numbers(model):
         try:
-            found[number] = read_evaluation(bucket, prefix, number)
+            found[number] = read_evaluation(model, number)
         except (ObjectMissing, ObjectDamaged):
             continue
     return found
@@ -89,23 +90,21 @@ def readable_objects(bucket: Bucket, keys_: Iterable[str]) -> list[bytes]:
     return found
 
 
-def reconstruct_history(
-    bucket: Bucket, prefix: str, damaged: Iterable[bytes] = ()
-) -> list[IterationRecord]:
+def reconstruct_history(model: ModelStore, damaged: Iterable[bytes] = ()) -> list[IterationRecord]:
     """From records, its own objects (also moved, `damaged` ones) and traces."""
-    records = readable_records(bucket, prefix)
-    key = keys.history(prefix)
-    objects = [*damaged, *readable_objects(bucket, [key, *list_parts(bucket, key)])]
+    records = readable_records(model)
+    key = keys.history(model.prefix)
+    objects = [*damaged, *readable_objects(model.bucket, [key, *list_parts(model.bucket, key)])]
     parts = [whole_records(data, IterationRecord.from_json) for data in objects]
     known = {record.iteration: record for record in combined_history([], parts)}
     learned = [r.counters.learned for r in records if r.counters.learned is not None]
     stated = known | {record.iteration: record for record in learned}
-    known |= {r.iteration: r for r in _traced_history(bucket, prefix, stated)}
+    known |= {r.iteration: r for r in _traced_history(model, stated)}
     for record in learned:
         before = known.get(record.iteration, record)
         evaluated = {name: getattr(before, name) for name in EVALUATION_FIELDS}
         known[record.iteration] = replace(record, **evaluated)
-    for number, result in readable_evaluations(bucket, prefix).items():
+    for number, result in readable_evaluations(model).items():
         if number in known:
             known[number] = evaluated_record(known[number], result)
     newest = max((r.number for r in records), default=None)
@@ -113,7 +112,7 @@ def reconstruct_history(
 
 
 def reconstruct_record(
-    bucket: Bucket, prefix: str, name: CheckpointName, history: Iterable[IterationRecord]
+    model: ModelStore, name: CheckpointName, history: Iterable[IterationRecord]
 ) -> CheckpointRecord | None:
     """From the weights and known iterations.
 
@@ -122,8 +121,8 @@ def reconstruct_record(
     past = [r for r in history if r.iteration < name.number]
     if len(past) != name.number:
         return None
-    tensors = _found(bucket, keys.checkpoint_tensors(prefix, str(name)))
-    optimizer = _found(bucket, keys.checkpoint_optimizer(prefix, str(name)))
+    tensors = _found(model.bucket, keys.checkpoint_tensors(model.prefix, str(name)))
+    optimizer = _found(model.bucket, keys.checkpoint_optimizer(model.prefix, str(name)))
     if not _is_safetensors(tensors):
         return None
     last = past[-1] if past else None
@@ -135,33 +134,33 @@ def reconstruct_record(
             episodes=sum(r.episodes for r in past),
             elapsed_s=0.0 if last is None else last.elapsed_s,
             learned=last,
-            rollbacks=_rollbacks(bucket, prefix) or None,
+            rollbacks=_rollbacks(model) or None,
         ),
     )
 
 
-def _rollbacks(bucket: Bucket, prefix: str) -> int:
+def _rollbacks(model: ModelStore) -> int:
     try:
-        return read_rollbacks(bucket, prefix).count
+        return read_rollbacks(model).count
     except ObjectDamaged:
         return 0
 
 
-def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
+def reconstruct_scores(model: ModelStore, metric: str) -> Scores | None:
     """Newest and best by DR_TRAIN_BEST_MODEL_METRIC, or None.
 
     Without laps of an earlier stage or track.
     """
-    records = readable_records(bucket, prefix)
-    pointed = CheckpointStore(bucket, prefix).pointed()
+    records = readable_records(model)
+    pointed = CheckpointStore(model).pointed()
     newest = next((r for r in records if r.name == str(pointed)), records[-1] if records else None)
     if newest is None:
         return None
     by_name = {r.name: r for r in records}
     last = Score(newest.name, None, newest.sim_time_s)
     scores = Scores(Score(records[0].name, None, records[0].sim_time_s), last)
-    driven = {each.iteration: each for each in reconstruct_history(bucket, prefix)}
-    for number, result in readable_evaluations(bucket, prefix).items():
+    driven = {each.iteration: each for each in reconstruct_history(model)}
+    for number, result in readable_evaluations(model).items():
         record = by_name.get(result.checkpoint)
         compares = number not in driven or driven[number].compares_with(driven[max(driven)])
         if record is not None and compares:
@@ -173,20 +172,20 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
     return scores
 
 
-def reconstruct_milestones(bucket: Bucket, prefix: str, damaged: bytes = b"") -> Milestones:
+def reconstruct_milestones(model: ModelStore, damaged: bytes = b"") -> Milestones:
     """From learning curve, evaluations and the record's rest.
 
     All checkpoints stay: every n-th are unknown.
     """
     found = whole_records(damaged, partial(from_json, Milestone))
-    names = whole_checkpoints(bucket, prefix)
-    scores = reconstruct_scores(bucket, prefix, "progress")
+    names = whole_checkpoints(model)
+    scores = reconstruct_scores(model, "progress")
     best = None if scores is None else scores.best_checkpoint.name
     known = replace(
         NO_MILESTONES, spaced=[str(name) for name in names[:-KEEP] if str(name) != best]
     )
-    known = with_history(known, reconstruct_history(bucket, prefix))
-    known = with_results(known, readable_evaluations(bucket, prefix).values())
+    known = with_history(known, reconstruct_history(model))
+    known = with_results(known, readable_evaluations(model).values())
     for each in found:
         known = known.with_evaluation(
             each.checkpoint, [each.progress] * max(1, each.episodes), [each.best_lap_s] * each.laps
@@ -195,7 +194,7 @@ def reconstruct_milestones(bucket: Bucket, prefix: str, damaged: bytes = b"") ->
 
 
 def reconstruct_metrics(
-    bucket: Bucket, prefix: str, worker: int, files: Iterable[bytes]
+    model: ModelStore, worker: int, files: Iterable[bytes]
 ) -> list[EpisodeMetrics]:
     found = [r for data in files for r in whole_records(data, EpisodeMetrics.from_json)]
     # The whole file and a part may both have an episode.
@@ -206,10 +205,10 @@ def reconstruct_metrics(
     numbers = {r.episode for r in training if r.iteration is None}  # of version 0.1.0
     most = max((r.trial for r in training), default=0)
     counts = Counter(iteration for iteration, _ in known)
-    for iteration, of_iteration in traced_iterations(bucket, prefix).items():
+    for iteration, of_iteration in traced_iterations(model).items():
         if worker not in of_iteration or (most and counts[iteration] == most):
             continue  # a trace of a known iteration need not be read
-        traced = read_csv(bucket.get(of_iteration[worker]))
+        traced = read_csv(model.bucket.get(of_iteration[worker]))
         kept += [
             EpisodeMetrics.of(episode, iteration=iteration, episode=episode.number + 1, trial=trial)
             for trial, episode in enumerate(traced, start=1)
@@ -218,10 +217,10 @@ def reconstruct_metrics(
     return sorted(kept, key=lambda r: (r.metric_time, r.phase != "training"))
 
 
-def traced_iterations(bucket: Bucket, prefix: str) -> dict[int, dict[int, str]]:
-    start = keys.folder(prefix)
+def traced_iterations(model: ModelStore) -> dict[int, dict[int, str]]:
+    start = keys.folder(model.prefix)
     found: dict[int, dict[int, str]] = {}
-    for info in bucket.list(start):
+    for info in model.bucket.list(start):
         match = _TRACE.fullmatch(info.key.removeprefix(start))
         if match is not None:
             found.setdefault(int(match[2]), {})[int(match[1] or 0)] = info.key
@@ -229,10 +228,10 @@ def traced_iterations(bucket: Bucket, prefix: str) -> dict[int, dict[int, str]]:
 
 
 def _traced_history(
-    bucket: Bucket, prefix: str, known: Mapping[int, IterationRecord]
+    model: ModelStore, known: Mapping[int, IterationRecord]
 ) -> list[IterationRecord]:
     found: list[IterationRecord] = []
-    traced = traced_iterations(bucket, prefix)
+    traced = traced_iterations(model)
     total: int | None = 0
     elapsed_s, began_s = 0.0, math.nan
     for iteration in range(max([*traced, *known], default=-1) + 1):
@@ -242,7 +241,7 @@ def _traced_history(
             continue
         of_worker = traced.get(iteration, {})
         wanted = of_worker.values() if total is not None else ()
-        driven = [e for key in wanted for e in read_csv(bucket.get(key))]
+        driven = [e for key in wanted for e in read_csv(model.bucket.get(key))]
         episodes = [e for e in driven if e.status != "discarded"]  # nobody learned from the others
         if total is None or not episodes:
             total = None  # it is unknown after a gap, until the next known iteration

@@ -5,7 +5,7 @@ who may write repairs: the trainer, or a command while none runs. Others report 
 """
 
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -20,12 +20,12 @@ from drcli.bucket.bucket import (
     read_record,
     remedy_of,
 )
-from drcli.config.run_config import ModelConfig
 from drcli.model import keys
 from drcli.model.best_checkpoint import evaluated_numbers, read_scores, write_scores
 from drcli.model.growing_file import combined_metrics, list_parts, read_parts
 from drcli.model.history import HistoryReader, read_history, write_history
 from drcli.model.milestones import Milestones, write_milestones
+from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import (
     readable_objects,
     reconstruct_history,
@@ -51,29 +51,13 @@ KEPT_DAMAGED, KEPT_BYTES = 100, 256 << 20
 """How many damaged objects of a model are kept, and the largest size of the older ones."""
 
 
-@dataclass(frozen=True)
-class Model:
-    bucket: Bucket
-    prefix: str
-    metrics_prefix: str
-    metric: str = "progress"
-    workers: Sequence[int] = (0,)
-
-    @staticmethod
-    def of(config: ModelConfig, bucket: Bucket, prefix: str) -> "Model":
-        if prefix == config.prefix:
-            workers = range(config.workers)
-            return Model(bucket, prefix, config.metrics_prefix, config.metric, workers)
-        return Model(bucket, prefix, keys.metrics_prefix(prefix), config.metric)
-
-
-def find_damage(model: Model) -> list[str]:
+def find_damage(model: ModelStore) -> list[str]:
     """What is wrong, and what to do; nothing is changed."""
     found = (_told(model.bucket, item) for item in _objects(model, missing=False))
     return [text for text in found if text]
 
 
-def find_small_damage(model: Model, listed: Collection[str]) -> list[str]:
+def find_small_damage(model: ModelStore, listed: Collection[str]) -> list[str]:
     """For small objects with fixed names and checkpoint records, by `listed` keys."""
     own = {keys.checkpoint_of(model.prefix, key) for key in listed} - {None}
     items = _small(model, [str(name) for name in own], missing=False)
@@ -90,7 +74,7 @@ def _told(bucket: Bucket, item: "_Object") -> str:
     return "" if damage is None else f"{damage.sentence} {remedy_of(item.key)}"
 
 
-def repair(model: Model, *, missing: bool = True) -> list[str]:
+def repair(model: ModelStore, *, missing: bool = True) -> list[str]:
     """Set damaged objects aside and reconstruct them, and missing ones.
 
     The embedded server deletes an old object before renaming the new. If killed then, no client can
@@ -109,29 +93,29 @@ def repair(model: Model, *, missing: bool = True) -> list[str]:
     return done
 
 
-def repair_metrics(model: Model) -> list[str]:
+def repair_metrics(model: ModelStore) -> list[str]:
     """Each worker writes its own."""
     return [*_repaired(model, _metrics(model)), *_refilled_metrics(model)]
 
 
 def readable_history(
-    model: Model, reader: HistoryReader | None = None
+    model: ModelStore, reader: HistoryReader | None = None
 ) -> tuple[list[IterationRecord], list[str]]:
     """For readers that never write; and a sentence on damage."""
     reader = reader or HistoryReader()
     try:
         return reader.read(model.bucket, model.prefix), []
     except ObjectDamaged as error:
-        return reconstruct_history(model.bucket, model.prefix), [f"{error} {error.remedy}"]
+        return reconstruct_history(model), [f"{error} {error.remedy}"]
 
 
-def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
+def readable_scores(model: ModelStore) -> tuple[Scores | None, list[str]]:
     """For readers that never write; and a sentence on damage."""
     try:
-        return read_scores(model.bucket, model.prefix), []
+        return read_scores(model), []
     except ObjectDamaged as error:
         said = f"{error} {error.remedy}"
-        return reconstruct_scores(model.bucket, model.prefix, model.metric), [said]
+        return reconstruct_scores(model, model.metric), [said]
 
 
 def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
@@ -146,20 +130,20 @@ def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
         return combined_metrics([], parts)
 
 
-def set_aside(bucket: Bucket, prefix: str, key: str, data: bytes | None = None) -> str:
+def set_aside(model: ModelStore, key: str, data: bytes | None = None) -> str:
     """Move a damaged object, or the given bytes, to a returned key.
 
     Of older ones, `KEPT_DAMAGED` and `KEPT_BYTES` stay.
     """
-    kept = keys.damaged(prefix, key, time.strftime("%Y%m%d%H%M%S", time.gmtime()))
+    kept = keys.damaged(model.prefix, key, time.strftime("%Y%m%d%H%M%S", time.gmtime()))
     with suppress(ObjectMissing):
-        bucket.put(kept, bucket.get(key) if data is None else data)
-    older = [i for i in bucket.list(keys.damaged_folder(prefix)) if i.key != kept]
+        model.bucket.put(kept, model.bucket.get(key) if data is None else data)
+    older = [i for i in model.bucket.list(keys.damaged_folder(model.prefix)) if i.key != kept]
     older.sort(key=lambda info: info.modified, reverse=True)
     sizes = list(accumulate(info.size_bytes for info in older))
     few = [i.key for i, size in zip(older, sizes, strict=True) if size <= KEPT_BYTES]
     doomed = {info.key for info in older} - set(few[: KEPT_DAMAGED - 1])
-    bucket.delete([key, *sorted(doomed)])
+    model.bucket.delete([key, *sorted(doomed)])
     return kept
 
 
@@ -197,13 +181,13 @@ def _damage(bucket: Bucket, item: _Object) -> _Damage | None:
     return None
 
 
-def _refuse_newer(model: Model) -> None:
+def _refuse_newer(model: ModelStore) -> None:
     for item in _objects(model, missing=False):
         with suppress(ObjectMissing, ObjectDamaged):
             read_record(model.bucket, item.key, item.decode, remedy="")
 
 
-def _repaired(model: Model, objects: Iterable[_Object]) -> list[str]:
+def _repaired(model: ModelStore, objects: Iterable[_Object]) -> list[str]:
     bucket = model.bucket
     done: list[str] = []
     for item in objects:  # the next one is listed after this one is repaired
@@ -211,7 +195,7 @@ def _repaired(model: Model, objects: Iterable[_Object]) -> list[str]:
         if damage is not None:
             if not done:
                 _refuse_newer(model)
-            kept = set_aside(bucket, model.prefix, item.key, damage.data)
+            kept = set_aside(ModelStore(bucket, model.prefix), item.key, damage.data)
             result = item.reconstruct(damage.data)
             done.append(
                 f"{damage.sentence} {result} The damaged one is kept as {bucket.name}/{kept}."
@@ -219,9 +203,10 @@ def _repaired(model: Model, objects: Iterable[_Object]) -> list[str]:
     return done
 
 
-def _refilled(model: Model) -> list[str]:
+def _refilled(model: ModelStore) -> list[str]:
     bucket, prefix = model.bucket, model.prefix
-    newest = max(whole_checkpoints(bucket, prefix), default=None)
+    store = ModelStore(bucket, prefix)
+    newest = max(whole_checkpoints(store), default=None)
     if newest is None:
         return []
     done = []
@@ -232,12 +217,12 @@ def _refilled(model: Model) -> list[str]:
         if not bucket.exists(key):
             _refuse_newer(model)
             done.append(f"{bucket.name}/{key} is missing. {write(model, b'')}")
-    known = read_history(bucket, prefix)
+    known = read_history(store)
     if len(known) < newest.number - 1:  # the newest iteration is in the checkpoint's record
         _refuse_newer(model)
-        found = reconstruct_history(bucket, prefix)
+        found = reconstruct_history(store)
         if len(found) > len(known):
-            write_history(bucket, prefix, found)
+            write_history(store, found)
             lost = len(found) - len(known)
             done.append(
                 f"{bucket.name}/{keys.history(prefix)} is missing, or {lost} iterations of it. "
@@ -246,10 +231,11 @@ def _refilled(model: Model) -> list[str]:
     return done
 
 
-def _refilled_metrics(model: Model) -> list[str]:
+def _refilled_metrics(model: ModelStore) -> list[str]:
     bucket, prefix = model.bucket, model.prefix
-    finished = max((name.number for name in whole_checkpoints(bucket, prefix)), default=0)
-    traced = traced_iterations(bucket, prefix)
+    store = ModelStore(bucket, prefix)
+    finished = max((name.number for name in whole_checkpoints(store)), default=0)
+    traced = traced_iterations(store)
     done = []
     for worker in model.workers:
         key = keys.training_metrics(model.metrics_prefix, worker)
@@ -265,21 +251,22 @@ def _refilled_metrics(model: Model) -> list[str]:
     return done
 
 
-def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
+def _objects(model: ModelStore, *, missing: bool) -> Iterator[_Object]:
     bucket, prefix = model.bucket, model.prefix
-    for number in evaluated_numbers(bucket, prefix):
+    store = ModelStore(bucket, prefix)
+    for number in evaluated_numbers(store):
         key = keys.evaluation_result(prefix, number)
         yield _Object(key, EvaluationResult.decode, lambda _: "Training continues without it.")
     for key in (keys.history(prefix), *list_parts(bucket, keys.history(prefix))):
         yield _Object(key, decode_history, partial(_write_history, model))
-    names = map(str, whole_checkpoints(bucket, prefix))
+    names = map(str, whole_checkpoints(store))
     yield from _small(model, names, missing=missing)
     yield from _metrics(model)
     for info in bucket.list(keys.status_folder(prefix)):
         yield _Object(info.key, ActivityRecord.decode, lambda _: _REWRITTEN)
 
 
-def _small(model: Model, names: Iterable[str], *, missing: bool) -> Iterator[_Object]:
+def _small(model: ModelStore, names: Iterable[str], *, missing: bool) -> Iterator[_Object]:
     prefix = model.prefix
     for name in names:
         key = keys.checkpoint_record(prefix, name)
@@ -303,14 +290,14 @@ def _small(model: Model, names: Iterable[str], *, missing: bool) -> Iterator[_Ob
     yield _Object(keys.outcome(prefix), RunOutcome.decode, lambda _: _REWRITTEN)
 
 
-def _metrics(model: Model) -> Iterator[_Object]:
+def _metrics(model: ModelStore) -> Iterator[_Object]:
     for worker in model.workers:
         whole = keys.training_metrics(model.metrics_prefix, worker)
         for key in (whole, *list_parts(model.bucket, whole)):
             yield _Object(key, decode_metrics, partial(_write_metrics, model, worker))
 
 
-def _refuse_missing(model: Model, *names: str) -> None:
+def _refuse_missing(model: ModelStore, *names: str) -> None:
     """Raise RecordError without PyTorch or TensorFlow weights."""
     listed = {info.key for info in model.bucket.list(keys.model_folder(model.prefix))}
     for name in names:
@@ -319,53 +306,53 @@ def _refuse_missing(model: Model, *names: str) -> None:
             raise RecordError(f"it names {name}, which does not exist")
 
 
-def _write_history(model: Model, damaged: bytes) -> str:
-    records = reconstruct_history(model.bucket, model.prefix, [damaged])
-    write_history(model.bucket, model.prefix, records)
+def _write_history(model: ModelStore, damaged: bytes) -> str:
+    records = reconstruct_history(model, [damaged])
+    write_history(model, records)
     return f"It was reconstructed with {len(records)} iterations."
 
 
-def _write_record(model: Model, name: str, _damaged: bytes) -> str:
+def _write_record(model: ModelStore, name: str, _damaged: bytes) -> str:
     try:
-        history = read_history(model.bucket, model.prefix)
+        history = read_history(model)
     except ObjectDamaged:
         history = []
-    record = reconstruct_record(model.bucket, model.prefix, checkpoint_name(name), history)
+    record = reconstruct_record(model, checkpoint_name(name), history)
     if record is None:
         return "That checkpoint is skipped."
     model.bucket.put(keys.checkpoint_record(model.prefix, name), record.encode())
     return "It was reconstructed from the weights and the history."
 
 
-def _write_pointer(model: Model, _damaged: bytes) -> str:
-    newest = max(whole_checkpoints(model.bucket, model.prefix), default=None)
+def _write_pointer(model: ModelStore, _damaged: bytes) -> str:
+    newest = max(whole_checkpoints(model), default=None)
     if newest is None:
         return "The model has no checkpoint to point to."
     model.bucket.put(keys.coach_checkpoint(model.prefix), str(newest).encode())
     return f"It names {newest} again."
 
 
-def _write_scores(model: Model, _damaged: bytes) -> str:
-    scores = reconstruct_scores(model.bucket, model.prefix, model.metric)
+def _write_scores(model: ModelStore, _damaged: bytes) -> str:
+    scores = reconstruct_scores(model, model.metric)
     if scores is None:
         return "It will be rewritten with the next checkpoint."
-    write_scores(model.bucket, model.prefix, scores)
+    write_scores(model, scores)
     best, last = scores.best_checkpoint.name, scores.last_checkpoint.name
     return f"It was reconstructed: the best is {best}, the last is {last}."
 
 
-def _write_milestones(model: Model, damaged: bytes) -> str:
-    milestones = reconstruct_milestones(model.bucket, model.prefix, damaged)
-    write_milestones(model.bucket, model.prefix, milestones)
+def _write_milestones(model: ModelStore, damaged: bytes) -> str:
+    milestones = reconstruct_milestones(model, damaged)
+    write_milestones(model, milestones)
     reached = ", ".join(f"{kind} is {found.checkpoint}" for kind, found in milestones.reached())
     return f"It was reconstructed: {reached or 'no milestone is known'}."
 
 
-def _write_metrics(model: Model, worker: int, damaged: bytes) -> str:
+def _write_metrics(model: ModelStore, worker: int, damaged: bytes) -> str:
     key = keys.training_metrics(model.metrics_prefix, worker)
     parts = list_parts(model.bucket, key)
     files = [damaged, *readable_objects(model.bucket, [key, *parts])]
-    records = reconstruct_metrics(model.bucket, model.prefix, worker, files)
+    records = reconstruct_metrics(model, worker, files)
     model.bucket.put(key, encode_metrics(records, model.metric))
     model.bucket.delete(parts)
     return f"It was reconstructed with {len(records)} episodes."

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
-from drcli.bucket.bucket import Bucket, ObjectDamaged
+from drcli.bucket.bucket import ObjectDamaged
 from drcli.config.editing import raised
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys, lease
@@ -14,6 +14,7 @@ from drcli.model.checkpoints import CheckpointsLost, CheckpointStore
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.model_prefix import is_used, model_kind
+from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import (
     readable_records,
     reconstruct_history,
@@ -21,7 +22,7 @@ from drcli.model.reconstruct import (
     traced_iterations,
     whole_checkpoints,
 )
-from drcli.model.repair import Model, find_damage, repair, set_aside
+from drcli.model.repair import find_damage, repair, set_aside
 from drcli.model.run_metadata import read_start
 from drcli.records.training_record import TrainingStart
 
@@ -30,31 +31,30 @@ _SEED = re.compile(rb'"seed": ?(\d{1,15})\b')
 
 def repair_or_warn(
     config: ModelConfig,
-    bucket: Bucket,
-    prefix: str,
+    store: ModelStore,
     *,
     may_write: bool = True,
     missing: bool = False,
 ) -> None:
     """Repairs only while nobody trains; `missing`: a pointer to no checkpoint counts."""
-    model = Model.of(config, bucket, prefix)
-    may_repair = may_write and lease.live_holder(bucket, prefix) is None
+    model = ModelStore.of(config, store.bucket, store.prefix)
+    may_repair = may_write and lease.live_holder(store) is None
     sentences = repair_all(model, missing=missing) if may_repair else find_damage(model)
     for sentence in sentences:
         errors.warn(sentence)
 
 
-def repair_all(model: Model, *, missing: bool = True) -> list[str]:
+def repair_all(model: ModelStore, *, missing: bool = True) -> list[str]:
     """Set damage aside and reconstruct it, with a sentence each; only while nobody trains.
 
     Not in a model of the reference, whose checkpoints do not help.
     """
-    if model_kind(model.bucket, model.prefix) == "tensorflow":
+    if model_kind(model) == "tensorflow":
         return []
     return [*repair(model, missing=missing), *_restore_parameters(model), *_repair_start(model)]
 
 
-def _restore_parameters(model: Model) -> list[str]:
+def _restore_parameters(model: ModelStore) -> list[str]:
     """From a checkpoint, which has copies; only for the owner."""
     checks: list[tuple[str, str, Callable[[bytes, str], object]]] = [
         (
@@ -74,29 +74,30 @@ def _restore_parameters(model: Model) -> list[str]:
                 continue
             except SettingsError as error:
                 reason = str(error)
-        records = reversed(readable_records(model.bucket, model.prefix))
+        records = reversed(readable_records(model))
         saved = next((r.counters.inputs[name] for r in records if name in r.counters.inputs), "")
         try:
             check(saved.encode(), name)
         except SettingsError:
             continue  # the command that needs the file says what is wrong with it
-        kept = set_aside(model.bucket, model.prefix, key) if damaged is not None else None
+        kept = set_aside(model, key) if damaged is not None else None
         model.bucket.put(key, saved.encode())
         also = f" The damaged one is kept as {model.bucket.name}/{kept}." if kept else ""
         sentences.append(f"{reason} It was restored from a checkpoint.{also}")
     return sentences
 
 
-def _repair_start(model: Model) -> list[str]:
+def _repair_start(model: ModelStore) -> list[str]:
     """Keep at least the seed: resuming needs it."""
     bucket, key = model.bucket, keys.training_start(model.prefix)
+    store = ModelStore(bucket, model.prefix)
     try:
-        read_start(bucket, model.prefix)
+        read_start(store)
     except ObjectDamaged as error:
         found = _SEED.search(bucket.get(key))
-        seeds = [record.counters.seed for record in readable_records(bucket, model.prefix)]
+        seeds = [record.counters.seed for record in readable_records(store)]
         seed = next((s for s in reversed(seeds) if s is not None), int(found[1]) if found else None)
-        kept = set_aside(bucket, model.prefix, key)
+        kept = set_aside(store, key)
         became = "Its seed is lost; the training continues with a new one."
         if seed is not None:
             bucket.put(key, TrainingStart(seed).encode())
@@ -147,44 +148,44 @@ class Lost:
         )
 
 
-def find_lost(bucket: Bucket, prefix: str) -> Lost | None:
+def find_lost(model: ModelStore) -> Lost | None:
     """None if a checkpoint can be read or reconstructed, or none was published.
 
     The reference's count as readable. Nothing is changed.
     """
-    listed = {info.key: info.size_bytes for info in bucket.list(keys.folder(prefix))}
-    if not any(_tells_of_training(prefix, key) for key in listed):
+    listed = {info.key: info.size_bytes for info in model.bucket.list(keys.folder(model.prefix))}
+    if not any(_tells_of_training(model.prefix, key) for key in listed):
         return None
-    store = CheckpointStore(bucket, prefix)
+    store = CheckpointStore(model)
     try:
         found = store.load_latest() is not None
     except CheckpointsLost:
         found = False
     if found or any(map(keys.is_tensorflow_part, listed)):
         return None
-    history = reconstruct_history(bucket, prefix)
-    for name in whole_checkpoints(bucket, prefix):
-        if reconstruct_record(bucket, prefix, name, history) is not None:
+    history = reconstruct_history(model)
+    for name in whole_checkpoints(model):
+        if reconstruct_record(model, name, history) is not None:
             return None
-    names = {keys.checkpoint_of(prefix, key) for key in listed} | {store.pointed()}
+    names = {keys.checkpoint_of(model.prefix, key) for key in listed} | {store.pointed()}
     numbers = sorted({name.number for name in names if name is not None})
-    traced = traced_iterations(bucket, prefix).items()
+    traced = traced_iterations(model).items()
     traces = [n for n, own in traced if all(listed[key] for key in own.values())]
     trained = max([-1, *traces, *(r.iteration for r in history), *(n - 1 for n in numbers)]) + 1
     return Lost(
-        f"s3://{bucket.name}/{prefix}",
+        model.url,
         trained,
         _counted(numbers, "checkpoint"),
         _counted([r.iteration for r in history], "iteration"),
         _counted(traces, "iteration"),
         sum(size > 0 for size in listed.values()),
-        _free_name(bucket, prefix),
+        _free_name(model),
     )
 
 
-def refuse_lost(bucket: Bucket, prefix: str) -> None:
+def refuse_lost(model: ModelStore) -> None:
     """Raise CheckpointsLost if a training must not begin here."""
-    lost = find_lost(bucket, prefix)
+    lost = find_lost(model)
     if lost is not None:
         raise lost.refusal()
 
@@ -199,9 +200,9 @@ def _tells_of_training(prefix: str, key: str) -> bool:
     )
 
 
-def _free_name(bucket: Bucket, prefix: str) -> str:
-    name = raised(prefix, prefix)[1]
-    while is_used(bucket, name):
+def _free_name(model: ModelStore) -> str:
+    name = raised(model.prefix, model.prefix)[1]
+    while is_used(ModelStore(model.bucket, name)):
         name = raised(name, name)[1]
     return name
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from drcli.bucket.bucket import (
-    Bucket,
     ObjectDamaged,
     ObjectMissing,
     ObjectNewer,
@@ -26,6 +25,7 @@ from drcli.config.fields import hidden
 from drcli.config.run_config import SUPERVISOR_ONLY
 from drcli.config.settings import Settings, catalogue
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.training_record import GitState, Pretrained, TrainingStart
 
 PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
@@ -64,18 +64,18 @@ def describe_start(
     )
 
 
-def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
+def read_start(model: ModelStore) -> TrainingStart | None:
     """The last start; ObjectDamaged if unreadable."""
-    key = keys.training_start(prefix)
+    key = keys.training_start(model.prefix)
     try:
-        return read_record(bucket, key, TrainingStart.decode, remedy_of(key))
+        return read_record(model.bucket, key, TrainingStart.decode, remedy_of(key))
     except ObjectMissing:
         return None
 
 
-def metric_of(bucket: Bucket, prefix: str) -> str:
+def metric_of(model: ModelStore) -> str:
     with suppress(ObjectDamaged, ObjectNewer):
-        start = read_start(bucket, prefix)
+        start = read_start(model)
         if start is not None and start.settings is not None:
             name = "DR_TRAIN_BEST_MODEL_METRIC"
             return str(start.settings.get(name, catalogue()[name].default))

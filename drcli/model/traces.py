@@ -8,8 +8,9 @@ import re
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
-from drcli.bucket.bucket import Bucket, ObjectInfo
+from drcli.bucket.bucket import ObjectInfo
 from drcli.model import keys, race_keys
+from drcli.model.model_store import ModelStore
 
 POINTERS = ("model/deepracer_checkpoints.json", "model/.coach_checkpoint")
 _MARKS = (*POINTERS, "ip/run.json", "ip/hyperparameters.json", "model/model_metadata.json")
@@ -70,35 +71,37 @@ def models_in(listed: Iterable[ObjectInfo]) -> dict[str, bool]:
 
 
 def traces_of(
-    bucket: Bucket, prefix: str, *, metrics_prefix: str | None = None, spared: Collection[str] = ()
+    model: ModelStore, *, metrics_prefix: str | None = None, spared: Collection[str] = ()
 ) -> ModelTraces:
     """All of a model; `spared` folders, as the racer's files, never belong to it."""
-    listed = list(bucket.list(keys.folder(prefix)))
-    nested = {other for other in models_in(listed) if other != prefix}
-    runs = list(bucket.list(keys.run_folder(prefix)))
+    listed = list(model.bucket.list(keys.folder(model.prefix)))
+    nested = {other for other in models_in(listed) if other != model.prefix}
+    runs = list(model.bucket.list(keys.run_folder(model.prefix)))
     for info in runs:
         inner, _, name = info.key.removeprefix("runs/").rpartition("/")
-        if name in _RUN_MARKS and inner != prefix:
+        if name in _RUN_MARKS and inner != model.prefix:
             nested.add(inner)
     rollouts = [
         info
-        for info in bucket.list(keys.rollouts_folder(prefix))
-        if keys.rollout_key(prefix, info.key) is not None
+        for info in model.bucket.list(keys.rollouts_folder(model.prefix))
+        if keys.rollout_key(model.prefix, info.key) is not None
     ]
     metrics: list[ObjectInfo] = []
-    if metrics_prefix is not None and not _inside(metrics_prefix, [prefix]):
+    if metrics_prefix is not None and not _inside(metrics_prefix, [model.prefix]):
         folder = keys.folder(metrics_prefix)
         metrics = [
             info
-            for info in bucket.list(folder)
+            for info in model.bucket.list(folder)
             if _METRICS.fullmatch(info.key.removeprefix(folder))
         ]
     own = [info for info in listed if not _inside(info.key, [*nested, *spared])]
     records = [info for info in runs if not _inside(info.key.removeprefix("runs/"), nested)]
     everything = {info.key: info for info in (*own, *metrics, *rollouts, *records)}
-    ordered = sorted(everything.values(), key=lambda info: (_rank(prefix, info.key), info.key))
-    pointers = {keys.folder(prefix) + pointer for pointer in POINTERS}
-    return ModelTraces(prefix, tuple(ordered), bool(pointers & everything.keys()))
+    ordered = sorted(
+        everything.values(), key=lambda info: (_rank(model.prefix, info.key), info.key)
+    )
+    pointers = {keys.folder(model.prefix) + pointer for pointer in POINTERS}
+    return ModelTraces(model.prefix, tuple(ordered), bool(pointers & everything.keys()))
 
 
 def _rank(prefix: str, key: str) -> int:
@@ -147,19 +150,18 @@ class Thinned:
 class TraceRetention:
     """`max_bytes` is for all workers together; 0 keeps all."""
 
-    def __init__(self, bucket: Bucket, prefix: str, workers: int, max_bytes: int) -> None:
-        self._bucket = bucket
+    def __init__(self, model: ModelStore, workers: int, max_bytes: int) -> None:
+        self._model = model
         self._folders = [
-            keys.training_traces_folder(prefix, worker, workers) for worker in range(workers)
+            keys.training_traces_folder(model.prefix, worker, workers) for worker in range(workers)
         ]
-        self._prefix = prefix
         self._max_bytes = max_bytes
         self._next = 0
-        if workers == 1 and bucket.list(keys.training_traces_folder(prefix, 0, 2)):
+        if workers == 1 and model.bucket.list(keys.training_traces_folder(model.prefix, 0, 2)):
             self.cover(0)  # others had joined an earlier start
 
     def cover(self, worker: int) -> None:
-        folder = keys.training_traces_folder(self._prefix, worker, 2)
+        folder = keys.training_traces_folder(self._model.prefix, worker, 2)
         if folder not in self._folders:
             self._folders.append(folder)
         if worker:
@@ -172,20 +174,20 @@ class TraceRetention:
         traces = self._traces()
         sizes = {n: sum(size for _, size in of_n) for n, of_n in traces.items()}
         doomed = chosen(sizes, newest, self._max_bytes, MOST_ITERATIONS)
-        self._bucket.delete([key for n in doomed for key, _ in traces[n]])
+        self._model.bucket.delete([key for n in doomed for key, _ in traces[n]])
         freed = sum(sizes.pop(n) for n in doomed)
         self._next = newest + self._pause(sizes)
         return Thinned(len(doomed), freed, len(sizes)) if doomed else None
 
     def delete_after(self, iteration: int) -> int:
         later = [key for n, of_n in self._traces().items() if n > iteration for key, _ in of_n]
-        self._bucket.delete(later)
+        self._model.bucket.delete(later)
         return len(later)
 
     def _traces(self) -> dict[int, list[tuple[str, int]]]:
         found: dict[int, list[tuple[str, int]]] = {}
         for folder in self._folders:
-            for info in self._bucket.list(folder):
+            for info in self._model.bucket.list(folder):
                 match = re.fullmatch(r"(\d+)-iteration\.csv", info.key.removeprefix(folder))
                 if match is not None:
                     found.setdefault(int(match[1]), []).append((info.key, info.size_bytes))

@@ -19,6 +19,7 @@ from drcli.bucket.bucket import (
     remedy_of,
 )
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.training_record import (
     RunOutcome,
     StartSpending,
@@ -43,7 +44,7 @@ def at_once(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
         return list(pool.map(function, known))
 
 
-def read_training(bucket: Bucket, prefix: str, training: str) -> TrainingRecord | None:
+def read_training(model: ModelStore, training: str) -> TrainingRecord | None:
     """None if missing.
 
     Raises:
@@ -51,8 +52,8 @@ def read_training(bucket: Bucket, prefix: str, training: str) -> TrainingRecord 
         ObjectNewer: A newer drcli wrote it.
     """
     try:
-        key = keys.training_record(prefix, training)
-        return read_record(bucket, key, TrainingRecord.decode, remedy_of(key))
+        key = keys.training_record(model.prefix, training)
+        return read_record(model.bucket, key, TrainingRecord.decode, remedy_of(key))
     except ObjectMissing:
         return None
 
@@ -73,7 +74,7 @@ def read_trainings(bucket: Bucket, prefix: str = "") -> tuple[list[TrainingRecor
     def read(found: tuple[tuple[str, str], str]) -> TrainingRecord | None:
         (of, training), key = found
         try:
-            record = read_training(bucket, of, training)
+            record = read_training(ModelStore(bucket, of), training)
         except (ObjectDamaged, ObjectNewer) as error:
             problems.append(f"{error} {error.remedy}")
             return None
@@ -86,38 +87,43 @@ def read_trainings(bucket: Bucket, prefix: str = "") -> tuple[list[TrainingRecor
     return records, sorted(problems)
 
 
-def read_files(bucket: Bucket, prefix: str, training: str) -> Mapping[str, str]:
+def read_files(model: ModelStore, training: str) -> Mapping[str, str]:
     try:
-        key = keys.training_files(prefix, training)
-        return read_record(bucket, key, TrainingFiles.decode, remedy_of(key)).texts
+        key = keys.training_files(model.prefix, training)
+        return read_record(model.bucket, key, TrainingFiles.decode, remedy_of(key)).texts
     except (ObjectMissing, ObjectDamaged, ObjectNewer):
         return {}
 
 
-def add_files(bucket: Bucket, prefix: str, training: str, texts: Mapping[str, str]) -> None:
-    known = read_files(bucket, prefix, training)
+def add_files(model: ModelStore, training: str, texts: Mapping[str, str]) -> None:
+    known = read_files(model, training)
     fresh = {key: text for key, text in texts.items() if len(text) <= MOST_TEXT}
     if not fresh.keys() <= known.keys():
         files = TrainingFiles({**known, **fresh})
-        bucket.put(keys.training_files(prefix, training), files.encode())
+        model.bucket.put(keys.training_files(model.prefix, training), files.encode())
 
 
-def trainings_of(bucket: Bucket, prefix: str) -> list[str]:
+def trainings_of(model: ModelStore) -> list[str]:
     places = (
-        keys.training_of(info.key) for info in bucket.list(keys.training_records_folder(prefix))
+        keys.training_of(info.key)
+        for info in model.bucket.list(keys.training_records_folder(model.prefix))
     )
-    return [place[1] for place in places if place is not None and place[0] == prefix]
+    return [place[1] for place in places if place is not None and place[0] == model.prefix]
 
 
-def forget_training(bucket: Bucket, prefix: str, training: str) -> None:
-    bucket.delete([keys.training_record(prefix, training), keys.training_files(prefix, training)])
+def forget_training(model: ModelStore, training: str) -> None:
+    model.bucket.delete(
+        [keys.training_record(model.prefix, training), keys.training_files(model.prefix, training)]
+    )
 
 
 # How a training ended, in its record.
 
 
 def ended_elsewhere(bucket: Bucket, record: TrainingRecord) -> TrainingRecord:
-    outcome = None if record.gone_at is not None else known_outcome(bucket, record.prefix)
+    outcome = (
+        None if record.gone_at is not None else known_outcome(ModelStore(bucket, record.prefix))
+    )
     return with_end(record, outcome)
 
 
@@ -148,20 +154,20 @@ _STATES: Mapping[str, TrainingState] = {
 }
 
 
-def known_outcome(bucket: Bucket, prefix: str) -> RunOutcome | None:
+def known_outcome(model: ModelStore) -> RunOutcome | None:
     with suppress(ObjectMissing, RecordError):
-        return RunOutcome.decode(bucket.get(keys.outcome(prefix)))
+        return RunOutcome.decode(model.bucket.get(keys.outcome(model.prefix)))
     return None
 
 
 # What a training's starts have cost.
 
 
-def read_spending(bucket: Bucket, prefix: str) -> dict[str, StartSpending]:
+def read_spending(model: ModelStore) -> dict[str, StartSpending]:
     found = {}
-    for info in bucket.list(keys.spending_folder(prefix)):
+    for info in model.bucket.list(keys.spending_folder(model.prefix)):
         with suppress(ObjectMissing, RecordError):
-            one = StartSpending.decode(bucket.get(info.key))
+            one = StartSpending.decode(model.bucket.get(info.key))
             found[one.session] = one
     return found
 

@@ -11,7 +11,6 @@ from drcli.base import errors
 from drcli.base.json_record import JsonRecord, RecordError
 from drcli.bucket.bucket import (
     READS_FAR,
-    Bucket,
     ObjectDamaged,
     ObjectInfo,
     ObjectMissing,
@@ -19,6 +18,7 @@ from drcli.bucket.bucket import (
     remedy_of,
 )
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, checkpoint_name
 from drcli.records.job import MemberRecord, Shares, SharesRecord
 from drcli.records.reward import RewardErrorRecord
@@ -35,17 +35,17 @@ FORGOTTEN_S = 600.0
 """Then the record is deleted and the worker loses its number."""
 
 
-def read_shares_record(bucket: Bucket, prefix: str) -> SharesRecord | None:
+def read_shares_record(model: ModelStore) -> SharesRecord | None:
     """None before a worker joined, or if damaged."""
-    key = keys.shares(prefix)
+    key = keys.shares(model.prefix)
     try:
-        return read_record(bucket, key, SharesRecord.decode, remedy_of(key))
+        return read_record(model.bucket, key, SharesRecord.decode, remedy_of(key))
     except (ObjectMissing, ObjectDamaged):
         return None
 
 
-def read_shares(bucket: Bucket, prefix: str, session: str, iteration: int) -> Shares | None:
-    record = read_shares_record(bucket, prefix)
+def read_shares(model: ModelStore, session: str, iteration: int) -> Shares | None:
+    record = read_shares_record(model)
     return record.at(iteration) if record is not None and record.session == session else None
 
 
@@ -71,13 +71,11 @@ class MemberReader:
 
     def __init__(
         self,
-        bucket: Bucket,
-        prefix: str,
+        model: ModelStore,
         session: str,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._bucket = bucket
-        self._prefix = prefix
+        self._model = model
         self._session = session
         self._clock = clock
         self._seen: dict[str, _Seen] = {}
@@ -85,7 +83,7 @@ class MemberReader:
     def _records(self, changed: Mapping[str, ObjectInfo]) -> dict[str, MemberRecord | None]:
         def read(info: ObjectInfo) -> MemberRecord | None:
             try:
-                return MemberRecord.decode(self._bucket.get(info.key))
+                return MemberRecord.decode(self._model.bucket.get(info.key))
             except (ObjectMissing, RecordError):
                 return None
 
@@ -97,8 +95,8 @@ class MemberReader:
     def read(self) -> dict[str, Member]:
         found: dict[str, _Seen] = {}
         changed: dict[str, ObjectInfo] = {}
-        for info in self._bucket.list(keys.members_folder(self._prefix)):
-            name = keys.member_of(self._prefix, info.key)
+        for info in self._model.bucket.list(keys.members_folder(self._model.prefix)):
+            name = keys.member_of(self._model.prefix, info.key)
             if name is None:
                 continue
             before = self._seen.get(name)
@@ -119,7 +117,7 @@ class MemberReader:
         now_s = self._clock()
         members = {name: Member(each.record, now_s - each.seen_s) for name, each in found.items()}
         old = [name for name, member in members.items() if member.silent_s >= FORGOTTEN_S]
-        self._bucket.delete([keys.member(self._prefix, name) for name in old])
+        self._model.bucket.delete([keys.member(self._model.prefix, name) for name in old])
         return {
             name: member
             for name, member in members.items()
@@ -130,16 +128,16 @@ class MemberReader:
 # Reads the counted failures of a reward function.
 
 
-def read_reward_errors(bucket: Bucket, prefix: str) -> list[RewardErrorRecord]:
+def read_reward_errors(model: ModelStore) -> list[RewardErrorRecord]:
     """By worker, without damaged ones.
 
     Raises:
         StorageError: The bucket does not answer.
     """
     found = []
-    for info in bucket.list(keys.reward_errors_folder(prefix)):
+    for info in model.bucket.list(keys.reward_errors_folder(model.prefix)):
         try:
-            found.append(RewardErrorRecord.decode(bucket.get(info.key)))
+            found.append(RewardErrorRecord.decode(model.bucket.get(info.key)))
         except (ObjectMissing, RecordError):  # its worker writes it again
             continue
     return sorted(found, key=lambda record: record.worker)
@@ -244,31 +242,31 @@ NO_ROLLBACKS = Rollbacks()
 # Reads and writes the rollbacks of a model.
 
 
-def read_rollbacks(bucket: Bucket, prefix: str) -> Rollbacks:
-    key = keys.rollbacks(prefix)
+def read_rollbacks(model: ModelStore) -> Rollbacks:
+    key = keys.rollbacks(model.prefix)
     try:
-        return read_record(bucket, key, Rollbacks.decode, remedy_of(key))
+        return read_record(model.bucket, key, Rollbacks.decode, remedy_of(key))
     except ObjectMissing:
         return Rollbacks()
 
 
-def write_rollbacks(bucket: Bucket, prefix: str, rollbacks: Rollbacks) -> None:
+def write_rollbacks(model: ModelStore, rollbacks: Rollbacks) -> None:
     """With this write, the newest one has happened."""
-    bucket.put(keys.rollbacks(prefix), rollbacks.encode())
+    model.bucket.put(keys.rollbacks(model.prefix), rollbacks.encode())
 
 
 # What the newest start of a run came to.
 
 
-def read_outcome(bucket: Bucket, prefix: str) -> RunOutcome | None:
+def read_outcome(model: ModelStore) -> RunOutcome | None:
     """None if missing or damaged, as after the loss of a machine.
 
     Raises:
         ObjectNewer: A newer drcli wrote it.
     """
-    key = keys.outcome(prefix)
+    key = keys.outcome(model.prefix)
     try:
-        return read_record(bucket, key, RunOutcome.decode, remedy_of(key))
+        return read_record(model.bucket, key, RunOutcome.decode, remedy_of(key))
     except ObjectMissing:
         return None
     except ObjectDamaged as error:
@@ -276,5 +274,5 @@ def read_outcome(bucket: Bucket, prefix: str) -> RunOutcome | None:
         return None
 
 
-def write_outcome(bucket: Bucket, prefix: str, outcome: RunOutcome) -> None:
-    bucket.put(keys.outcome(prefix), outcome.encode())
+def write_outcome(model: ModelStore, outcome: RunOutcome) -> None:
+    model.bucket.put(keys.outcome(model.prefix), outcome.encode())

@@ -7,6 +7,7 @@ from drcli.base.errors import StorageError
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.bucket.s3_errors import AccessRefused
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 
 NAME = ".drcli-write-test.txt"
 """Of the test object.
@@ -17,7 +18,7 @@ Always the same, so only one stays where deleting fails. No importer takes it fo
 _CONTENT = b"Written by drcli to test whether uploads are possible. It can be deleted.\n"
 
 
-def prove_writing(bucket: Bucket, prefix: str, *, deletes: bool) -> None:
+def prove_writing(model: ModelStore, *, deletes: bool) -> None:
     """Write, read and delete a test object, before anything else below a prefix.
 
     Objects that cannot be deleted are a warning, unless the caller `deletes`.
@@ -26,24 +27,24 @@ def prove_writing(bucket: Bucket, prefix: str, *, deletes: bool) -> None:
         AccessRefused: A permission is missing.
         StorageError: The server refuses or alters objects for another reason.
     """
-    key = keys.folder(prefix) + NAME
-    place = f"s3://{bucket.name}/{prefix}"
+    key = keys.folder(model.prefix) + NAME
+    place = model.url
     try:
-        bucket.put(key, _CONTENT)
+        model.bucket.put(key, _CONTENT)
     except AccessRefused as e:
         raise _unchanged(place, "write to", e) from e
     try:
-        _read_back(bucket, key, place)
+        _read_back(model.bucket, key, place)
     except AccessRefused as e:
         with suppress(StorageError):
-            bucket.delete([key])
+            model.bucket.delete([key])
         raise _unchanged(place, "read what it writes to", e) from e
     except BaseException:
         with suppress(StorageError):
-            bucket.delete([key])
+            model.bucket.delete([key])
         raise
     try:
-        bucket.delete([key])
+        model.bucket.delete([key])
     except AccessRefused as e:
         if deletes:
             raise AccessRefused(

@@ -11,6 +11,7 @@ from drcli.base.processes import Stopped, until_sigterm
 from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
 from drcli.model import race_keys
+from drcli.model.model_store import ModelStore
 from drcli.races import race_words as words
 from drcli.races.lap_ranking import figures_of
 from drcli.races.organise import show_race
@@ -51,7 +52,7 @@ def _film(plan: EvaluationPlan, bucket: Bucket, report: EvaluationReport, path: 
 
     config = plan.job.config
     origin = f"evaluation {plan.stamp}"
-    trace = trace_of_key(bucket, report.prefix, report.simtrace, origin, "")
+    trace = trace_of_key(ModelStore(bucket, report.prefix), report.simtrace, origin, "")
     wish = Wish(episode="all", size=config.evaluation.eval_video_size, racer="", color="")
     defaults = Defaults.of(config.model, config.race())
     return make_video(defaults, lambda: bucket, trace, wish, [("film", path)]).notes

@@ -18,7 +18,7 @@ from drcli.model.checkpoint_choice import OUR_PARTS, take_choice
 from drcli.model.files.model_metadata import SINGLE_CAMERAS, ModelMetadata
 from drcli.model.files.network_shape import own_files
 from drcli.model.model_prefix import what_helps
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.races.lap_ranking import same_racer
 from drcli.races.organise import show_race
 from drcli.races.queue_lease import runner_of
@@ -91,7 +91,7 @@ def submit(
         ) from None
     _refuse_late(stored, now)
     _refuse_too_many(stored, name)
-    chosen = take_choice(Model.of(settings.model, bucket, model), choice).name
+    chosen = take_choice(ModelStore.of(settings.model, bucket, model), choice).name
     _check_model(bucket, model, chosen, stored.rules, race)
     _refuse_twice(stored, model, chosen)
     taken = new_name(bucket, race)
@@ -234,12 +234,13 @@ def _refuse_twice(stored: StoredRace, model: str, checkpoint: str) -> None:
 
 
 def _check_model(bucket: Bucket, model: str, checkpoint: str, rules: RaceRules, race: str) -> None:
+    store = ModelStore(bucket, model)
     url = f"s3://{bucket.name}/{model}"
-    data = own_files(bucket, model, checkpoint).get(keys.MODEL_METADATA_FILE)
+    data = own_files(store, checkpoint).get(keys.MODEL_METADATA_FILE)
     if data is None:
         raise SettingsError(
             f"{url} has no trained model: {keys.model_metadata(model)} is missing.",
-            remedy=what_helps(bucket, model),
+            remedy=what_helps(store),
         )
     try:
         used = ModelMetadata.from_bytes(data, f"{url}/{checkpoint}: model_metadata.json").sensor
@@ -272,7 +273,7 @@ def _copy(bucket: Bucket, model: str, checkpoint: str, target: str) -> None:
         keys.MODEL_METADATA_FILE: keys.model_metadata(target),
         keys.HYPERPARAMETERS_FILE: keys.hyperparameters(target),
     }
-    for name, data in own_files(bucket, model, checkpoint).items():
+    for name, data in own_files(ModelStore(bucket, model), checkpoint).items():
         bucket.put(copies[name], data)
     bucket.put(keys.deepracer_checkpoints(target), encode_single(Score(checkpoint)))
     bucket.put(keys.coach_checkpoint(target), checkpoint.encode())

@@ -6,6 +6,7 @@ from contextlib import suppress
 from drcli.base.errors import DrError
 from drcli.bucket.bucket import Bucket
 from drcli.model.best_checkpoint import read_scores
+from drcli.model.model_store import ModelStore
 from drcli.records.scores import Score
 from drcli.run.periodic import Periodic, within
 
@@ -43,7 +44,7 @@ class CheckpointWatch:
             return
         if self._bucket is None:
             self._bucket = self._open()
-        scores = read_scores(self._bucket, self._prefix)
+        scores = read_scores(ModelStore(self._bucket, self._prefix))
         if scores is None:
             return
         self.last = scores.last_checkpoint

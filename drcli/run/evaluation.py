@@ -32,6 +32,7 @@ from drcli.bucket.connect import open_bucket
 from drcli.config.run_config import RunConfig
 from drcli.config.settings import Settings
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.episode_metrics import REPORT_FILE, EvaluationTrials
 from drcli.records.evaluation_task import PolicySource
 from drcli.records.job import Job, WorkerExit
@@ -102,7 +103,9 @@ def _with_videos(
             files: dict[View, Path] = {
                 view: Path(temporary) / f"{camera}.mp4" for view, camera in CAMERAS.items()
             }
-            trace = trace_of_key(bucket, report.prefix, simtrace, f"evaluation {plan.stamp}", "")
+            trace = trace_of_key(
+                ModelStore(bucket, report.prefix), simtrace, f"evaluation {plan.stamp}", ""
+            )
             wish = Wish(episode="all", size=config.evaluation.eval_video_size, racer="", color="")
             on_progress(f"Filming {frames_of(trace, wish)} frames for {len(files)} videos ...")
             found = make_video(
@@ -112,7 +115,7 @@ def _with_videos(
                 wish,
                 list(files.items()),
             )
-            put = put_videos(bucket, folder, stamp, files)
+            put = put_videos(ModelStore(bucket, folder), stamp, files)
     except (DrError, OSError) as error:
         remedy = getattr(error, "remedy", "")
         note = f"The evaluation has no video: {error} {remedy}".strip()

@@ -15,6 +15,7 @@ from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import EvaluationRecord
 from drcli.run.evaluation import run_evaluation, until_stopped
 from drcli.run.evaluation_plan import choose_checkpoint, claim_stamp, prepare_evaluation
@@ -222,7 +223,7 @@ class _Loop:
         while self._last is not None and not draws_anything(self._settings):
             with suppress(DrError):
                 prefix = self._settings.model_prefix
-                chosen = choose_checkpoint(self._settings, self._bucket, prefix)
+                chosen = choose_checkpoint(self._settings, ModelStore(self._bucket, prefix))
                 if chosen != self._last.checkpoint:
                     return
             time.sleep(LOOK_S)

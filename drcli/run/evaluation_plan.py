@@ -18,7 +18,8 @@ from drcli.model import keys
 from drcli.model.checkpoint_choice import Chosen, find_choice, sentence_about
 from drcli.model.files.params_yaml import evaluation_parameters
 from drcli.model.model_prefix import what_helps
-from drcli.model.repair import Model, readable_scores
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import readable_scores
 from drcli.model.repair_model import repair_or_warn
 from drcli.model.write_probe import prove_writing
 from drcli.records.evaluation_task import PolicySource, Runtime
@@ -90,8 +91,8 @@ def prepare_evaluation(
         raise ProblemsError([replace(track, severity="error")])
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     if own.file is None:
-        repair_or_warn(settings.model, bucket, settings.model_prefix, missing=True)
-        check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
+        repair_or_warn(settings.model, ModelStore(bucket, settings.model_prefix), missing=True)
+        check_model(ModelStore(bucket, settings.model_prefix), "DR_LOCAL_S3_MODEL_PREFIX")
         on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
     else:
         on_progress(f"Evaluation of {own.file} starting.")
@@ -100,15 +101,19 @@ def prepare_evaluation(
         on_progress(f"Cloning model into s3://{bucket.name}/{settings.model_prefix}")
     choice = settings.eval_checkpoint
     prefix = settings.model_prefix
-    checkpoints = [_driven(settings, bucket, prefix, choice, own, "--checkpoint", on_progress)]
+    checkpoints = [
+        _driven(settings, ModelStore(bucket, prefix), choice, own, "--checkpoint", on_progress)
+    ]
     if settings.race_type == "HEAD_TO_MODEL":
         theirs = settings.eval_opp_s3_model_prefix
         if sources[1].file is None:
-            repair_or_warn(settings.model, bucket, theirs, missing=True)
-            check_model(bucket, theirs, "DR_EVAL_OPP_S3_MODEL_PREFIX")
+            repair_or_warn(settings.model, ModelStore(bucket, theirs), missing=True)
+            check_model(ModelStore(bucket, theirs), "DR_EVAL_OPP_S3_MODEL_PREFIX")
         choice = settings.eval_opp_checkpoint or choice
         option = "--opp-checkpoint"
-        found = _driven(settings, bucket, theirs, choice, sources[1], option, on_progress)
+        found = _driven(
+            settings, ModelStore(bucket, theirs), choice, sources[1], option, on_progress
+        )
         checkpoints.append(found)
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     sweep(directory, settings.run_id)
@@ -160,8 +165,7 @@ def checked_source(source: PolicySource) -> PolicySource:
 
 def _driven(
     settings: Settings,
-    bucket: Bucket,
-    prefix: str,
+    model: ModelStore,
     choice: str,
     source: PolicySource,
     option: str,
@@ -169,34 +173,36 @@ def _driven(
 ) -> str:
     if source.file is not None:
         return source.file.name
-    chosen = _found(settings, bucket, prefix, choice)
-    on_progress(sentence_about(Model.of(settings.model, bucket, prefix), chosen, option))
+    chosen = _found(settings, model, choice)
+    on_progress(
+        sentence_about(ModelStore.of(settings.model, model.bucket, model.prefix), chosen, option)
+    )
     return chosen.name
 
 
-def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
+def check_model(model: ModelStore, setting: str) -> None:
     """Raise SettingsError unless a prefix, which `setting` names, has a trained model."""
-    needed = (keys.model_metadata(prefix), keys.deepracer_checkpoints(prefix))
+    needed = (keys.model_metadata(model.prefix), keys.deepracer_checkpoints(model.prefix))
     for key in needed:
-        if not bucket.exists(key):
+        if not model.bucket.exists(key):
             raise SettingsError(
-                f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing.",
-                remedy=what_helps(bucket, prefix, setting=setting),
+                f"{model.url} has no trained model: {key} is missing.",
+                remedy=what_helps(model, setting=setting),
             )
 
 
-def choose_checkpoint(settings: Settings, bucket: Bucket, prefix: str) -> str:
+def choose_checkpoint(settings: Settings, model: ModelStore) -> str:
     """The one of DR_EVAL_CHECKPOINT; SettingsError if the model has none."""
-    return _found(settings, bucket, prefix, settings.eval_checkpoint).name
+    return _found(settings, model, settings.eval_checkpoint).name
 
 
-def _found(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> Chosen:
-    model = Model.of(settings.model, bucket, prefix)
+def _found(settings: Settings, store: ModelStore, choice: str) -> Chosen:
+    model = ModelStore.of(settings.model, store.bucket, store.prefix)
     scores, _ = readable_scores(model)
     if scores is None:
         raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
-            remedy=what_helps(bucket, prefix),
+            f"{store.url} has no checkpoint yet.",
+            remedy=what_helps(store),
         )
     return find_choice(model, parse_checkpoint(choice))
 
@@ -210,7 +216,7 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
         for folder in ("model/", "ip/")
         for item in bucket.list(keys.folder(source) + folder)
     ]
-    prove_writing(bucket, target, deletes=False)
+    prove_writing(ModelStore(bucket, target), deletes=False)
     for key in sorted(found, key=lambda key: key in pointers):
         copy = keys.folder(target) + key.removeprefix(keys.folder(source))
         bucket.put(copy, bucket.get(key))

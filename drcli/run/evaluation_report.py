@@ -16,7 +16,7 @@ from drcli.bucket.bucket import (
 )
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.model.training_records import at_once
 from drcli.records.episode_metrics import TrialMetrics
 from drcli.records.evaluation_task import RaceRecording
@@ -507,13 +507,13 @@ def is_video(name: str) -> bool:
     return _VIDEO.fullmatch(name) is not None
 
 
-def list_evaluations(config: ModelConfig, bucket: Bucket, prefix: str) -> EvaluationList:
-    folder = keys.folder(prefix)
-    present = {info.key.removeprefix(folder) for info in bucket.list(folder)}
-    metrics_prefix = Model.of(config, bucket, prefix).metrics_prefix
+def list_evaluations(config: ModelConfig, model: ModelStore) -> EvaluationList:
+    folder = keys.folder(model.prefix)
+    present = {info.key.removeprefix(folder) for info in model.bucket.list(folder)}
+    metrics_prefix = ModelStore.of(config, model.bucket, model.prefix).metrics_prefix
     metrics_folder = keys.folder(metrics_prefix)
     metrics = {}
-    for info in bucket.list(metrics_folder):
+    for info in model.bucket.list(metrics_folder):
         found = _METRICS.fullmatch(info.key.removeprefix(metrics_folder))
         if found is not None:
             metrics[found[1]] = info.key
@@ -522,12 +522,12 @@ def list_evaluations(config: ModelConfig, bucket: Bucket, prefix: str) -> Evalua
     def read(stamp: str) -> ListedEvaluation:
         recording = None
         if f"evaluation-{stamp}/recording.json" in present:
-            recording = _recording(bucket, keys.evaluation_trace(prefix, stamp))
-        return _listed(bucket, stamp, metrics[stamp], recording, present)
+            recording = _recording(model.bucket, keys.evaluation_trace(model.prefix, stamp))
+        return _listed(model.bucket, stamp, metrics[stamp], recording, present)
 
     videos = sorted(name for name in present if is_video(name))
     found_evaluations = at_once(read, stamps[:MOST_EVALUATIONS])
-    return EvaluationList(f"s3://{bucket.name}/{prefix}", found_evaluations, len(stamps), videos)
+    return EvaluationList(model.url, found_evaluations, len(stamps), videos)
 
 
 def _listed(

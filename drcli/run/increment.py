@@ -25,6 +25,7 @@ from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design, weight_problems
 from drcli.model.model_prefix import contains, is_used, wipe
+from drcli.model.model_store import ModelStore
 from drcli.model.repair_model import repair_or_warn
 from drcli.records.run_record import run_folder
 from drcli.records.training_record import Pretrained
@@ -179,7 +180,7 @@ def _refuse_other_shape(
 ) -> None:
     metadata = found.get(keys.MODEL_METADATA_FILE)
     try:
-        trained = Design.of_checkpoint(bucket, settings.model_prefix, checkpoint)
+        trained = Design.of_checkpoint(ModelStore(bucket, settings.model_prefix), checkpoint)
     except (ObjectMissing, ProblemsError):
         return  # a start says so
     if metadata is None:
@@ -285,20 +286,22 @@ def plan_increment(
     _refuse_left_behind(settings, after, others)
 
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    repair_or_warn(settings.model, bucket, before)
+    store = ModelStore(bucket, after)
+    model = ModelStore(bucket, before)
+    repair_or_warn(settings.model, model)
     checkpoint = parse_checkpoint(others.get(CHECKPOINT, settings.pretrained_checkpoint))
     place = settings.place(MODEL)
-    pretrained, _ = read_weights(bucket, before, checkpoint, MODEL, place)
+    pretrained, _ = read_weights(model, checkpoint, MODEL, place)
     errors.show(sentence_of(bucket, pretrained))
     files = changed_files(settings, overrides, bucket, pretrained.name)
-    used = is_used(bucket, after)
+    used = is_used(store)
     if used and not wiping:
         raise SettingsError(
             f"s3://{bucket.name}/{after} already contains a model.",
             remedy="Choose another name with -p; -w would delete that model.",
         )
     if used:
-        lease.refuse_other_owner(bucket, after)
+        lease.refuse_other_owner(store)
     values = {PRETRAINED: "True", PRETRAINED_PREFIX: before, MODEL: text}
     edit = plan_edit(settings, values, others)
     file, backup = str(edit.path), str(edit.backup)
@@ -316,7 +319,7 @@ def make_increment(planned: PlannedIncrement, storage: StorageConfig) -> Increme
     """
     planned.edit.check()
     if planned.step.wipes:
-        wipe(open_bucket(storage, patience_s=COMMAND_PATIENCE_S), planned.step.after)
+        wipe(ModelStore(open_bucket(storage, patience_s=COMMAND_PATIENCE_S), planned.step.after))
     files = write_files(planned.settings, planned.files)
     planned.edit.make()
     return replace(planned.step, files=files)

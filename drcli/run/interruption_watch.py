@@ -10,9 +10,9 @@ from pathlib import Path
 from drcli.base.clock import elapsed_s
 from drcli.base.errors import DrError, OwnershipLost
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket
 from drcli.config.run_config import UnattendedConfig
 from drcli.model.lease import STALE_S, lost_to, read_lease, write_lease
+from drcli.model.model_store import ModelStore
 from drcli.outside.notices.notice_watch import (
     CLOUD_NAMES,
     DMI_FOLDER,
@@ -155,10 +155,9 @@ class Renewal:
     """
 
     def __init__(
-        self, bucket: Bucket, prefix: str, lease: Lease, *, clock: Callable[[], float] = elapsed_s
+        self, model: ModelStore, lease: Lease, *, clock: Callable[[], float] = elapsed_s
     ) -> None:
-        self._bucket = bucket
-        self._prefix = prefix
+        self._model = model
         self._lease = lease
         self._clock = clock
         self._written_s = self._owned_s = clock()
@@ -182,14 +181,14 @@ class Renewal:
             StorageError: The next step tries again.
         """
         now_s = self._clock()
-        found = read_lease(self._bucket, self._prefix)
+        found = read_lease(self._model)
         if found is not None and found.outranks(self._lease.session, self._lease.term):
-            self.lost = lost_to(self._bucket, self._prefix, found)
+            self.lost = lost_to(self._model, found)
             return
         ours = found is not None and found.session == self._lease.session
         if found is None and now_s - self._owned_s > STALE_S:
             self.lost = OwnershipLost(
-                f"s3://{self._bucket.name}/{self._prefix} could not be reached for "
+                f"{self._model.url} could not be reached for "
                 f"{now_s - self._owned_s:.0f} s, and the lease of this training is gone.",
                 remedy="Check with `dr-list-models` that the model still exists, then continue "
                 "with `dr-start-training --resume`.",
@@ -200,5 +199,5 @@ class Renewal:
             return
         if self._clock() - now_s > _HELD_UP_S:
             return  # another training may have taken it since it was read
-        write_lease(self._bucket, self._prefix, replace(self._lease, renewed=time.time()))
+        write_lease(self._model, replace(self._lease, renewed=time.time()))
         self._written_s = now_s

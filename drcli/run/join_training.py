@@ -21,6 +21,7 @@ from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
 from drcli.model import keys
 from drcli.model.lease import STALE_S, ModelInUse, read_lease
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.records.heartbeat import PulseRecord
 from drcli.records.job import Job, JoinRecord, WorkerExit
@@ -114,9 +115,10 @@ class JoinedMachine:
         self._member = f"joined-{host}-{secrets.token_hex(3)}"
         storage = settings.storage
         # A wrong address is said soon; once the bucket has answered, an outage is waited for.
-        read_lease(open_bucket(storage, patience_s=COMMAND_PATIENCE_S), prefix)
+        read_lease(ModelStore(open_bucket(storage, patience_s=COMMAND_PATIENCE_S), prefix))
         patience_s = 60.0 if storage.cloud == "local" else OUTAGE_S
         self._bucket: Bucket = open_bucket(storage, patience_s=patience_s, hurried=self._is_stopped)
+        self._store = ModelStore(self._bucket, self._prefix)
         self._model = f"s3://{self._bucket.name}/{prefix}"
 
     def run(self) -> JoinReport:
@@ -172,7 +174,7 @@ class JoinedMachine:
         """Without its machine, a training counts only if this one has joined or waits."""
         said = ""
         while not self._is_stopped():
-            lease, record = read_lease(self._bucket, self._prefix), self._join_record()
+            lease, record = read_lease(self._store), self._join_record()
             if lease is not None and lease.newer:
                 raise SettingsError(
                     f"{self._model} is trained by a newer version of drcli.",
@@ -180,7 +182,7 @@ class JoinedMachine:
                 )
             lives = lease is not None and not lease.released and lease.age_s < STALE_S
             may_wait = self._joined or self._waits
-            outcome = None if lease is None or lives else read_outcome(self._bucket, self._prefix)
+            outcome = None if lease is None or lives else read_outcome(self._store)
             if lease is None:
                 sentence = f"No training of {self._model} has begun yet"
             elif lives and self._is_complete(lease.session):
@@ -340,7 +342,7 @@ class JoinedMachine:
             noted=(),
         )
         refuse_second_run(own.run_id, job.folder)
-        previous = read_outcome(self._bucket, self._prefix)
+        previous = read_outcome(self._store)
         now = time.time()
         begun = RunOutcome(
             job.session,
@@ -351,7 +353,7 @@ class JoinedMachine:
         )
         try:
             with taken(job, self._bucket, lambda: None):
-                write_outcome(self._bucket, self._prefix, begun)
+                write_outcome(self._store, begun)
                 begin_logs(job.directory, self._prefix, job.config.logs.log_max_mb)
             self._took_over = True
             code = training.supervise_job(replace(job, begun=begun, launcher_pid=os.getpid()))
@@ -363,7 +365,7 @@ class JoinedMachine:
         if code == OwnershipLost.code:
             self._took_over = False
             return None
-        outcome = read_outcome(self._bucket, self._prefix)
+        outcome = read_outcome(self._store)
         message = "" if outcome is None else outcome.message
         return _Ended(f"The training has ended: {message}", code)
 

@@ -15,6 +15,7 @@ from drcli.bucket.connect import open_running_bucket
 from drcli.config.fields import hidden
 from drcli.config.settings import Settings
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.model.notes import StoredNote, read_notes
 from drcli.records.run_record import JournalEntry, Kind
 from drcli.run.periodic import Periodic, within
@@ -171,8 +172,9 @@ def journal_of(settings: Settings, prefix: str | None) -> JournalReport:
     bucket = open_running_bucket(settings.storage)
     if bucket is None:
         return JournalReport(f"s3://{settings.bucket}/{chosen}")
-    report = read_journal(bucket, chosen)
-    notes = read_notes(bucket, chosen)
+    model = ModelStore(bucket, chosen)
+    report = read_journal(model)
+    notes = read_notes(model)
     return replace(
         report,
         events=_with_notes(report.events, notes),
@@ -191,15 +193,15 @@ def _with_notes(events: list[JournalEvent], notes: list[StoredNote]) -> list[Jou
     return found
 
 
-def read_journal(bucket: Bucket, prefix: str) -> JournalReport:
+def read_journal(model: ModelStore) -> JournalReport:
     """Lines that cannot be read are counted."""
-    report = JournalReport(f"s3://{bucket.name}/{prefix}")
-    for info in bucket.list(keys.journal_folder(prefix)):
-        session = keys.journal_session(prefix, info.key)
+    report = JournalReport(model.url)
+    for info in model.bucket.list(keys.journal_folder(model.prefix)):
+        session = keys.journal_session(model.prefix, info.key)
         if session is None:
             continue
         try:
-            data = bucket.get(info.key)
+            data = model.bucket.get(info.key)
         except ObjectMissing:
             continue
         bad = 0
@@ -215,5 +217,5 @@ def read_journal(bucket: Bucket, prefix: str) -> JournalReport:
                 )
         if bad:
             lines = "1 line" if bad == 1 else f"{bad} lines"
-            report.damaged.append(f"{bucket.name}/{info.key}: {lines} cannot be read.")
+            report.damaged.append(f"{model.bucket.name}/{info.key}: {lines} cannot be read.")
     return report

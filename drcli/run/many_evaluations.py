@@ -25,6 +25,7 @@ from drcli.config.track_names import track_problem
 from drcli.config.value_types import CheckpointChoice, parse_checkpoint
 from drcli.model import keys
 from drcli.model.model_list import fits, model_prefixes
+from drcli.model.model_store import ModelStore
 from drcli.records.evaluation_task import EvaluationTask, PolicySource, RobustResult, TaskOutcome
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import EvaluationRecord, claim, log_file, sweep
@@ -131,8 +132,10 @@ def prepare_many(
     for prefix in prefixes:
         try:
             if source.file is None:
-                check_model(bucket, prefix, "--models" if models else "DR_LOCAL_S3_MODEL_PREFIX")
-                chosen[prefix] = choose_checkpoint(settings, bucket, prefix)
+                check_model(
+                    ModelStore(bucket, prefix), "--models" if models else "DR_LOCAL_S3_MODEL_PREFIX"
+                )
+                chosen[prefix] = choose_checkpoint(settings, ModelStore(bucket, prefix))
             else:
                 chosen[prefix] = source.file.name
         except DrError as error:
@@ -158,7 +161,7 @@ def prepare_many(
             metrics_prefix=_metrics_prefix(settings, prefix),
             checkpoint=checkpoint,
             world=world,
-            stamp=_free_stamp(bucket, prefix, stamp, index),
+            stamp=_free_stamp(ModelStore(bucket, prefix), stamp, index),
             source=driver,
             robust=robust,
             fresh_laps=fresh_laps,
@@ -175,9 +178,10 @@ def _rival(
     settings: Settings, bucket: Bucket, rival: Rival, own: tuple[str, str, str, int, PolicySource]
 ) -> tuple[str, str]:
     prefix = rival.prefix or settings.model_prefix
-    check_model(bucket, prefix, "--against")
+    model = ModelStore(bucket, prefix)
+    check_model(model, "--against")
     asked = settings.replaced(eval_checkpoint=str(rival.choice))
-    checkpoint = choose_checkpoint(asked, bucket, prefix)
+    checkpoint = choose_checkpoint(asked, model)
     if (prefix, checkpoint) == own[:2] and own[-1].file is None:
         raise SettingsError(
             f"--against chooses {checkpoint} of {prefix}, which drives anyway.",
@@ -238,11 +242,11 @@ def _claimed(settings: Settings) -> tuple[str, Path]:
         at += 1.0
 
 
-def _free_stamp(bucket: Bucket, prefix: str, stamp: str, index: int) -> str:
+def _free_stamp(model: ModelStore, stamp: str, index: int) -> str:
     at = time.mktime(time.strptime(stamp, "%Y%m%d%H%M%S")) + index
     while True:
         found = time.strftime("%Y%m%d%H%M%S", time.localtime(at))
-        if not bucket.exists(keys.evaluation_trace(prefix, found)):
+        if not model.bucket.exists(keys.evaluation_trace(model.prefix, found)):
             return found
         at += 60.0
 

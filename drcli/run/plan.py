@@ -32,8 +32,8 @@ from drcli.model.files.hyperparameters import (
 )
 from drcli.model.files.network_shape import Design, model_files
 from drcli.model.model_prefix import is_aborted_start, is_used, newest_checkpoint, what_helps, wipe
+from drcli.model.model_store import ModelStore
 from drcli.model.notes import describe
-from drcli.model.repair import Model
 from drcli.model.repair_model import find_lost, repair_all
 from drcli.model.run_metadata import describe_start, read_start
 from drcli.model.training_state import read_outcome, write_outcome
@@ -214,31 +214,32 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         )
     refuse_start(settings)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    clock = probe(bucket, prefix)
-    lease.refuse_other_owner(bucket, prefix)
+    store = ModelStore(bucket, prefix)
+    clock = probe(store)
+    lease.refuse_other_owner(store)
 
     if not options.wipe:
         _refuse_lost(settings, bucket)
-    newest = newest_checkpoint(bucket, prefix)
+    newest = newest_checkpoint(store)
     if options.resume and newest is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint to resume from.",
-            remedy=what_helps(bucket, prefix),
+            remedy=what_helps(store),
         )
-    model = Model.of(settings.model, bucket, prefix)
-    conversion = plan_conversion(bucket, prefix) if options.resume else None
+    model = ModelStore.of(settings.model, bucket, prefix)
+    conversion = plan_conversion(store) if options.resume else None
     repairs = repair_all(model) if options.resume and conversion is None else []
     for sentence in repairs:
         # Show these now: the plan's warnings are lost if the start is refused.
         errors.warn(sentence)
-    before = read_start(bucket, prefix) if options.resume else None
+    before = read_start(store) if options.resume else None
     resumes, damaged = None, []
     if conversion is not None:
         resumes, damaged = conversion.name, [conversion.sentence]
     elif options.resume:
-        resumes, damaged = _resumable(bucket, prefix)
+        resumes, damaged = _resumable(store)
     continues = options.resume or options.over_aborted
-    previous = read_outcome(bucket, prefix) if continues else None
+    previous = read_outcome(store) if continues else None
     began_at = first_start(previous, before)
     custom = settings.custom_files
     found_files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
@@ -250,7 +251,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
     job = _job(settings, options, _seed(settings, options, before), began_at)
-    trained = Design.of_checkpoint(bucket, prefix, resumes) if resumes else None
+    trained = Design.of_checkpoint(store, resumes) if resumes else None
     plans = Plans(
         wiping=options.wipe or options.over_aborted,
         resumed=trained if conversion is None else conversion.design,
@@ -269,7 +270,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     if files != found_files and kept is not None:
         warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this))
     if resumes is not None and design.metadata.training_algorithm == "sac":
-        warnings += _replay_lost(bucket, prefix, CheckpointName.parse(resumes))
+        warnings += _replay_lost(store, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
     if source is not None:
@@ -280,30 +281,30 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         if options.wipe or options.resume:
             return
         files = parameter_files(settings)
-        if not (options.over_aborted and is_aborted_start(bucket, prefix, files)):
-            refuse(review_prefix(prefix, bucket))
+        if not (options.over_aborted and is_aborted_start(store, files)):
+            refuse(review_prefix(store))
 
     with taken(job, bucket, review):
         records = StartRecorder(model, settings)
         training = records.prepare(before, resumes=options.resume)
-        wiping = options.wipe and is_used(bucket, prefix)
+        wiping = options.wipe and is_used(store)
         if wiping:
-            wipe(bucket, prefix, spared=[keys.lease(prefix)])
+            wipe(store, spared=[keys.lease(prefix)])
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
-        write_outcome(bucket, prefix, begun)
+        write_outcome(store, begun)
         freeze(settings, bucket, inputs, job.inputs, staged.frozen, plans.resumed)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())
         training = records.record(start, begun, resumes, previous, job.inputs)
-        describe(bucket, prefix, settings.model_description, is_new=not options.resume)
+        describe(store, settings.model_description, is_new=not options.resume)
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
             own = {name: job.inputs[name] for name in model_files(prefix)}
             counters = Counters(critic_warmup=transfer.critic_warmup, inputs=own)
-            CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
+            CheckpointStore(store).save(0, 0, transfer.tensors, counters=counters)
         if conversion is not None:
             conversion.write()
         if not options.resume:
@@ -387,9 +388,10 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
     )
 
 
-def _replay_lost(bucket: Bucket, prefix: str, newest: CheckpointName | None) -> list[str]:
+def _replay_lost(model: ModelStore, newest: CheckpointName | None) -> list[str]:
     listed = (
-        keys.rollout_key(prefix, info.key) for info in bucket.list(keys.rollouts_folder(prefix))
+        keys.rollout_key(model.prefix, info.key)
+        for info in model.bucket.list(keys.rollouts_folder(model.prefix))
     )
     learned = range(0 if newest is None else newest.number)
     if not learned or any(each is not None and each.iteration in learned for each in listed):
@@ -401,29 +403,29 @@ def _replay_lost(bucket: Bucket, prefix: str, newest: CheckpointName | None) -> 
     ]
 
 
-def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
+def _resumable(model: ModelStore) -> tuple[str | None, list[str]]:
     """The checkpoint, and sentences about damaged newer ones.
 
     Raises:
         StorageError: All checkpoints are damaged.
     """
-    found = CheckpointStore(bucket, prefix).load_latest(with_optimizer=True)
+    found = CheckpointStore(model).load_latest(with_optimizer=True)
     if found is None:
         return None, []
     name = found.record.name
     warnings = [f"Checkpoint {why} The training continues from {name}." for why in found.damaged]
     if found.record.optimizer is not None and found.optimizer is None:
-        key = keys.checkpoint_optimizer(prefix, name)
+        key = keys.checkpoint_optimizer(model.prefix, name)
         warnings.append(
-            f"{bucket.name}/{key} is missing or damaged. The optimizer starts with an empty state, "
-            "which costs a few iterations."
+            f"{model.bucket.name}/{key} is missing or damaged. The optimizer starts with an empty "
+            "state, which costs a few iterations."
         )
     return name, warnings
 
 
 def _refuse_lost(settings: Settings, bucket: Bucket) -> None:
     """Rather than iteration 0 among a model's remains."""
-    lost = find_lost(bucket, settings.model_prefix)
+    lost = find_lost(ModelStore(bucket, settings.model_prefix))
     if lost is None:
         return
     metrics = written(settings, METRICS)
@@ -460,7 +462,7 @@ def _forget_other_scores(
         setting = catalogue()[name]
         known = before.settings.get(name, setting.default)
         if known != getattr(settings, setting.field):
-            forget_scores(bucket, settings.model_prefix)
+            forget_scores(ModelStore(bucket, settings.model_prefix))
             return [
                 f"{settings.source(name)}: {name} was {known or 'not set'} until now, so the next "
                 "checkpoint that is evaluated becomes the best."

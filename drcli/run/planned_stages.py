@@ -21,6 +21,7 @@ from drcli.model.files.custom_files import (
 )
 from drcli.model.files.network_shape import Design
 from drcli.model.files.params_yaml import training_parameters
+from drcli.model.model_store import ModelStore
 from drcli.records.stage import FrozenCurriculum, Stage, StageMark
 
 
@@ -53,7 +54,7 @@ def plan_stages(
         refuse(review.problems)
     mark = None
     if resumes:
-        mark = CheckpointStore(bucket, settings.model_prefix).stage_of_newest()
+        mark = CheckpointStore(ModelStore(bucket, settings.model_prefix)).stage_of_newest()
     if review.frozen is None:
         return StagesPlan(settings, review, warnings=_without_curriculum(mark))
     first = 0 if mark is None else review.index(mark.name)
@@ -141,12 +142,13 @@ def freeze(
     with them.
     """
     prefix = settings.model_prefix
+    model = ModelStore(bucket, prefix)
     if curriculum is not None:
         bucket.put(keys.curriculum(prefix), curriculum.encode())
     upload_custom_files(settings.custom_files, bucket, inputs)
     if resumed is not None:
-        write_model_files(bucket, prefix, resumed.texts)
-    write_model_files(bucket, prefix, files, only_missing=resumed is not None)
+        write_model_files(model, resumed.texts)
+    write_model_files(model, files, only_missing=resumed is not None)
 
 
 def parameter_files(settings: Settings) -> dict[str, Settings]:

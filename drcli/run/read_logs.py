@@ -11,6 +11,7 @@ from drcli.base import log as log_files
 from drcli.base.files import load_record, save_record
 from drcli.bucket.bucket import Bucket, ObjectInfo, ObjectMissing
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import log_kind
 
 
@@ -144,8 +145,8 @@ class UploadedTail:
         return text
 
 
-def find_uploaded(bucket: Bucket, prefix: str, name: str, file: str) -> UploadedLog | None:
-    return find_objects(bucket, keys.log(prefix, log_kind(name), file))
+def find_uploaded(model: ModelStore, name: str, file: str) -> UploadedLog | None:
+    return find_objects(model.bucket, keys.log(model.prefix, log_kind(name), file))
 
 
 def find_objects(bucket: Bucket, key: str) -> UploadedLog | None:

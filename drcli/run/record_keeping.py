@@ -12,7 +12,7 @@ from drcli.base.log import get_logger
 from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
 from drcli.model.history import HistoryReader
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.model.training_records import (
     read_spending,
     read_training,
@@ -44,7 +44,7 @@ END_PATIENCE_S = 4.0
 
 
 class StartRecorder:
-    def __init__(self, model: Model, settings: Settings) -> None:
+    def __init__(self, model: ModelStore, settings: Settings) -> None:
         self._model = model
         self._settings = settings
         self._known: TrainingRecord | None = None
@@ -126,12 +126,13 @@ class RecordKeeping(Duty):
         assert self._run is not None
         self._bucket = self._bucket or self._run.open_bucket()
         bucket, config = self._bucket, self._job.config.model
-        model = Model.of(config, bucket, config.prefix)
+        store = ModelStore(bucket, config.prefix)
+        model = ModelStore.of(config, bucket, config.prefix)
         if self._record is None:
-            self._record = read_training(bucket, config.prefix, self._job.training)
+            self._record = read_training(store, self._job.training)
             if self._record is None:
                 return  # somebody has deleted it
-            self._spent = read_spending(bucket, config.prefix)
+            self._spent = read_spending(store)
         record = with_results(self._record, model, self._reader)
         record = with_spending(record, {**self._spent, self._job.session: self._own_spending()})
         if ended is not None:

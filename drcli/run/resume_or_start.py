@@ -8,6 +8,7 @@ from drcli.bucket.connect import COMMAND_PATIENCE_S, OUTAGE_PATIENCE_S, open_buc
 from drcli.config.settings import Settings
 from drcli.model import lease
 from drcli.model.model_prefix import has_checkpoint, is_aborted_start, is_used
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome
 from drcli.records.job import Job
 from drcli.records.run_record import run_folder
@@ -61,21 +62,22 @@ def prepare_next(settings: Settings, options: StartOptions, *, wait: bool) -> Ne
         try:
             return _plan(settings, options, bucket)
         except lease.ModelInUse:
-            if lease.live_holder(bucket, prefix) is None:
+            if lease.live_holder(ModelStore(bucket, prefix)) is None:
                 raise  # this DR_RUN_ID trains another model here
 
 
 def was_overtaken(settings: Settings, job: Job) -> bool:
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    held = lease.live_holder(bucket, settings.model_prefix)
+    held = lease.live_holder(ModelStore(bucket, settings.model_prefix))
     return held is not None and held.session != job.session
 
 
 def _plan(settings: Settings, options: StartOptions, bucket: Bucket) -> Next:
     prefix = settings.model_prefix
-    if not is_used(bucket, prefix):
+    store = ModelStore(bucket, prefix)
+    if not is_used(store):
         return prepare(settings, options)
-    outcome = read_outcome(bucket, prefix)
+    outcome = read_outcome(store)
     model = f"s3://{bucket.name}/{prefix}"
     if outcome is not None and outcome.stays_ended:
         return NothingToDo(_stays_ended(outcome, model))
@@ -88,9 +90,9 @@ def _plan(settings: Settings, options: StartOptions, bucket: Bucket) -> Next:
                 "run.env or hyperparameters.json."
             )
         return prepare(settings, replace(options, resume=True))
-    if has_checkpoint(bucket, prefix):
+    if has_checkpoint(store):
         return prepare(settings, replace(options, resume=True))
-    if is_aborted_start(bucket, prefix, parameter_files(settings)):
+    if is_aborted_start(store, parameter_files(settings)):
         return prepare(settings, replace(options, over_aborted=True))
     return prepare(settings, options)  # which explains what is in the way
 

@@ -19,6 +19,7 @@ from drcli.base.log import get_logger
 from drcli.bucket.bucket import Bucket
 from drcli.model import lease
 from drcli.model.model_prefix import delete_unlearned, newest_checkpoint
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import write_outcome
 from drcli.records.job import Job, WorkerExit
 from drcli.records.training_record import RunOutcome
@@ -60,6 +61,7 @@ class RunEnding:
         self._job = job
         self._prefix = job.config.model.prefix
         self._bucket = bucket
+        self._model = ModelStore(self._bucket, self._prefix)
         self._open_bucket = open_bucket
         self._children = children
         self._duties = duties
@@ -128,7 +130,7 @@ class RunEnding:
         self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
         if outcome.state == "finished":
             with suppress(DrError):  # they are deleted with the model at the latest
-                delete_unlearned(self._bucket, self._prefix)
+                delete_unlearned(self._model)
         for duty in self._duties:
             attempt(duty, partial(duty.finish, ending))
         self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
@@ -167,7 +169,7 @@ class RunEnding:
                     return  # a newer one waits
                 try:
                     self._records = self._records or self._open_bucket()
-                    write_outcome(self._records, self._prefix, record)
+                    write_outcome(ModelStore(self._records, self._prefix), record)
                 except DrError as error:
                     _logger.warning("The outcome could not be recorded in the bucket: %s", error)
 
@@ -190,14 +192,14 @@ class RunEnding:
 
     def _release(self) -> None:
         with suppress(DrError):
-            lease.release(self._bucket, self._prefix, self._job.session)
+            lease.release(self._model, self._job.session)
 
     def _how_to_continue(self) -> str:
         found: list[bool] = []
 
         def look() -> None:
             with suppress(DrError):
-                newest = newest_checkpoint(self._bucket, self._prefix)
+                newest = newest_checkpoint(self._model)
                 found.append(newest is not None)
 
         within(LOOK_PATIENCE_S, look, self._hurried)

@@ -14,6 +14,7 @@ from drcli.base.log import get_logger
 from drcli.bucket.bucket import Bucket
 from drcli.config.run_config import LogConfig
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import KINDS, json_log, log_file, log_folder, log_kind, reward_log
 from drcli.run.read_logs import UnreadLog, read_piece
 from drcli.run.timed_uploads import EventFileCopies
@@ -204,7 +205,9 @@ class LogUpload:
                     LogCopy(bucket, key, path, self._max_bytes) for key, path in self._logs.items()
                 ]
                 if self._events is not None:
-                    events = EventFileCopies(bucket, self._prefix, self._events, self._max_bytes)
+                    events = EventFileCopies(
+                        ModelStore(bucket, self._prefix), self._events, self._max_bytes
+                    )
                     self._copies.append(events)
             for copy in self._copies:
                 copy.update(self._is_over, hurried=self._ending.is_set())

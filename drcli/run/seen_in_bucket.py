@@ -10,7 +10,7 @@ from drcli.config.run_config import RunConfig
 from drcli.config.settings import Settings
 from drcli.model import keys
 from drcli.model.lease import live_holder
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome
 from drcli.records.run_record import ActivityRecord, RunRecord, run_folder
 from drcli.records.trace import TraceRow, read_rows
@@ -21,7 +21,7 @@ MOST_POINTS = 160
 
 @dataclass(frozen=True)
 class SeenRun:
-    model: Model | None
+    model: ModelStore | None
     prefix: str
     world: str
     alive: bool
@@ -39,14 +39,14 @@ def seen_run(settings: Settings, run_id: int) -> SeenRun:
         storage = record.storage_at_start(storage, settings.directory)
     prefix = settings.model_prefix if record is None else record.prefix
     bucket = open_running_bucket(storage)
-    model = None if bucket is None else Model.of(settings.model, bucket, prefix)
+    model = None if bucket is None else ModelStore.of(settings.model, bucket, prefix)
     world = settings.world_name if record is None else record.world
     return SeenRun(model, prefix, world, record is not None and record.alive)
 
 
 def ended_elsewhere(config: RunConfig, bucket: Bucket) -> RunRecord | None:
     """None if it has not; StorageError if the record is damaged."""
-    outcome = read_outcome(bucket, config.model.prefix)
+    outcome = read_outcome(ModelStore(bucket, config.model.prefix))
     if outcome is None or not outcome.ended:
         return None
     return RunRecord(
@@ -66,12 +66,12 @@ def ended_elsewhere(config: RunConfig, bucket: Bucket) -> RunRecord | None:
     )
 
 
-def trained_by(bucket: Bucket, prefix: str) -> str:
+def trained_by(store: ModelStore) -> str:
     """A sentence that says who trains a model now; empty if nobody does."""
-    held = live_holder(bucket, prefix)
+    held = live_holder(store)
     if held is None:
         return ""
-    model = f"s3://{bucket.name}/{prefix}"
+    model = store.url
     return f"{model} is being trained by {held.owner}, last heard from {held.age_s:.0f} s ago."
 
 
@@ -97,7 +97,7 @@ def distant_run(run: SeenRun) -> DistantRun:
     if run.alive or run.model is None:
         return nobody
     bucket = run.model.bucket
-    held = live_holder(bucket, run.prefix)
+    held = live_holder(ModelStore(bucket, run.prefix))
     if held is None:
         return nobody
     workers = []
@@ -123,10 +123,10 @@ class LapLine:
     status: str
 
 
-def read_lap_lines(bucket: Bucket, prefix: str, iteration: int, worker: int) -> list[LapLine]:
-    for key in keys.training_traces(prefix, iteration, worker):
+def read_lap_lines(model: ModelStore, iteration: int, worker: int) -> list[LapLine]:
+    for key in keys.training_traces(model.prefix, iteration, worker):
         try:
-            return lap_lines(bucket.get(key))
+            return lap_lines(model.bucket.get(key))
         except ObjectMissing:
             continue
     return []

@@ -21,8 +21,9 @@ from drcli.model.history import HistoryReader
 from drcli.model.milestones import NO_MILESTONES, MilestoneKind, with_history
 from drcli.model.model_list import CheckpointEntry
 from drcli.model.model_prefix import newest_checkpoint
+from drcli.model.model_store import ModelStore
 from drcli.model.notes import read_notes
-from drcli.model.repair import Model, find_damage, readable_history, readable_scores
+from drcli.model.repair import find_damage, readable_history, readable_scores
 from drcli.model.training_state import (
     GONE_S,
     Rollback,
@@ -338,7 +339,9 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
                 return replace(nothing, unreachable=_NOT_RUNNING)
             record = ended_elsewhere(config, bucket)
             if record is None:
-                return replace(nothing, elsewhere=trained_by(bucket, config.model.prefix))
+                return replace(
+                    nothing, elsewhere=trained_by(ModelStore(bucket, config.model.prefix))
+                )
         except StorageError as error:
             return replace(nothing, unreachable=str(error))
     # The bucket of the start: the settings may name another one now.
@@ -355,7 +358,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     unreachable = "" if bucket is not None else _NOT_RUNNING
     if bucket is not None:
         try:
-            model = Model.of(config.model, bucket, record.prefix)
+            model = ModelStore.of(config.model, bucket, record.prefix)
             history, damaged = readable_history(model, reader)
             scores, also = readable_scores(model)
             damaged += also
@@ -365,25 +368,27 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
                 best = CheckpointEntry.of(scores.best_checkpoint, model.metric, laps)
                 best_laps = CheckpointLaps.of(checkpoint_name(name).number, laps)
                 last = CheckpointEntry.of(scores.last_checkpoint, model.metric)
-            elif newest := newest_checkpoint(bucket, record.prefix):  # its index is lost
+            elif newest := newest_checkpoint(
+                ModelStore(bucket, record.prefix)
+            ):  # its index is lost
                 last = CheckpointEntry(str(newest), None)
-            counted = read_reward_errors(bucket, record.prefix)
+            counted = read_reward_errors(ModelStore(bucket, record.prefix))
             if counted:
                 failed = sum_of(each.total for each in counted)
             if reader is None:  # whoever looks again and again need not read everything
                 damaged = find_damage(model)
             try:
-                rollbacks = read_rollbacks(bucket, record.prefix).entries
+                rollbacks = read_rollbacks(ModelStore(bucket, record.prefix)).entries
             except ObjectDamaged as error:
                 damaged.append(f"{error} {error.remedy}")
             marked = not history or history[-1].stage or history[-1].phase
             if config.train.curriculum_file or marked:
-                counters = CheckpointStore(bucket, record.prefix).counters_of_newest()
+                counters = CheckpointStore(ModelStore(bucket, record.prefix)).counters_of_newest()
                 stage, phase = counters.stage, PhaseReport.of(counters.phase, history)
             if alive:
                 joined = _joined(bucket, record)
             names = [worker.name for worker in record.workers]
-            said = {name: _said(bucket, record.prefix, name) for name in names}
+            said = {name: _said(ModelStore(bucket, record.prefix), name) for name in names}
         except StorageError as error:
             said = {TRAINER: _here(f"the bucket does not answer: {error}")}
             unreachable = str(error)
@@ -487,14 +492,15 @@ def notes_of_run(config: RunConfig, report: RunReport) -> list[str]:
     if bucket is None or bucket.name != report.bucket:
         return []
     try:
-        notes = read_notes(bucket, report.prefix)
+        notes = read_notes(ModelStore(bucket, report.prefix))
     except StorageError:
         return []
     return [note.record.text for note in notes if note.record is not None]
 
 
 def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
-    shares = read_shares_record(bucket, record.prefix)
+    model = ModelStore(bucket, record.prefix)
+    shares = read_shares_record(model)
     if shares is None or shares.session != record.session:
         return []
     newest = shares.newest[-1] if shares.newest else None
@@ -510,7 +516,7 @@ def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
             JoinedReport(
                 name=f"sim-{number}",
                 host=host,
-                activity=_said(bucket, record.prefix, f"sim-{number}").activity,
+                activity=_said(model, f"sim-{number}").activity,
                 alive=age_s is None or age_s < GONE_S,
                 episodes=0 if own is None else own.count,
             )
@@ -518,10 +524,10 @@ def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
     return found
 
 
-def _said(bucket: Bucket, prefix: str, name: str) -> ActivityRecord:
-    key = keys.status(prefix, name)
+def _said(model: ModelStore, name: str) -> ActivityRecord:
+    key = keys.status(model.prefix, name)
     try:
-        return read_record(bucket, key, ActivityRecord.decode, remedy_of(key))
+        return read_record(model.bucket, key, ActivityRecord.decode, remedy_of(key))
     except ObjectMissing:
         return _here("starting")
     except ObjectDamaged as error:

@@ -19,6 +19,7 @@ from drcli.model import keys
 from drcli.model.best_checkpoint import read_scores
 from drcli.model.model_list import CheckpointEntry
 from drcli.model.model_prefix import newest_checkpoint
+from drcli.model.model_store import ModelStore
 from drcli.model.run_metadata import installed_versions, output_of
 from drcli.records.run_record import running_evaluations
 from drcli.records.training_record import DayBudget, budget_of
@@ -254,7 +255,7 @@ def _bucket_state(settings: Settings) -> BucketState:
             bucket = open_running_bucket(settings.storage)
             if bucket is None:
                 return
-            newest = newest_checkpoint(bucket, settings.model_prefix)
+            newest = newest_checkpoint(ModelStore(bucket, settings.model_prefix))
             best = _best(bucket, settings)
         except StorageError as error:
             answer.append(replace(state, reason=str(error)))
@@ -277,7 +278,7 @@ def _bucket_state(settings: Settings) -> BucketState:
 
 def _best(bucket: Bucket, settings: Settings) -> CheckpointEntry | None:
     with suppress(ObjectDamaged, ObjectNewer):
-        scores = read_scores(bucket, settings.model_prefix)
+        scores = read_scores(ModelStore(bucket, settings.model_prefix))
         if scores is not None:
             return CheckpointEntry.of(scores.best_checkpoint, settings.model.metric)
     return None

@@ -21,7 +21,6 @@ from pathlib import Path
 from drcli.base import log
 from drcli.base.errors import DrError, ProblemsError, SettingsError
 from drcli.base.files import refuse_existing
-from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import open_running_bucket
 from drcli.bucket.server.server_process import own_file
 from drcli.checks.doctor.diagnose import diagnose
@@ -30,6 +29,7 @@ from drcli.config.settings import Settings
 from drcli.config.settings_report import inspect_values
 from drcli.live.live_record import LIVE_FILES
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.run.known_secrets import known_secrets, private_words
 from drcli.run.periodic import within
 from drcli.run.read_logs import text_tail
@@ -130,8 +130,8 @@ def objects_of(settings: Settings) -> tuple[dict[str, str], str]:
             if bucket is None:
                 reason.append("its local server does not run.")
                 return
-            found["bucket-keys.txt"] = _listing(bucket, settings.model_prefix)
-            _read_journal(bucket, settings.model_prefix, found)
+            found["bucket-keys.txt"] = _listing(ModelStore(bucket, settings.model_prefix))
+            _read_journal(ModelStore(bucket, settings.model_prefix), found)
         except DrError as error:
             reason.append(str(error))
 
@@ -140,22 +140,26 @@ def objects_of(settings: Settings) -> tuple[dict[str, str], str]:
     return dict(found), " ".join(reason)
 
 
-def _listing(bucket: Bucket, prefix: str) -> str:
+def _listing(model: ModelStore) -> str:
     lines = []
-    for folder in (keys.folder(prefix), keys.run_folder(prefix), keys.rollouts_folder(prefix)):
+    for folder in (
+        keys.folder(model.prefix),
+        keys.run_folder(model.prefix),
+        keys.rollouts_folder(model.prefix),
+    ):
         lines += [
             f"{item.size_bytes:>12} {item.modified:%Y-%m-%d %H:%M:%S} {item.key}"
-            for item in bucket.list(folder)
+            for item in model.bucket.list(folder)
         ]
     more = len(lines) - MOST_KEYS
     end = [f"and {more:,} more"] if more > 0 else []
     return "\n".join([*lines[:MOST_KEYS], *end]) + "\n"
 
 
-def _read_journal(bucket: Bucket, prefix: str, found: dict[str, str]) -> None:
-    folder = keys.journal_folder(prefix)
-    for item in bucket.list(folder)[-MOST_STARTS:]:
-        data = bucket.get(item.key)
+def _read_journal(model: ModelStore, found: dict[str, str]) -> None:
+    folder = keys.journal_folder(model.prefix)
+    for item in model.bucket.list(folder)[-MOST_STARTS:]:
+        data = model.bucket.get(item.key)
         if len(data) > JOURNAL_BYTES:  # whole lines from the end
             _, _, data = data[-JOURNAL_BYTES:].partition(b"\n")
         name = item.key.removeprefix(folder)

@@ -15,6 +15,7 @@ from drcli.bucket.bucket import Bucket
 from drcli.checks.start_rules import refuse_second_run
 from drcli.model import lease
 from drcli.model.lease import STALE_S, is_owner_alive, live_holder, refuse_other_owner
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.records.run_record import Lease, RunRecord, WaitingStart
 
@@ -27,16 +28,17 @@ def taken(job: Job, bucket: Bucket, review: Callable[[], None]) -> Iterator[None
         SettingsError: Another start was faster.
     """
     prefix = job.config.model.prefix
+    model = ModelStore(bucket, prefix)
     with only_writer(job.directory):
         refuse_second_run(job.config.run_id, job.folder)
-        lease.refuse_other_owner(bucket, prefix, job.session)
+        lease.refuse_other_owner(model, job.session)
         review()
-        lease.take(bucket, prefix, job.session)
+        lease.take(model, job.session)
     try:
         yield
     except BaseException:
         with suppress(StorageError):
-            lease.release(bucket, prefix, job.session)
+            lease.release(model, job.session)
         raise
 
 
@@ -90,7 +92,7 @@ class OwnerWait:
             if held is None:
                 return
             if held.newer:
-                refuse_other_owner(self.bucket, self.prefix)
+                refuse_other_owner(ModelStore(self.bucket, self.prefix))
             model = f"s3://{self.bucket.name}/{self.prefix}"
             if first is None and not self._is_known_to_live(held):
                 errors.show(
@@ -117,7 +119,7 @@ class OwnerWait:
 
     def _owner(self) -> Lease | None:
         """A training here that has not taken its lease yet counts too."""
-        held = live_holder(self.bucket, self.prefix)
+        held = live_holder(ModelStore(self.bucket, self.prefix))
         if held is not None:
             return held
         record = RunRecord.read(self.folder)

@@ -23,6 +23,7 @@ from drcli.metrics.event_file import FROM_HISTORY, PATTERN, EventFile
 from drcli.metrics.figure_events import TrainingFacts
 from drcli.metrics.open_sinks import event_folder, tensorboard_folder
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.run.read_logs import text_tail
 from drcli.run.timed_uploads import fetch_event_files
 from drcli.train.learner_metrics import earlier_points
@@ -128,7 +129,7 @@ def fetch_events(settings: Settings, bucket: Bucket, prefixes: Sequence[str]) ->
         prefix
         for prefix in prefixes
         if fetch_event_files(
-            bucket, prefix, tensorboard_folder(settings.directory, prefix), most_bytes
+            ModelStore(bucket, prefix), tensorboard_folder(settings.directory, prefix), most_bytes
         )
     ]
 
@@ -141,7 +142,7 @@ def write_histories(settings: Settings, bucket: Bucket, prefixes: Sequence[str])
     """
     if not is_installed():
         return []
-    return [prefix for prefix in prefixes if _write_history(settings, bucket, prefix)]
+    return [prefix for prefix in prefixes if _write_history(settings, ModelStore(bucket, prefix))]
 
 
 def start_tensorboard(
@@ -190,15 +191,17 @@ def running_tensorboard(directory: Path) -> ServerRecord | None:
     return record
 
 
-def _write_history(settings: Settings, bucket: Bucket, prefix: str) -> bool:
-    folder = tensorboard_folder(settings.directory, prefix)
+def _write_history(settings: Settings, model: ModelStore) -> bool:
+    folder = tensorboard_folder(settings.directory, model.prefix)
     if any(folder.glob(PATTERN)):
         return False
-    points = earlier_points(read_history(bucket, prefix))
+    points = earlier_points(read_history(model))
     if not points:
         return False
     try:
-        EventFile(folder, TrainingFacts(prefix, settings.run_id), points, FROM_HISTORY).close()
+        EventFile(
+            folder, TrainingFacts(model.prefix, settings.run_id), points, FROM_HISTORY
+        ).close()
     except OSError as error:
         raise SettingsError(
             f"{error.filename or folder}: cannot be written ({error.strerror or error}).",

@@ -12,9 +12,9 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.base.files import rewrite
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket
 from drcli.metrics.event_file import FROM_HISTORY, PATTERN
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.run.checkpoint_watch import CheckpointWatch
 from drcli.run.command_process import CommandEnd, CommandProcess, Start
@@ -190,9 +190,8 @@ class EventFileCopies:
     The files of other machines stay: TensorBoard drops what a later file has again.
     """
 
-    def __init__(self, bucket: Bucket, prefix: str, folder: Path, max_bytes: int) -> None:
-        self._bucket = bucket
-        self._prefix = prefix
+    def __init__(self, model: ModelStore, folder: Path, max_bytes: int) -> None:
+        self._model = model
         self._folder = folder
         self._max_bytes = max_bytes
         self._copied: dict[str, int] | None = None
@@ -207,7 +206,7 @@ class EventFileCopies:
         if not self._folder.is_dir():
             return
         if self._copied is None:
-            self._copied = copied_sizes(self._bucket, self._prefix)
+            self._copied = copied_sizes(self._model)
         kept = self._kept(self._copied)
         for name in sorted(kept, reverse=hurried):
             path = self._folder / name
@@ -215,10 +214,10 @@ class EventFileCopies:
                 continue
             if path.stat().st_size > self._copied.get(name, -1):
                 data = path.read_bytes()
-                self._bucket.put(keys.event_file(self._prefix, name), data)
+                self._model.bucket.put(keys.event_file(self._model.prefix, name), data)
                 self._copied[name] = len(data)
         for name in sorted(set(self._copied) - kept):
-            self._bucket.delete([keys.event_file(self._prefix, name)])
+            self._model.bucket.delete([keys.event_file(self._model.prefix, name)])
             del self._copied[name]
 
     def left_bytes(self) -> int:
@@ -236,7 +235,7 @@ class EventFileCopies:
         return kept
 
 
-def fetch_event_files(bucket: Bucket, prefix: str, folder: Path, max_bytes: int) -> bool:
+def fetch_event_files(model: ModelStore, folder: Path, max_bytes: int) -> bool:
     """Download a model's event files that this machine lacks; whether any was new.
 
     Older files than those here stay away: the first file of a machine begins with all earlier
@@ -246,7 +245,7 @@ def fetch_event_files(bucket: Bucket, prefix: str, folder: Path, max_bytes: int)
         StorageError: The bucket cannot be read.
         SettingsError: A file cannot be written.
     """
-    there = copied_sizes(bucket, prefix)
+    there = copied_sizes(model)
     here = local_sizes(folder)
     made_here = {name for name in here if name.endswith(FROM_HISTORY) and name not in there}
     replaced = made_here if there and made_here == set(here) else set()
@@ -257,7 +256,7 @@ def fetch_event_files(bucket: Bucket, prefix: str, folder: Path, max_bytes: int)
         total += there[name]
         if name < oldest_wanted or total > max_bytes:
             continue
-        data = bucket.get(keys.event_file(prefix, name))
+        data = model.bucket.get(keys.event_file(model.prefix, name))
         path = folder / name
         try:
             fetched = _extend(path, data) or fetched
@@ -272,11 +271,11 @@ def fetch_event_files(bucket: Bucket, prefix: str, folder: Path, max_bytes: int)
     return fetched
 
 
-def copied_sizes(bucket: Bucket, prefix: str) -> dict[str, int]:
-    folder = keys.event_folder(prefix)
+def copied_sizes(model: ModelStore) -> dict[str, int]:
+    folder = keys.event_folder(model.prefix)
     return {
         name: info.size_bytes
-        for info in bucket.list(folder)
+        for info in model.bucket.list(folder)
         if _NAME.fullmatch(name := info.key.removeprefix(folder))
     }
 

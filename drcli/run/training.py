@@ -17,6 +17,7 @@ from drcli.bucket.server import server
 from drcli.checks.start_rules import refuse_second_run
 from drcli.model import lease
 from drcli.model.lease import Ownership
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.records.run_record import RunRecord, StorageRecord, json_log, log_file
 from drcli.run.checkpoint_watch import CheckpointWatch
@@ -108,9 +109,10 @@ def _supervise(job: Job) -> int:
         return open_bucket(storage, patience_s=patience_s, read_timeout_s=READ_TIMEOUT_S)
 
     def own(client: S3Bucket) -> S3Bucket:
-        return client.fenced(Ownership(client, prefix, job.session, taken.term).check)
+        return client.fenced(Ownership(ModelStore(client, prefix), job.session, taken.term).check)
 
     bucket = impatient(PATIENCE_S)
+    model = ModelStore(bucket, prefix)
     record = RunRecord(
         run_id=job.config.run_id,
         session=job.session,
@@ -127,8 +129,8 @@ def _supervise(job: Job) -> int:
     )
     with only_writer(job.directory):  # of two starts at the same time, one trains
         refuse_second_run(job.config.run_id, job.folder)
-        lease.refuse_other_owner(bucket, prefix, job.session)
-        taken = lease.take(bucket, prefix, job.session)
+        lease.refuse_other_owner(model, job.session)
+        taken = lease.take(model, job.session)
         record.write(job.folder)
     requests = CountFile(job.folder, "supervisor", job.session)
     requests.start()
@@ -137,7 +139,7 @@ def _supervise(job: Job) -> int:
             replace(job, term=taken.term),
             own(bucket),
             record,
-            Renewal(impatient(LEASE_PATIENCE_S), prefix, taken),
+            Renewal(ModelStore(impatient(LEASE_PATIENCE_S), prefix), taken),
             open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
             revive_server=lambda: server.ensure_running(storage),
             restart_server=lambda: server.restart(storage),

@@ -7,6 +7,7 @@ from contextlib import suppress
 from drcli.base.clock import AwakeClock
 from drcli.base.errors import DrError
 from drcli.bucket.bucket import Bucket
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import Rollbacks, read_reward_errors, read_rollbacks
 from drcli.records.job import Job
 from drcli.records.reward import RewardErrorEntry, RewardErrorRecord, sum_of
@@ -54,8 +55,9 @@ class FailureWatch(Duty):
         self._open = run.open_bucket
         with suppress(DrError):
             prefix = self._job.config.model.prefix
-            self._told_rollbacks = read_rollbacks(run.bucket, prefix).count
-            records = read_reward_errors(run.bucket, prefix)
+            model = ModelStore(run.bucket, prefix)
+            self._told_rollbacks = read_rollbacks(model).count
+            records = read_reward_errors(model)
             self._told_share = sum_of(each.total for each in records).share > TOLD_SHARE
             self._told_errors = {entry.key for record in records for entry in record.total.errors}
         self._thread = Periodic(self.name, self.look, LOOK_S)
@@ -67,8 +69,9 @@ class FailureWatch(Duty):
         if self._bucket is None:
             self._bucket = self._open()
         prefix = self._job.config.model.prefix
-        self._records = read_reward_errors(self._bucket, prefix)
-        self._rollbacks = read_rollbacks(self._bucket, prefix)
+        model = ModelStore(self._bucket, prefix)
+        self._records = read_reward_errors(model)
+        self._rollbacks = read_rollbacks(model)
 
     def check(self) -> Outcome | None:
         self._tell()

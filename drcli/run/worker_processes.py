@@ -18,6 +18,7 @@ from drcli.bucket.connect import open_running_bucket
 from drcli.config.run_config import RunConfig
 from drcli.model import keys
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.records.run_record import RunRecord, log_file, run_folder, running_evaluations
 from drcli.records.trace import STEP_S, read_csv
@@ -213,7 +214,7 @@ def speed_of(process: Process, config: RunConfig) -> SpeedReport:
     bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
     if bucket is None:
         return unknown
-    history = read_history(bucket, record.prefix)
+    history = read_history(ModelStore(bucket, record.prefix))
     if not history:
         return unknown
     number = int(process.name.removeprefix("sim-"))

@@ -22,6 +22,7 @@ from drcli.config.settings_files import EXPERIMENT
 from drcli.model import keys
 from drcli.model.files.curriculum_file import merged_hyperparameters
 from drcli.model.lease import STALE_S
+from drcli.model.model_store import ModelStore
 from drcli.run.take_model import LONG_LOOK_S
 from drcli.sweeps.stored_sweep import copy_of
 from drcli.sweeps.sweep_file import Budget, EarlyStopping
@@ -244,7 +245,7 @@ class NodeTrial:
             return self._failed(refused_start(error))
         self._elsewhere_since = None
         if over:
-            return nothing_to_do(self._bucket, self._trial.prefix, over)
+            return nothing_to_do(ModelStore(self._bucket, self._trial.prefix), over)
         self._started = True
         return None
 

@@ -16,6 +16,7 @@ from drcli.checks.validate import validate
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT
 from drcli.model.lease import live_holder
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import WaitingStart, run_folder
 from drcli.sweeps.stored_sweep import read_sweep, refuse_used_models, wipe_sweep
 from drcli.sweeps.sweep_file import SweepFile, read_sweep_file
@@ -91,7 +92,7 @@ class SweepStart:
         if self._record is None:
             return 0
         for trial in self._record.trials:
-            held = live_holder(self._bucket, trial.prefix)
+            held = live_holder(ModelStore(self._bucket, trial.prefix))
             if held is not None:
                 raise SettingsError(
                     f"{trial.name} is being trained by {held.owner}.",

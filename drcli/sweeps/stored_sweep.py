@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from drcli.base.errors import SettingsError, refuse
 from drcli.bucket.bucket import Bucket, ObjectMissing, read_record, remedy_of
 from drcli.model.model_prefix import is_used, wipe
+from drcli.model.model_store import ModelStore
 from drcli.sweeps import sweep_record
 from drcli.sweeps.sweep_file import SweepFile
 from drcli.sweeps.sweep_record import SweepRecord, TrialRecord
@@ -39,7 +40,7 @@ def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Tria
 def refuse_used_models(bucket: Bucket, trials: list[Trial]) -> None:
     """Raises SettingsError for models that are not of the sweep."""
     for trial in trials:
-        if is_used(bucket, trial.name):
+        if is_used(ModelStore(bucket, trial.name)):
             raise SettingsError(
                 f"s3://{bucket.name}/{trial.name} exists, and is not of this sweep.",
                 remedy="Give the sweep another name.",
@@ -59,7 +60,7 @@ def wipe_sweep(bucket: Bucket, record: SweepRecord) -> None:
             trial.name,
             *(copy_of(trial, check) for check in range(1, 1 + record.checks)),
         ]:
-            wipe(bucket, prefix)
+            wipe(ModelStore(bucket, prefix))
     bucket.delete([sweep_record.sweep_key(record.name)])
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectNewer
+from drcli.model.model_store import ModelStore
 from drcli.model.notes import write_description
 from drcli.sweeps import sweep_record
 from drcli.sweeps.stored_sweep import put_sweep, read_sweep, refuse_other_trials, varied_now
@@ -207,7 +208,7 @@ class SweepProgress:
         if self.record.best:
             trial = self.trial(self.record.best)
             text = f"Best of sweep {self.record.name}: {text_of(trial)}"
-            write_description(self._bucket, trial.prefix, text)
+            write_description(ModelStore(self._bucket, trial.prefix), text)
 
     def put(self, record: SweepRecord) -> None:
         """Also works out the best training."""

@@ -14,6 +14,7 @@ from drcli.base.errors import BudgetUsedUp, DrError, StorageError, TrainedElsewh
 from drcli.base.processes import NotedSignals
 from drcli.bucket.bucket import Bucket, ObjectDamaged
 from drcli.model.lease import STALE_S
+from drcli.model.model_store import ModelStore
 from drcli.run.take_model import LONG_LOOK_S
 from drcli.sweeps.stored_sweep import copy_of
 from drcli.sweeps.sweep_file import Span, SweepFile
@@ -159,7 +160,7 @@ class SweepRun:
             return
         self._elsewhere_since.pop(trial.name, None)
         if over:
-            ended = nothing_to_do(self._bucket, trial.prefix, over)
+            ended = nothing_to_do(ModelStore(self._bucket, trial.prefix), over)
             self._measure(trial)
             self._progress.change(trial.name, state=ended.state, message=ended.message)
             return

@@ -14,6 +14,7 @@ from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT
 from drcli.model.history import HistoryReader
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome
 from drcli.records.iteration import IterationRecord
 from drcli.records.run_record import RunRecord, run_folder
@@ -155,8 +156,8 @@ def refused_start(error: DrError) -> Ended:
     return Ended("failed", _in_short(error), error.remedy, isinstance(error, WorkerDied))
 
 
-def nothing_to_do(bucket: Bucket, prefix: str, sentence: str) -> Ended:
-    outcome = read_outcome(bucket, prefix)
+def nothing_to_do(model: ModelStore, sentence: str) -> Ended:
+    outcome = read_outcome(model)
     stopped = outcome is not None and outcome.stays_ended
     return Ended("stopped" if stopped else "finished", sentence)
 

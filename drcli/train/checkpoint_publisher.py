@@ -21,6 +21,7 @@ from drcli.model import keys
 from drcli.model.best_checkpoint import evaluated_numbers, read_scores
 from drcli.model.checkpoints import Checkpoint, CheckpointStore, checkpoint_objects
 from drcli.model.history import SMOOTH
+from drcli.model.model_store import ModelStore
 from drcli.model.traces import TraceRetention
 from drcli.model.training_state import (
     RATE_FACTOR,
@@ -145,15 +146,15 @@ def restore_optimizer(learner: Learner, state: bytes) -> None:
         _logger.warning("The optimizer starts over: its saved state does not fit: %s", error)
 
 
-def forget_evaluations(bucket: Bucket, prefix: str, *, newest: int) -> None:
+def forget_evaluations(model: ModelStore, *, newest: int) -> None:
     """Delete results of checkpoints that do not exist, as seen from the newest.
 
     Later ones would count for new checkpoints of their numbers.
     """
-    known = {name.number for name in checkpoint_objects(bucket, prefix).values()}
-    numbers = [n for n in evaluated_numbers(bucket, prefix) if n > newest or n not in known]
+    known = {name.number for name in checkpoint_objects(model).values()}
+    numbers = [n for n in evaluated_numbers(model) if n > newest or n not in known]
     if numbers:
-        bucket.delete([keys.evaluation_result(prefix, number) for number in numbers])
+        model.bucket.delete([keys.evaluation_result(model.prefix, number) for number in numbers])
 
 
 # Lets a trainer go back to its last good checkpoint; it may be killed at any point.
@@ -173,9 +174,10 @@ class RollbackControl:
         self._bucket = bucket
         self._job = job
         self._prefix = job.config.model.prefix
+        self._model = ModelStore(self._bucket, self._prefix)
         self._checkpoints = checkpoints
         try:
-            self.known = read_rollbacks(bucket, self._prefix)
+            self.known = read_rollbacks(ModelStore(bucket, self._prefix))
         except ObjectDamaged as error:
             _logger.warning("%s The training goes on as if there had been none.", error)
             self.known = Rollbacks()
@@ -238,7 +240,7 @@ class RollbackControl:
             session=self._job.session,
         )
         self.known = Rollbacks([*self.known.entries, rollback])
-        write_rollbacks(self._bucket, self._prefix, self.known)
+        write_rollbacks(self._model, self.known)
         return rollback
 
     def nan_failure(
@@ -274,7 +276,7 @@ class RollbackControl:
             # What was so good just now has not collapsed.
             old_enough = best is not None and best.number <= newest.number - SMOOTH
             return best if best is not None and old_enough and self._is_intact(best) else None
-        names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
+        names = sorted(set(checkpoint_objects(self._model).values()))
         oldest = best.number if best is not None else first
         candidates = [name for name in names if oldest <= name.number <= newest.number]
         recent = candidates[-LOOK_BACK:]
@@ -282,7 +284,7 @@ class RollbackControl:
 
     def _best(self) -> CheckpointName | None:
         try:
-            scores = read_scores(self._bucket, self._prefix)
+            scores = read_scores(self._model)
         except ObjectDamaged:
             return None
         if scores is None or scores.best_checkpoint.avg_eval_metric is None:

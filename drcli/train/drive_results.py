@@ -16,6 +16,7 @@ from drcli.metrics.figure_events import episode_points
 from drcli.metrics.open_sinks import sender_of_episodes
 from drcli.model import keys
 from drcli.model.growing_file import GrowingFile, Layout, list_parts
+from drcli.model.model_store import ModelStore
 from drcli.model.repair import read_all_metrics
 from drcli.model.traces import TraceRetention
 from drcli.model.training_state import read_rollbacks
@@ -182,12 +183,13 @@ class DriveResults:
         self._config = job.config
         self._bucket = bucket
         self._prefix = job.config.model.prefix
+        self._model = ModelStore(self._bucket, self._prefix)
         self._worker = simulation.share.worker
         self._lag = max_lag(job.config.train)
         self._figures = sender_of_episodes(job.config.figures, self._prefix)
         self._simulation = simulation
         self._metrics = self._open_metrics()
-        self._traces = TraceRetention(bucket, self._prefix, job.config.train.workers, 0)
+        self._traces = TraceRetention(ModelStore(bucket, self._prefix), job.config.train.workers, 0)
         self._traces.cover(self._worker)
         is_first = self._worker == 0
         self._alone = is_first and job.config.train.workers == 1 and not self._stored(workers=2)
@@ -214,7 +216,7 @@ class DriveResults:
     def forget_given_up(self, newest: CheckpointName | None = None) -> None:
         """Note what the log has, and delete traces of iterations given up."""
         try:
-            rollbacks = read_rollbacks(self._bucket, self._prefix)
+            rollbacks = read_rollbacks(self._model)
         except ObjectDamaged:
             return
         left = [checkpoint_name(each.left).number for each in rollbacks.entries]

@@ -10,6 +10,7 @@ from drcli.base.log import get_logger
 from drcli.learn.compute import flush_denormals
 from drcli.live.live_scene import facts_of
 from drcli.live.live_view import live_show
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.train.membership import JoinedLifeline, Membership
 from drcli.train.sim import SimWorker
@@ -26,7 +27,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
     flush_denormals()
     member, prefix = sys.argv[1], job.config.model.prefix
     bucket = worker_process.open_own_bucket(job, lifeline, far=True)
-    membership = Membership(bucket, prefix, job.session, member, lifeline)
+    membership = Membership(ModelStore(bucket, prefix), job.session, member, lifeline)
     try:
         number = membership.wait_for_number()
         _logger.info("This is simulation worker %d of s3://%s/%s.", number, bucket.name, prefix)

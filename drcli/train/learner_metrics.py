@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 
 from drcli.base.errors import StorageError
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.bucket.bucket import ObjectMissing
 from drcli.metrics.figure_events import Ended, EpochPoint, Point, TrainingFacts
 from drcli.metrics.figure_sender import FigureSender
 from drcli.metrics.open_sinks import sender_of_trainer
 from drcli.model import keys
 from drcli.model.files.network_shape import Design
 from drcli.model.growing_file import GrowingFile, Layout, list_parts
+from drcli.model.model_store import ModelStore
 from drcli.records.iteration import IterationRecord
 from drcli.records.job import Job
 from drcli.train.scoring import REMEMBERED_SCORES
@@ -81,12 +82,12 @@ class LearnerMetrics:
     It never stops a training. After `restore`, only one thread may use it.
     """
 
-    def __init__(self, bucket: Bucket, prefix: str) -> None:
-        self._bucket = bucket
-        self._key = keys.learner_metrics(prefix)
+    def __init__(self, model: ModelStore) -> None:
+        self._bucket = model.bucket
+        self._key = keys.learner_metrics(model.prefix)
         self._columns = [NUMBER, STEPS]
         self._file = GrowingFile(
-            bucket, self._key, _layout(self._columns), iterations_per_part=ITERATIONS_PER_PART
+            model.bucket, self._key, _layout(self._columns), iterations_per_part=ITERATIONS_PER_PART
         )
 
     def restore(self, history: Iterable[IterationRecord]) -> str | None:

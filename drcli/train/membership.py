@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from drcli.base.clock import elapsed_s
 from drcli.base.errors import OwnershipLost, StorageError
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.lease import STALE_S, read_lease
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import RENEWED_S, read_shares_record
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.job import MemberRecord, Shares, SharesRecord
@@ -62,15 +62,13 @@ class Membership:
 
     def __init__(
         self,
-        bucket: Bucket,
-        prefix: str,
+        model: ModelStore,
         session: str,
         member: str,
         lifeline: JoinedLifeline,
         pause: Callable[[float], object] = time.sleep,
     ) -> None:
-        self._bucket = bucket
-        self._prefix = prefix
+        self._model = model
         self._lifeline = lifeline
         self._pause = pause
         self._record = MemberRecord(member, session, socket.gethostname(), os.getpid())
@@ -92,7 +90,7 @@ class Membership:
         while True:
             if self._lifeline.should_stop():
                 raise StopRequested
-            record = read_shares_record(self._bucket, self._prefix)
+            record = read_shares_record(self._model)
             if record is not None and record.session == self._record.session:
                 number = record.numbers.get(self._record.member)
                 if number is not None:
@@ -155,10 +153,10 @@ class Membership:
             return
         # The trainer notices anyway that the record does not change any more.
         with suppress(StorageError, OwnershipLost):
-            self._bucket.delete([keys.member(self._prefix, self._record.member)])
+            self._model.bucket.delete([keys.member(self._model.prefix, self._record.member)])
 
     def _shares_record(self) -> SharesRecord | None:
-        record = read_shares_record(self._bucket, self._prefix)
+        record = read_shares_record(self._model)
         known = record is not None and record.session == self._record.session
         return record if known else None
 
@@ -178,7 +176,7 @@ class Membership:
             )
             record = self._record
         try:
-            self._bucket.put(keys.member(self._prefix, record.member), record.encode())
+            self._model.bucket.put(keys.member(self._model.prefix, record.member), record.encode())
         except OwnershipLost:
             self._lifeline.ended = "another start continues it"
 
@@ -200,11 +198,11 @@ class Membership:
     def _look_at_drive(self) -> None:
         drive = self._drive
         if drive is not None:
-            newest = CheckpointStore(self._bucket, self._prefix).pointed()
+            newest = CheckpointStore(self._model).pointed()
             drive.is_over = newest is not None and newest.number > drive.iteration
 
     def _look_at_lease(self) -> None:
-        lease = read_lease(self._bucket, self._prefix)
+        lease = read_lease(self._model)
         if lease is None:  # it is just written again
             return
         if lease.session != self._record.session:

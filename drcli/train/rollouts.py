@@ -12,13 +12,13 @@ from drcli.base.json_record import Fingerprint, RecordError
 from drcli.bucket.bucket import (
     READS,
     READS_FAR,
-    Bucket,
     ObjectDamaged,
     ObjectMissing,
     read_record,
     remedy_of,
 )
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import NO_ROLLBACKS, Rollbacks
 from drcli.records.checkpoint import checkpoint_name
 from drcli.records.rollout import (
@@ -47,11 +47,11 @@ QUIET_STEP_S = 1.0
 REPORT_EVERY_S = 10.0
 
 
-def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> Manifest | None:
+def find_manifest(model: ModelStore, iteration: int, worker: int) -> Manifest | None:
     """None if missing or damaged."""
-    key = keys.rollout_manifest(prefix, iteration, worker)
+    key = keys.rollout_manifest(model.prefix, iteration, worker)
     try:
-        return read_record(bucket, key, Manifest.decode, remedy_of(key))
+        return read_record(model.bucket, key, Manifest.decode, remedy_of(key))
     except (ObjectMissing, ObjectDamaged):
         return None
 
@@ -66,8 +66,7 @@ class RolloutReader:
 
     def __init__(
         self,
-        bucket: Bucket,
-        prefix: str,
+        model: ModelStore,
         session: str = "",
         *,
         frugal: bool = False,
@@ -79,8 +78,7 @@ class RolloutReader:
         self._frugal = frugal
         self._rollbacks = rollbacks
         self._waits_s: deque[float] = deque(maxlen=REMEMBERED)
-        self._bucket = bucket
-        self._prefix = prefix
+        self._model = model
         self._session = session
         self._clock = clock
         self._pause = pause
@@ -163,15 +161,15 @@ class RolloutReader:
                 return
 
     def find_manifests(self, iteration: int) -> list[Manifest]:
-        listing = self._bucket.list(keys.iteration_folder(self._prefix, iteration))
-        named = (keys.rollout_key(self._prefix, info.key) for info in listing)
+        listing = self._model.bucket.list(keys.iteration_folder(self._model.prefix, iteration))
+        named = (keys.rollout_key(self._model.prefix, info.key) for info in listing)
         workers = sorted(key.worker for key in named if key is not None and key.is_manifest)
-        found = (find_manifest(self._bucket, self._prefix, iteration, k) for k in workers)
+        found = (find_manifest(self._model, iteration, k) for k in workers)
         return [each for each in found if each is not None and self._counts(each)]
 
     def iterations(self) -> list[int]:
-        listing = self._bucket.list(keys.rollouts_folder(self._prefix))
-        found = (keys.rollout_key(self._prefix, info.key) for info in listing)
+        listing = self._model.bucket.list(keys.rollouts_folder(self._model.prefix))
+        found = (keys.rollout_key(self._model.prefix, info.key) for info in listing)
         return sorted({key.iteration for key in found if key is not None})
 
     def read(self, manifests: Iterable[Manifest]) -> Episodes:
@@ -190,7 +188,7 @@ class RolloutReader:
             return decode_episodes(each(), sum(part.steps for _, part in wanted))
         except RecordError as e:
             raise ObjectDamaged(
-                f"{self._bucket.name}/{reading} is damaged: {e}.",
+                f"{self._model.bucket.name}/{reading} is damaged: {e}.",
                 remedy="Let the worker drive the iteration again; if it happens again, install the "
                 "same version of this program on all machines.",
             ) from e
@@ -199,11 +197,11 @@ class RolloutReader:
         data = self._take(part.key)
         fault = part.fingerprint.fault(data)
         if fault is not None:
-            data = self._bucket.get(part.key)  # maybe it was fetched too early
+            data = self._model.bucket.get(part.key)  # maybe it was fetched too early
             fault = part.fingerprint.fault(data)
         if fault is not None:
             raise ObjectDamaged(
-                f"{self._bucket.name}/{part.key} is damaged: {fault}.",
+                f"{self._model.bucket.name}/{part.key} is damaged: {fault}.",
                 remedy=f"Simulation worker {manifest.worker} must drive iteration "
                 f"{manifest.iteration} again.",
             )
@@ -211,16 +209,18 @@ class RolloutReader:
 
     def delete_learned(self, iteration: int) -> None:
         learned = []
-        for info in self._bucket.list(keys.rollouts_folder(self._prefix)):
-            key = keys.rollout_key(self._prefix, info.key)
+        for info in self._model.bucket.list(keys.rollouts_folder(self._model.prefix)):
+            key = keys.rollout_key(self._model.prefix, info.key)
             if key is not None and key.iteration <= iteration:
                 learned.append(info.key)
-        self._bucket.delete(learned)
+        self._model.bucket.delete(learned)
 
     def reject(self, iteration: int, workers: Iterable[int]) -> None:
         """These must be driven again."""
         self.forget()
-        self._bucket.delete([keys.rollout_manifest(self._prefix, iteration, k) for k in workers])
+        self._model.bucket.delete(
+            [keys.rollout_manifest(self._model.prefix, iteration, k) for k in workers]
+        )
 
     def look_often(self) -> None:
         """For workers elsewhere, which cannot wake it."""
@@ -238,8 +238,8 @@ class RolloutReader:
         arrived: dict[int, Manifest],
     ) -> None:
         delivered = []
-        for info in self._bucket.list(keys.iteration_folder(self._prefix, iteration)):
-            key = keys.rollout_key(self._prefix, info.key)
+        for info in self._model.bucket.list(keys.iteration_folder(self._model.prefix, iteration)):
+            key = keys.rollout_key(self._model.prefix, info.key)
             if key is None:
                 continue
             if not key.is_manifest:
@@ -268,7 +268,7 @@ class RolloutReader:
         arrived: dict[int, Manifest],
     ) -> None:
         def find(worker: int) -> Manifest | None:
-            return find_manifest(self._bucket, self._prefix, iteration, worker)
+            return find_manifest(self._model, iteration, worker)
 
         # Each takes a round trip to the bucket, so those of many workers are read together.
         together = len(workers) > 1 and self._frugal
@@ -290,12 +290,12 @@ class RolloutReader:
         if key in self._fetched or self._fetched_bytes + size_bytes > PREFETCH_BYTES:
             return
         self._fetched_bytes += size_bytes
-        self._fetched[key] = self._fetcher.submit(self._bucket.get, key)
+        self._fetched[key] = self._fetcher.submit(self._model.bucket.get, key)
 
     def _take(self, key: str) -> bytes:
         early = self._fetched.pop(key, None)
         if early is None:
-            return self._bucket.get(key)
+            return self._model.bucket.get(key)
         data = early.result()
         self._fetched_bytes -= len(data)
         return data
@@ -323,9 +323,8 @@ class RolloutWriter:
     `manifest` has no parts yet.
     """
 
-    def __init__(self, bucket: Bucket, prefix: str, manifest: Manifest) -> None:
-        self._bucket = bucket
-        self._prefix = prefix
+    def __init__(self, model: ModelStore, manifest: Manifest) -> None:
+        self._model = model
         self._manifest = manifest
         self._uploads: list[Future[Part]] = []
         self._sender = ThreadPoolExecutor(1, thread_name_prefix="rollout-upload")
@@ -352,8 +351,8 @@ class RolloutWriter:
         self._sender.shutdown(wait=True)
         parts = tuple(upload.result() for upload in self._uploads)
         manifest = replace(self._manifest, parts=parts, notes=notes)
-        key = keys.rollout_manifest(self._prefix, manifest.iteration, manifest.worker)
-        self._bucket.put(key, manifest.encode())
+        key = keys.rollout_manifest(self._model.prefix, manifest.iteration, manifest.worker)
+        self._model.bucket.put(key, manifest.encode())
         return manifest
 
     def abandon(self) -> None:
@@ -364,8 +363,8 @@ class RolloutWriter:
         try:
             data = encode_episodes(episodes)
             m = self._manifest
-            key = keys.rollout_part(self._prefix, m.iteration, m.worker, m.session, number)
-            self._bucket.put(key, data)
+            key = keys.rollout_part(self._model.prefix, m.iteration, m.worker, m.session, number)
+            self._model.bucket.put(key, data)
             return Part(key, Fingerprint.of(data), episodes.count, episodes.steps)
         finally:
             self._room.release()

@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterable
 
 from drcli.base.clock import wait_until
 from drcli.base.log import get_logger, plain
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_evaluation
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import History
+from drcli.model.model_store import ModelStore
 from drcli.model.repair import set_aside
 from drcli.model.training_state import NO_ROLLBACKS, Rollbacks
 from drcli.records.checkpoint import CheckpointName, checkpoint_name
@@ -37,8 +38,7 @@ class Scoring:
 
     def __init__(
         self,
-        bucket: Bucket,
-        prefix: str,
+        model: ModelStore,
         checkpoints: CheckpointStore,
         history: History,
         metric: str,
@@ -51,8 +51,7 @@ class Scoring:
     ) -> None:
         self._remembered = REMEMBERED_SCORES + max(1, lag)
         self._rollbacks = rollbacks
-        self._bucket = bucket
-        self._prefix = prefix
+        self._model = model
         self._checkpoints = checkpoints
         self._history = history
         self._metric = metric
@@ -126,10 +125,10 @@ class Scoring:
     def wait(self, evaluates: int, patience_s: float, should_stop: Callable[[], bool]) -> None:
         """About as long as the iteration took: a worker that died sends none."""
         self._expected.add(evaluates)
-        key = keys.evaluation_result(self._prefix, evaluates)
+        key = keys.evaluation_result(self._model.prefix, evaluates)
 
         def arrived() -> bool:
-            if not self._bucket.exists(key):
+            if not self._model.bucket.exists(key):
                 return False
             result = self._result(evaluates)
             return result is None or self._is_complete(result)
@@ -147,14 +146,14 @@ class Scoring:
     def _result(self, iteration: int) -> EvaluationResult | None:
         """Not that of a given-up checkpoint with the same number."""
         try:
-            found = read_evaluation(self._bucket, self._prefix, iteration)
+            found = read_evaluation(self._model, iteration)
             return found if self._rollbacks.allows(iteration, found.rollbacks) else None
         except ObjectMissing:
             return None
         except ObjectDamaged as error:
             self._expected.discard(iteration)
-            key = keys.evaluation_result(self._prefix, iteration)
-            kept = set_aside(self._bucket, self._prefix, key)
+            key = keys.evaluation_result(self._model.prefix, iteration)
+            kept = set_aside(self._model, key)
             _logger.warning("%s It is not scored; the damaged one is kept as %s.", error, kept)
             return None
 

@@ -14,8 +14,8 @@ from statistics import median
 
 from drcli.base.errors import StorageError
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import MISSED_S, Member, MemberReader, read_shares_record
 from drcli.records.job import Shares, SharesRecord, WorkerShare
 from drcli.train.episode_share import Share
@@ -105,8 +105,7 @@ class ShareKeeper:
 
     def __init__(
         self,
-        bucket: Bucket,
-        prefix: str,
+        model: ModelStore,
         session: str,
         workers: int,
         lag: int = 0,
@@ -115,15 +114,14 @@ class ShareKeeper:
         frugal: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._bucket = bucket
-        self._prefix = prefix
+        self._model = model
         self._session = session
         self._workers = workers
         self._lag = lag
         self._equal = equal
         self._frugal = frugal
         self._clock = clock
-        self._reader = MemberReader(bucket, prefix, session, clock)
+        self._reader = MemberReader(model, session, clock)
         self._looker = ThreadPoolExecutor(1, thread_name_prefix="members")
         self._look: Future[dict[str, Member]] | None = None
         self._looked_s = float("-inf")
@@ -138,7 +136,7 @@ class ShareKeeper:
         self._shared_s: dict[int, float] = {}
         self._punctuality: dict[str, _Punctuality] = {}
         self._next_numbers: dict[int, int] = {}
-        found = read_shares_record(bucket, prefix)
+        found = read_shares_record(model)
         own = found is not None and found.session == session
         # After the trainer's process was started again, the workers still drive these shares.
         self._record = found if found is not None and own else SharesRecord(session)
@@ -302,7 +300,7 @@ class ShareKeeper:
             record = members.pop(name).record
             self.failure = f"{record.host}: {record.failure}"
             _logger.warning("%s has failed on %s", name, self.failure)
-            self._bucket.delete([keys.member(self._prefix, name)])
+            self._model.bucket.delete([keys.member(self._model.prefix, name)])
         for name in members.keys() - self._members.keys():
             _logger.info("%s has joined as %s.", members[name].record.host, name)
         for name in self._members.keys() - members.keys():
@@ -396,7 +394,7 @@ class ShareKeeper:
 
     def _write(self) -> None:
         if self._record != self._written:
-            self._bucket.put(keys.shares(self._prefix), self._record.encode())
+            self._model.bucket.put(keys.shares(self._model.prefix), self._record.encode())
             self._written = self._record
 
 

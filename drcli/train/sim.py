@@ -29,7 +29,8 @@ from drcli.model import keys
 from drcli.model.best_checkpoint import is_hopeful, read_scores, write_evaluation
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import Design
-from drcli.model.repair import Model, repair_metrics
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import repair_metrics
 from drcli.model.training_state import read_shares
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, checkpoint_name
 from drcli.records.iteration import CONFIRMING_LAPS
@@ -88,10 +89,11 @@ class SimWorker:
         self._membership = membership
         self._prefix = model.prefix
         self._bucket = worker_process.open_own_bucket(job, lifeline, far=membership is not None)
-        self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}", lifeline.pulse)
+        self._store = ModelStore(self._bucket, self._prefix)
+        self._activity = Activity(self._store, f"sim-{worker}", lifeline.pulse)
         self._activity.say("starting")
-        self._checkpoints = CheckpointStore(self._bucket, self._prefix)
-        design = Design.of_model(self._bucket, self._prefix, job.inputs)
+        self._checkpoints = CheckpointStore(self._store)
+        design = Design.of_model(self._store, job.inputs)
         self._design = design
         threads = driving_threads(train) if membership is None else usable_cores(train)
         torch.set_num_threads(1)
@@ -110,7 +112,7 @@ class SimWorker:
             self._racers.append(Racer(Teacher(self._model).eval(), actions))
         self._failures = RewardFailures(train, worker)
         self._failures.restore(self._bucket, self._prefix)
-        own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, (worker,))
+        own = ModelStore(self._bucket, self._prefix, model.metrics_prefix, model.metric, (worker,))
         for sentence in repair_metrics(own):
             _logger.warning(sentence)
         self._result: EvaluationResult | None = None
@@ -134,8 +136,7 @@ class SimWorker:
         self._wakeup = Wakeup(job.folder, f"sim-{worker}")
         is_woken = self._wakeup.works and membership is None  # only on the trainer's machine
         self._waiter = CheckpointWaiter(
-            self._bucket,
-            self._prefix,
+            self._store,
             job.session,
             worker,
             max(1, train.workers),
@@ -253,7 +254,7 @@ class SimWorker:
         if self._membership is not None:
             shares = self._membership.shares_of(iteration)
         else:
-            shares = read_shares(self._bucket, self._prefix, self._job.session, iteration)
+            shares = read_shares(self._store, self._job.session, iteration)
         if shares is None:  # they are lost, or of an earlier start of the training
             self._simulation.assigned = None
             return self._membership is None
@@ -278,7 +279,7 @@ class SimWorker:
         self._drives += 1  # a repeated iteration must not overwrite rollouts that are being read
         session = session_of_worker(self._job.session, os.getpid(), self._drives)
         manifest = Manifest(iteration, self._worker, str(name), session, rollbacks=self._rollbacks)
-        writer = RolloutWriter(self._bucket, self._prefix, manifest)
+        writer = RolloutWriter(self._store, manifest)
         trials = simulation.trials if self._evaluates(name) else 0
         self._failures.begin(iteration)
         begin, began_s = time.time(), time.monotonic()
@@ -376,7 +377,7 @@ class SimWorker:
     def _give(self, result: EvaluationResult) -> None:
         self._result = result
         number = checkpoint_name(result.checkpoint).number
-        write_evaluation(self._bucket, self._prefix, number, result)
+        write_evaluation(self._store, number, result)
         wake(self._job.folder, "trainer")
 
     def _laps_to_confirm(self, result: EvaluationResult) -> int:
@@ -386,7 +387,7 @@ class SimWorker:
         if self._judged != "training":
             return 0
         try:
-            scores = read_scores(self._bucket, self._prefix)
+            scores = read_scores(self._store)
         except ObjectDamaged:  # which the trainer repairs
             return 0
         return simulation.trials * is_hopeful(scores, result, config.model.metric)

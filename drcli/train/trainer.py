@@ -24,7 +24,8 @@ from drcli.model.files.custom_files import write_model_files
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.network_shape import Design
 from drcli.model.history import History
-from drcli.model.repair import Model, repair
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import repair
 from drcli.model.repair_model import refuse_lost
 from drcli.model.traces import TraceRetention
 from drcli.model.training_state import Reason
@@ -85,9 +86,10 @@ class Trainer:
         self._group = group
         self._prefix = model.prefix
         self._bucket = worker_process.open_own_bucket(job, lifeline)
-        self._activity = Activity(self._bucket, self._prefix, "trainer", lifeline.pulse)
+        self._model = ModelStore(self._bucket, self._prefix)
+        self._activity = Activity(self._model, "trainer", lifeline.pulse)
         self._activity.say("starting")
-        own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, ())
+        own = ModelStore(self._bucket, self._prefix, model.metrics_prefix, model.metric, ())
         for sentence in repair(own):
             _logger.warning(sentence)
         rules = KeepRules(
@@ -96,10 +98,10 @@ class Trainer:
         self._lag = max_lag(train)
         # Those that may have driven what is learned from, and one that is scored meanwhile.
         keep = max(KEEP, self._lag + 2)
-        self._checkpoints = CheckpointStore(self._bucket, self._prefix, rules, keep)
-        self._history = History(self._bucket, self._prefix)
-        self._metrics = LearnerMetrics(self._bucket, self._prefix)
-        design = Design.of_model(self._bucket, self._prefix, job.inputs)
+        self._checkpoints = CheckpointStore(self._model, rules, keep)
+        self._history = History(self._model)
+        self._metrics = LearnerMetrics(self._model)
+        design = Design.of_model(self._model, job.inputs)
         metadata, parameters = design.metadata, design.parameters
         self._design = design
         self._has_own_files = False
@@ -115,8 +117,7 @@ class Trainer:
         torch.manual_seed(job.seed)
         self._learner = self._build_learner(counters.number_format)
         self._scoring = Scoring(
-            self._bucket,
-            self._prefix,
+            self._model,
             self._checkpoints,
             self._history,
             model.metric,
@@ -130,8 +131,7 @@ class Trainer:
         frugal = job.config.storage.cloud != "local"
         self._wakeup = Wakeup(job.folder, "trainer")
         self._reader = RolloutReader(
-            self._bucket,
-            self._prefix,
+            self._model,
             job.session,
             frugal=frugal,
             rollbacks=self._rollbacks.known,
@@ -142,8 +142,7 @@ class Trainer:
             self._reader, train.train_max_steps_per_iteration, ahead=self._lag > 0
         )
         self._shares = ShareKeeper(
-            self._bucket,
-            self._prefix,
+            self._model,
             job.session,
             train.workers,
             self._lag,
@@ -151,9 +150,7 @@ class Trainer:
             frugal=frugal,
         )
         self._divide_episodes()
-        self._traces = TraceRetention(
-            self._bucket, self._prefix, train.workers, train.train_traces_max_mb << 20
-        )
+        self._traces = TraceRetention(self._model, train.workers, train.train_traces_max_mb << 20)
         self._alarms = LearningAlarms(self._history, self._checkpoints)
         self._is_short_of_gpu_memory = False
         self._is_capture_failed = False
@@ -256,13 +253,13 @@ class Trainer:
     def _restore(self) -> None:
         found, self._found = self._found, None
         if found is None:
-            refuse_lost(self._bucket, self._prefix)
+            refuse_lost(self._model)
             self._publish()
             return
         for damage in found.damaged:
             _logger.warning("Skipped a damaged checkpoint: %s", damage)
         record = found.record
-        forget_evaluations(self._bucket, self._prefix, newest=record.number)
+        forget_evaluations(self._model, newest=record.number)
         if isinstance(self._learner, TaughtLearner) and self._progress.phase is not None:
             self._learner.begin(self._progress.phase.name)
         restore_learner(self._learner, found)
@@ -274,7 +271,7 @@ class Trainer:
         if before not in ("", self._progress.world):
             self._scoring.begin_track(self._progress.newest.number)
             # What the newest checkpoint drove there says nothing here, either.
-            forget_evaluations(self._bucket, self._prefix, newest=record.number - 1)
+            forget_evaluations(self._model, newest=record.number - 1)
         problem = self._metrics.restore(self._history.records)
         if problem is not None:
             _logger.warning(problem)
@@ -554,7 +551,7 @@ class Trainer:
         """A checkpoint has learned with the files of this start."""
         if not self._has_own_files:
             self._has_own_files = True
-            self._publisher.submit(write_model_files, self._bucket, self._prefix, self._job.inputs)
+            self._publisher.submit(write_model_files, self._model, self._job.inputs)
 
     def _finish_files(self, *, finished: bool = False) -> None:
         self._figures.end(self._history.records, finished=finished)

@@ -22,6 +22,7 @@ from drcli.drive.reward_client import RewardProcess
 from drcli.live.live_moment import Onlooker
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
+from drcli.model.model_store import ModelStore
 from drcli.records.iteration import CONFIRMING_LAPS
 from drcli.records.job import Job
 from drcli.records.scores import SecondEvaluation
@@ -158,6 +159,7 @@ class TrainingSimulation:
         """
         self._job = job
         train, prefix, metadata = job.config.train, job.config.model.prefix, design.metadata
+        model = ModelStore(bucket, prefix)
         race = job.config.race(worker) if stage is None else stage.race(worker)
         self._race = race
         self.stage = stage
@@ -183,7 +185,7 @@ class TrainingSimulation:
             episodes = self.share.most
         num_cars = -(-(race.train_lanes or episodes + self.trials) // divisor)
         folder = job.folder / f"sim-{worker}"
-        reward = load_reward(bucket, prefix, folder, num_cars, stage, job.inputs)
+        reward = load_reward(model, folder, num_cars, stage, job.inputs)
         track = directed(load_world(race), reverse=race.train_reverse_direction)
         self.track_length_m = track.length_m
         self._track = track
@@ -213,7 +215,7 @@ class TrainingSimulation:
                 second,
                 metadata,
                 racer,
-                load_reward(bucket, prefix, folder, -(-trials // divisor), stage, job.inputs),
+                load_reward(model, folder, -(-trials // divisor), stage, job.inputs),
                 num_threads=threads,
                 seed=seed,
                 start_seed=job.seed,

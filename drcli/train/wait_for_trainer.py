@@ -7,9 +7,10 @@ from collections.abc import Callable
 
 from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_rollbacks
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, checkpoint_name
 from drcli.records.rollout import Manifest
@@ -44,8 +45,7 @@ class CheckpointWaiter:
 
     def __init__(
         self,
-        bucket: Bucket,
-        prefix: str,
+        model: ModelStore,
         session: str,
         worker: int,
         workers: int = 1,
@@ -64,11 +64,10 @@ class CheckpointWaiter:
         `lag`: how many iterations driving may be ahead. `frugal`: the bucket is not on this
         machine.
         """
-        self._bucket = bucket
-        self._prefix = prefix
+        self._model = model
         self._worker = worker
-        self._checkpoints = CheckpointStore(bucket, prefix)
-        self._end = keys.finished(prefix)
+        self._checkpoints = CheckpointStore(model)
+        self._end = keys.finished(model.prefix)
         self._session = session
         self._should_stop = should_stop
         self._say = say
@@ -143,7 +142,7 @@ class CheckpointWaiter:
         return min(max(self._shortest_s, FRUGAL_SHARE * waited_s), LONGEST_POLL_S)
 
     def _is_lost(self, newest: CheckpointName) -> bool:
-        manifest = find_manifest(self._bucket, self._prefix, newest.number, self._worker)
+        manifest = find_manifest(self._model, newest.number, self._worker)
         if (
             manifest is not None
             and manifest.is_of(self._session)
@@ -157,7 +156,7 @@ class CheckpointWaiter:
     def _counts(self, manifest: Manifest) -> bool:
         """The trainer has not given up the weights that drove."""
         try:
-            rollbacks = read_rollbacks(self._bucket, self._prefix)
+            rollbacks = read_rollbacks(self._model)
         except ObjectDamaged:
             return True
         number = checkpoint_name(manifest.checkpoint).number
@@ -169,7 +168,7 @@ class CheckpointWaiter:
 
     def _finished(self) -> bool:
         try:
-            end = TrainingEnd.decode(self._bucket.get(self._end))
+            end = TrainingEnd.decode(self._model.bucket.get(self._end))
         except (ObjectMissing, RecordError):  # the supervisor ends the workers too
             return False
         return end.session == self._session

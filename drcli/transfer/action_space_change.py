@@ -18,6 +18,7 @@ from drcli.model.files.custom_files import local_file
 from drcli.model.files.data_file import read_json_object
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import own_files
+from drcli.model.model_store import ModelStore
 from drcli.transfer.copy_custom_files import BACKUP, write_file
 
 
@@ -112,12 +113,13 @@ def plan_change(file: Path, actions: list[dict[str, float]] | dict[str, Any]) ->
 
 def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace | None]:
     prefix = settings.model_prefix
-    count = len(set(checkpoint_objects(bucket, prefix).values()))
+    model = ModelStore(bucket, prefix)
+    count = len(set(checkpoint_objects(model).values()))
     if not count:
         return 0, None
     try:
-        newest = str(CheckpointStore(bucket, prefix).pointed())
-        data = own_files(bucket, prefix, newest)[keys.MODEL_METADATA_FILE]
+        newest = str(CheckpointStore(model).pointed())
+        data = own_files(model, newest)[keys.MODEL_METADATA_FILE]
         return count, ModelMetadata.from_bytes(data, keys.model_metadata(prefix)).action_space
     except (KeyError, DrError):
         return count, None

@@ -14,6 +14,7 @@ from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 from drcli.model.model_prefix import is_tensorflow
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.scores import Score, Scores
 
@@ -70,15 +71,16 @@ class Conversion:
         )
 
     def write(self) -> None:
+        model = ModelStore(self.bucket, self.prefix)
         record = self.checkpoint.record
-        CheckpointStore(self.bucket, self.prefix).save(
+        CheckpointStore(model).save(
             record.number, record.steps, self.checkpoint.tensors, counters=record.counters
         )
         last = Score(record.name)
-        write_scores(self.bucket, self.prefix, Scores(last, last))
+        write_scores(model, Scores(last, last))
 
 
-def plan_conversion(bucket: Bucket, prefix: str) -> Conversion | None:
+def plan_conversion(model: ModelStore) -> Conversion | None:
     """Read the newest checkpoint if it is TensorFlow's, else None.
 
     The pointer names it or, if that is incomplete, it has the highest number, as in the reference.
@@ -86,17 +88,19 @@ def plan_conversion(bucket: Bucket, prefix: str) -> Conversion | None:
     Raises:
         DrError: It cannot be read or trained here.
     """
-    listed = bucket.list(keys.model_folder(prefix))
-    names = {keys.checkpoint_of(prefix, info.key) for info in listed}
-    whole = {name for name in names if name and not missing_parts(listed, prefix, str(name))}
-    pointed = CheckpointStore(bucket, prefix).pointed()
+    listed = model.bucket.list(keys.model_folder(model.prefix))
+    names = {keys.checkpoint_of(model.prefix, info.key) for info in listed}
+    whole = {name for name in names if name and not missing_parts(listed, model.prefix, str(name))}
+    pointed = CheckpointStore(model).pointed()
     newest: CheckpointName | None = pointed if pointed in whole else max(whole, default=None)
-    if newest is None or not is_tensorflow([info.key for info in listed], prefix, str(newest)):
+    if newest is None or not is_tensorflow(
+        [info.key for info in listed], model.prefix, str(newest)
+    ):
         return None
     try:
-        scores = read_scores(bucket, prefix)
+        scores = read_scores(model)
     except ObjectDamaged:
         scores = None
     best = None if scores is None else scores.best_checkpoint.name
-    found = load_checkpoint(bucket, prefix, str(newest))
-    return Conversion(bucket, prefix, found, None if best == str(newest) else best)
+    found = load_checkpoint(model, str(newest))
+    return Conversion(model.bucket, model.prefix, found, None if best == str(newest) else best)

@@ -11,12 +11,12 @@ from typing import NoReturn
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import is_left_behind, make_folder, read_regular, remedy_for, rewrite
-from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.run_config import CustomFilesConfig, StorageConfig
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import own_files
+from drcli.model.model_store import ModelStore
 from drcli.model.verify import Checksums
 from drcli.model.write_probe import prove_writing
 
@@ -76,7 +76,7 @@ def upload_custom_files(
             unchanged.append(name)
             continue
         if not copied:
-            prove_writing(bucket, config.prefix, deletes=False)
+            prove_writing(ModelStore(bucket, config.prefix), deletes=False)
         bucket.put(key, data)
         copied.append(name)
     return CustomFilesReport(str(folder), place, copied, unchanged, refused)
@@ -102,11 +102,11 @@ def download_custom_files(
     return CustomFilesReport(str(folder), place, copied, unchanged, refused)
 
 
-def write_own_files(bucket: Bucket, prefix: str, folder: Path) -> list[str]:
+def write_own_files(model: ModelStore, folder: Path) -> list[str]:
     """Copy the last checkpoint's files to the racer's folder; returns changed paths."""
     files = {
-        keys.REWARD_FUNCTION_FILE: bucket.get(keys.reward_function(prefix)),
-        **own_files(bucket, prefix, str(CheckpointStore(bucket, prefix).pointed())),
+        keys.REWARD_FUNCTION_FILE: model.bucket.get(keys.reward_function(model.prefix)),
+        **own_files(model, str(CheckpointStore(model).pointed())),
     }
     return [str(folder / name) for name, data in files.items() if write_file(folder / name, data)]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.base import errors
-from drcli.bucket.bucket import Bucket, Listing, ObjectMissing, Watch
+from drcli.bucket.bucket import Listing, ObjectMissing, Watch
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.bucket.endpoint import UPLOADS, SettingNames
 from drcli.config.settings import Settings
@@ -15,7 +15,8 @@ from drcli.model.checkpoint_choice import missing_parts
 from drcli.model.checkpoint_list import PARAMETERS_FILE, SHAPING, Item
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.params_yaml import moved_training_parameters
-from drcli.model.repair import Model, readable_scores
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import readable_scores
 from drcli.model.repair_model import repair_or_warn
 from drcli.model.write_probe import prove_writing
 from drcli.transfer.copy_custom_files import write_own_files
@@ -83,13 +84,14 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
     source = _source(settings, options, patience_s=COMMAND_PATIENCE_S)
     list_whole(source)
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    model = ModelStore(here, options.prefix)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
-    refuse_nesting(here, options.prefix, settings.custom_files_prefix, flag="-t")
-    refuse_training(here, options.prefix)
+    refuse_nesting(model, settings.custom_files_prefix, flag="-t")
+    refuse_training(model)
     used = len(here.list(keys.folder(options.prefix)))
     if not options.dry_run:
-        prove_writing(here, options.prefix, deletes=True)  # pointers there are deleted first
+        prove_writing(model, deletes=True)  # pointers there are deleted first
     return PlannedDownload(
         options=options,
         source_url=source.url,
@@ -108,15 +110,17 @@ def download(planned: PlannedDownload, settings: Settings, progress: Progress) -
     """
     options = planned.options
     source = _source(settings, options, patience_s=COPY_PATIENCE_S)
+    store = ModelStore(source.bucket, source.prefix)
     here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
+    model = ModelStore(here, options.prefix)
     listed = list_whole(source)
-    delivery = Delivery(here, options.prefix, lambda more: None)
+    delivery = Delivery(model, lambda more: None)
     report = DownloadReport(
         planned.source_url,
         planned.target_url,
-        _last(source.bucket, source.prefix),
+        _last(store),
         dry_run=options.dry_run,
-        replay_bytes=replay_bytes(source.bucket, source.prefix),
+        replay_bytes=replay_bytes(store),
     )
     if options.dry_run:
         return _rehearsed(report, delivery, source, listed, options)
@@ -127,15 +131,15 @@ def download(planned: PlannedDownload, settings: Settings, progress: Progress) -
         delivery.withdraw()
         delivery.send(_fetch(source, delivery, listed, watch))
         delivery.confirm((*SHAPING, *POINTERS))
-    repair_or_warn(settings.model, here, options.prefix)
+    repair_or_warn(settings.model, model)
     kept = [*delivery.copied, *delivery.unchanged]
     if options.wipe:
         delivery.delete_strays("", kept)
     return replace(
         delivery.complete(report),
-        checkpoint=_last(here, options.prefix),
+        checkpoint=_last(model),
         strays=[] if options.wipe else delivery.strays("", kept),
-        custom_files=write_own_files(here, options.prefix, settings.custom_files_dir)
+        custom_files=write_own_files(model, settings.custom_files_dir)
         if options.custom_files
         else [],
     )
@@ -173,8 +177,8 @@ def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) 
     return Source(bucket, prefix, command, options.local)
 
 
-def _last(bucket: Bucket, prefix: str) -> str:
-    scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
+def _last(model: ModelStore) -> str:
+    scores, _ = readable_scores(ModelStore(model.bucket, model.prefix))
     return "" if scores is None else scores.last_checkpoint.name
 
 
@@ -227,5 +231,5 @@ def _missing(source: Source, delivery: Delivery, pointers: list[Item]) -> list[s
         missing += missing_parts(listed, prefix, name)
         record = keys.checkpoint_record(prefix, name)
         if not missing and any(info.key == record for info in listed):
-            check_checkpoint(CheckpointStore(here, prefix), name, source)
+            check_checkpoint(CheckpointStore(ModelStore(here, prefix)), name, source)
     return missing

@@ -12,6 +12,7 @@ from drcli.model.checkpoint_choice import missing_parts
 from drcli.model.checkpoint_list import HYPERPARAMETERS, METADATA, Item
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_prefix import import_command, kind_of
+from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import readable_records, reconstruct_scores
 from drcli.records.checkpoint import decode_pointer
 from drcli.records.scores import Scores
@@ -61,7 +62,7 @@ def list_model(source: Source) -> Listing:
         why = ", ".join(wrong) if listed else "There is nothing"
         remedy = f"Correct the address after -s; `{source.listing}` lists all models there."
         if kind_of(sizes) in ("tensorflow", "upload"):
-            command = import_command(source.bucket, source.prefix, local=source.local)
+            command = import_command(ModelStore(source.bucket, source.prefix), local=source.local)
             remedy = f"Make it a model here with `{command}`, which can do without these files."
         raise SettingsError(
             f"Meta-data files are not found. Source model {source.url} not valid. Exiting. {why}.",
@@ -71,7 +72,7 @@ def list_model(source: Source) -> Listing:
 
 
 def _is_in_checkpoints(source: Source, name: str) -> bool:
-    records = readable_records(source.bucket, source.prefix)
+    records = readable_records(ModelStore(source.bucket, source.prefix))
     file = name.rpartition("/")[2]
     return any(file in record.counters.inputs for record in records)
 
@@ -96,7 +97,7 @@ def list_whole(source: Source) -> Listing:
 
 def check_weights(source: Source) -> None:
     """Raise ObjectDamaged, before the target's model is given up."""
-    store = CheckpointStore(source.bucket, source.prefix)
+    store = CheckpointStore(ModelStore(source.bucket, source.prefix))
     for name in sorted(named(read_pointers(source), source)):
         # A training that runs there may just have deleted it; the download looks again.
         with suppress(ObjectMissing):
@@ -129,7 +130,7 @@ def read_pointers(source: Source) -> list[Item]:
         try:
             named([item], source)
         except ObjectDamaged as error:
-            scores = reconstruct_scores(source.bucket, source.prefix, "progress")
+            scores = reconstruct_scores(ModelStore(source.bucket, source.prefix), "progress")
             if scores is None:
                 raise
             errors.warn(f"{error} The copy gets another one, reconstructed from the checkpoints.")

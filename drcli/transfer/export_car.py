@@ -23,6 +23,7 @@ from drcli.convert.car_rules import (
 )
 from drcli.convert.frozen_graph import LEAST_SAME_ACTIONS, TOLERANCE, GraphComparison, encode_policy
 from drcli.model.checkpoint_list import Item
+from drcli.model.model_store import ModelStore
 from drcli.model.write_probe import prove_writing
 from drcli.records.checkpoint import CheckpointName
 from drcli.transfer.export_model import ExportSource
@@ -218,7 +219,7 @@ def plan_car_upload(
         otherwise="or upload into the local bucket with -L",
     )
     if not dry_run:
-        prove_writing(there, target, deletes=retention.is_active)
+        prove_writing(ModelStore(there, target), deletes=retention.is_active)
     return CarTarget(settings, retention, target, local, f"s3://{there.name}/{target}")
 
 
@@ -239,15 +240,15 @@ def upload_archive(
     if dry_run:
         return replace(report, dry_run=True)
     there = target_bucket(target.settings.transfer, local=target.local, patience_s=COPY_PATIENCE_S)
+    model = ModelStore(there, target.prefix)
     with progress("Uploading archive", len(names) * len(export.archive)) as watch:
-        Delivery(there, target.prefix, watch).send(Item(name, export.archive) for name in names)
+        Delivery(model, watch).send(Item(name, export.archive) for name in names)
     numbered = next((name for name in names if _NUMBERED.search(name)), None)
     if numbered is None or not target.retention.is_active:
         return report
     number = CheckpointName.parse(export.report.checkpoint)
     deleted = delete_surplus_archives(
-        there,
-        target.prefix,
+        model,
         # Version 0.1.0 named archives after the last part of the prefix.
         {_NUMBERED.sub(END, numbered), car_file_name(report.source.rpartition("/")[2])},
         target.retention,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectNewer
+from drcli.bucket.bucket import ObjectDamaged, ObjectNewer
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.model import keys
@@ -25,6 +25,7 @@ from drcli.model.files.params_yaml import (
     split_world,
     training_parameters,
 )
+from drcli.model.model_store import ModelStore
 from drcli.model.repair import read_all_metrics
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.transfer.export_forms import (
@@ -76,6 +77,7 @@ def read_droa_export(
     exported = read_checkpoint_export(settings, selection)
     prefix = exported.source.prefix
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    model = ModelStore(bucket, prefix)
     items = {item.name: item for item in exported.items}
     if keys.REWARD_FUNCTION_FILE not in items:
         raise SettingsError(
@@ -86,14 +88,14 @@ def read_droa_export(
     notes = list(exported.notes)
     design = exported.source.design
     metadata = design.files[keys.MODEL_METADATA_FILE]
-    parameters, of_track = _parameters(settings, bucket, prefix, world)
+    parameters, of_track = _parameters(settings, model, world)
     notes += of_track
     found = [
         Item(keys.MODEL_METADATA_FILE, metadata),
         Item(PARAMETERS_FILE, parameters),
         Item(HYPERPARAMETERS, _hyperparameters(design.parameters)),
     ]
-    records, metric = _metrics(settings, bucket, prefix)
+    records, metric = _metrics(settings, model)
     if records:
         found.append(_training_metrics(records, metric, exported))
     else:
@@ -128,16 +130,16 @@ def package_files(exported: CheckpointExport) -> dict[str, bytes]:
 
 
 def _parameters(
-    settings: Settings, bucket: Bucket, prefix: str, world: str | None
+    settings: Settings, model: ModelStore, world: str | None
 ) -> tuple[bytes, list[str]]:
-    key = keys.parameter_file(prefix, settings.model.parameters_file)
-    written = bucket.get(key) if bucket.exists(key) else training_parameters(settings)
+    key = keys.parameter_file(model.prefix, settings.model.parameters_file)
+    written = model.bucket.get(key) if model.bucket.exists(key) else training_parameters(settings)
     try:
-        values = moved_training_parameters(written, bucket.name, prefix, world)
+        values = moved_training_parameters(written, model.bucket.name, model.prefix, world)
     except ValueError as e:
-        errors.warn(f"{bucket.name}/{key} is damaged: {e}. The settings are used instead.")
+        errors.warn(f"{model.bucket.name}/{key} is damaged: {e}. The settings are used instead.")
         values = moved_training_parameters(
-            training_parameters(settings), bucket.name, prefix, world
+            training_parameters(settings), model.bucket.name, model.prefix, world
         )
     name = _world_name(values)
     track, _ = split_world(name)
@@ -145,7 +147,7 @@ def _parameters(
         data = droa_parameters(values, _route(settings, name))
     except ValueError as e:
         raise SettingsError(
-            f"{bucket.name}/{key} cannot be used by DeepRacer on AWS: {e}.",
+            f"{model.bucket.name}/{key} cannot be used by DeepRacer on AWS: {e}.",
             remedy="Name the track with its direction, as in --world reinvent_base_ccw.",
         ) from e
     if track in DROA_TRACKS:
@@ -180,18 +182,18 @@ def _hyperparameters(parameters: Hyperparameters) -> bytes:
     return json.dumps(values, indent=2).encode()
 
 
-def _metrics(settings: Settings, bucket: Bucket, prefix: str) -> tuple[list[EpisodeMetrics], str]:
-    folders = [keys.metrics_prefix(prefix)]
-    if prefix == settings.model.prefix:
+def _metrics(settings: Settings, model: ModelStore) -> tuple[list[EpisodeMetrics], str]:
+    folders = [keys.metrics_prefix(model.prefix)]
+    if model.prefix == settings.model.prefix:
         folders.append(settings.model.metrics_prefix)
     records: list[EpisodeMetrics] = []
     for folder in dict.fromkeys(folders):
-        for info in bucket.list(keys.folder(folder)):
+        for info in model.bucket.list(keys.folder(folder)):
             name = info.key.removeprefix(keys.folder(folder))
             if not (name.startswith("TrainingMetrics") and name.endswith(".json")):
                 continue
             try:
-                records += read_all_metrics(bucket, info.key)
+                records += read_all_metrics(model.bucket, info.key)
             except (ObjectDamaged, ObjectNewer) as error:
                 errors.warn(f"{error} It is left out.")
         if records:

@@ -286,7 +286,6 @@ def export_form(planned: PlannedForm) -> FormReport:
         SettingsError: It did not, or cannot be written.
         NotAvailable: A converter or engine is not installed.
     """
-
     source, path = planned.source, planned.path
     origin = f"{source.chosen.name} of {source.url}"
     written = write_form(planned.form, source.design, source.weights, origin, fp16=planned.fp16)
@@ -406,7 +405,6 @@ class ExportReport:
 
 def read_checkpoint_export(settings: Settings, selection: Selection) -> CheckpointExport:
     """Make the files in memory; DrError if the reference cannot use them."""
-
     source = read_export_source(settings, selection)
     design, name = source.design, source.chosen.name
     written = encode_training_checkpoint(

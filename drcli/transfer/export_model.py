@@ -25,7 +25,7 @@ from drcli.model.checkpoint_choice import (
 )
 from drcli.model.checkpoint_list import Item, known_best
 from drcli.model.files.network_shape import Design
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.model.repair_model import repair_or_warn
 from drcli.model.run_metadata import read_start
 from drcli.model.write_probe import prove_writing
@@ -86,18 +86,19 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     """Read from our own bucket, even during a training.
 
     Raises:
-        SettingsError: Model, checkpoint or parameters cannot be used.
+        SettingsError: ModelStore, checkpoint or parameters cannot be used.
         StorageError: The bucket cannot be read, or the checkpoint is damaged.
     """
     prefix = selection.prefix
     prefix = checked_prefix(prefix, "-p") if prefix else settings.model_prefix
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    repair_or_warn(settings.model, bucket, prefix)
-    model = Model.of(settings.model, bucket, prefix)
+    store = ModelStore(bucket, prefix)
+    repair_or_warn(settings.model, store)
+    model = ModelStore.of(settings.model, bucket, prefix)
     for attempt in range(_PICKS):
         chosen = find_choice(model, selection.choice)
         try:
-            found = load_checkpoint(bucket, prefix, chosen.name)
+            found = load_checkpoint(store, chosen.name)
         except ObjectMissing as e:
             if attempt == _PICKS - 1 or isinstance(selection.choice, int):
                 raise CheckpointGone(
@@ -115,18 +116,18 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
         bucket.name,
         prefix,
         chosen,
-        _design(bucket, prefix, found.record),
+        _design(store, found.record),
         found.tensors,
         f"s3://{bucket.name}/{key}",
-        _world(bucket, prefix),
-        known_best(bucket, prefix),
+        _world(store),
+        known_best(store),
         bucket.get(graph) if has_graph else None,
     )
 
 
-def _design(bucket: Bucket, prefix: str, record: CheckpointRecord) -> Design:
+def _design(model: ModelStore, record: CheckpointRecord) -> Design:
     try:
-        return Design.of_record(bucket, prefix, record)
+        return Design.of_record(model, record)
     except ObjectMissing as e:
         raise SettingsError(
             f"Meta-data files are not found. Exiting. {e}",
@@ -135,9 +136,9 @@ def _design(bucket: Bucket, prefix: str, record: CheckpointRecord) -> Design:
         ) from e
 
 
-def _world(bucket: Bucket, prefix: str) -> str | None:
+def _world(model: ModelStore) -> str | None:
     try:
-        start = read_start(bucket, prefix)
+        start = read_start(model)
     except (ObjectDamaged, ObjectNewer):
         return None
     if start is None or start.settings is None:
@@ -179,19 +180,20 @@ def export_target(
         )
     name, prefix = parse_url(out, "--out")
     bucket = source_bucket(settings.transfer, name, local=local, patience_s=COPY_PATIENCE_S)
+    model = ModelStore(bucket, prefix)
     there = bucket.list(keys.folder(prefix))
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     refuse_overlap((here, source), (bucket, prefix), flag="--out", may_write=True)
     if local:
-        refuse_nesting(bucket, prefix, settings.custom_files_prefix, flag="--out")
-    refuse_training(bucket, prefix)
+        refuse_nesting(model, settings.custom_files_prefix, flag="--out")
+    refuse_training(model)
     if there and not force:
         raise SettingsError(
             f"{out} is not empty: it has {there[0].key.removeprefix(keys.folder(prefix))}.",
             remedy="Choose another prefix with --out, or replace the files there with -f "
             "(--force).",
         )
-    prove_writing(bucket, prefix, deletes=force)
+    prove_writing(model, deletes=force)
     return ExportTarget(f"{_URL}{name}/{prefix}", bucket=bucket, prefix=prefix)
 
 
@@ -204,7 +206,7 @@ def write_items(
         _write_folder(target.folder, [*items, *pointers])
     elif target.bucket is not None:
         with progress("Uploading export", sum(len(item.data) for item in items)) as watch:
-            delivery = Delivery(target.bucket, target.prefix, watch)
+            delivery = Delivery(ModelStore(target.bucket, target.prefix), watch)
             if any(map(delivery.differs, items)):
                 delivery.withdraw()  # the files there are of another model or checkpoint
             delivery.send(items)

@@ -20,6 +20,7 @@ from drcli.model.files.custom_files import local_file
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.params_yaml import moved_training_parameters, training_parameters
 from drcli.model.keys import REWARD_FUNCTION_FILE
+from drcli.model.model_store import ModelStore
 from drcli.model.write_probe import prove_writing
 from drcli.records.episode_metrics import encode_metrics
 from drcli.records.evaluation_task import CarTrials
@@ -354,9 +355,10 @@ def import_model(planned: PlannedImport, settings: Settings, progress: Progress)
     """
     options, report = planned.options, planned.report
     here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
+    model = ModelStore(here, options.prefix)
     names = [item.name for item in planned.items]
     if options.dry_run:
-        delivery = Delivery(here, options.prefix, lambda more: None)
+        delivery = Delivery(model, lambda more: None)
         new = [item for item in planned.items if not delivery.holds(item)]
         return replace(
             report,
@@ -366,7 +368,7 @@ def import_model(planned: PlannedImport, settings: Settings, progress: Progress)
             deleted=delivery.strays("", names) if options.wipe else [],
         )
     with progress("Importing model", sum(len(item.data) for item in planned.items)) as watch:
-        delivery = Delivery(here, options.prefix, watch)
+        delivery = Delivery(model, watch)
         delivery.withdraw()
         # Rollouts and evaluations of an earlier model of this name would be taken for its own.
         for folder in (keys.rollouts_folder(options.prefix), keys.run_folder(options.prefix)):
@@ -377,7 +379,7 @@ def import_model(planned: PlannedImport, settings: Settings, progress: Progress)
         delivery.confirm(names)
     written = []
     if options.custom_files:
-        written = write_own_files(here, options.prefix, settings.custom_files_dir)
+        written = write_own_files(model, settings.custom_files_dir)
     return replace(delivery.complete(report), custom_files=written)
 
 
@@ -407,22 +409,23 @@ def _other_custom_files(settings: Settings, options: ImportOptions, items: list[
 def _check_target(
     settings: Settings, options: ImportOptions, here: Bucket, items: list[Item]
 ) -> int:
+    model = ModelStore(here, options.prefix)
     if options.source.casefold().startswith("s3://") and options.local:
         name, _, prefix = options.source[5:].partition("/")
         if name == here.name:
             refuse_overlap(
                 (here, prefix.strip("/")), (here, options.prefix), flag="-t", may_write=False
             )
-    refuse_nesting(here, options.prefix, settings.custom_files_prefix, flag="-t")
-    refuse_training(here, options.prefix)
+    refuse_nesting(model, settings.custom_files_prefix, flag="-t")
+    refuse_training(model)
     there = here.list(keys.folder(options.prefix))
-    delivery = Delivery(here, options.prefix, lambda more: None)
+    delivery = Delivery(model, lambda more: None)
     names = {info.key.removeprefix(keys.folder(options.prefix)) for info in there}
     is_model = any(name in names for name in POINTERS)
     if is_model and not options.wipe and not all(map(delivery.holds, items)):
         raise _taken(here, options.prefix)
     if not options.dry_run:
-        prove_writing(here, options.prefix, deletes=True)  # pointers there are deleted first
+        prove_writing(model, deletes=True)  # pointers there are deleted first
     return len(there)
 
 

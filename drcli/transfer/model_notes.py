@@ -9,6 +9,7 @@ from drcli.config.settings import Settings
 from drcli.config.value_types import LONGEST_TEXT
 from drcli.model import keys
 from drcli.model.model_prefix import is_used, newest_checkpoint
+from drcli.model.model_store import ModelStore
 from drcli.model.notes import (
     DESCRIPTION,
     StoredNote,
@@ -64,11 +65,11 @@ def list_notes(settings: Settings, prefix: str | None) -> NoteList:
         SettingsError: There is no such model.
     """
     bucket = bucket_to_look_at(settings.transfer, upload=False)
-    return notes_of(bucket, _model(settings, bucket, prefix))
+    return notes_of(ModelStore(bucket, _model(settings, bucket, prefix)))
 
 
-def notes_of(bucket: Bucket, prefix: str) -> NoteList:
-    return _listed(bucket, prefix, read_notes(bucket, prefix))
+def notes_of(model: ModelStore) -> NoteList:
+    return _listed(model, read_notes(model))
 
 
 def write_note(settings: Settings, prefix: str | None, text: str) -> NoteList:
@@ -79,10 +80,11 @@ def write_note(settings: Settings, prefix: str | None, text: str) -> NoteList:
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     model, words = _model(settings, bucket, prefix), _checked(text)
-    known = read_notes(bucket, model)  # before the change: nothing can fail once it is made
-    newest = newest_checkpoint(bucket, model)
-    added = add_note(bucket, model, words, None if newest is None else newest.number)
-    return _listed(bucket, model, [*known, added])
+    store = ModelStore(bucket, model)
+    known = read_notes(store)  # before the change: nothing can fail once it is made
+    newest = newest_checkpoint(store)
+    added = add_note(store, words, None if newest is None else newest.number)
+    return _listed(store, [*known, added])
 
 
 def rewrite_note(settings: Settings, prefix: str | None, number: int, text: str) -> NoteList:
@@ -93,14 +95,15 @@ def rewrite_note(settings: Settings, prefix: str | None, number: int, text: str)
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     model, words = _model(settings, bucket, prefix), _checked(text)
-    found = read_notes(bucket, model)
+    store = ModelStore(bucket, model)
+    found = read_notes(store)
     known = dict(_numbered(found))
     if number == 0 and number not in known:
-        changed = write_description(bucket, model, words)
+        changed = write_description(store, words)
     else:
-        changed = change_note(bucket, model, _of_number(known, number, bucket, model), words)
+        changed = change_note(store, _of_number(known, number, store), words)
     others = [note for note in found if note.name != changed.name]
-    return _listed(bucket, model, [*others, changed])
+    return _listed(store, [*others, changed])
 
 
 def delete_note(settings: Settings, prefix: str | None, number: int) -> NoteList:
@@ -111,17 +114,18 @@ def delete_note(settings: Settings, prefix: str | None, number: int) -> NoteList
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     model = _model(settings, bucket, prefix)
-    found = read_notes(bucket, model)
-    removed = _of_number(dict(_numbered(found)), number, bucket, model)
-    remove_note(bucket, model, removed)
-    return _listed(bucket, model, [note for note in found if note != removed])
+    store = ModelStore(bucket, model)
+    found = read_notes(store)
+    removed = _of_number(dict(_numbered(found)), number, store)
+    remove_note(store, removed)
+    return _listed(store, [note for note in found if note != removed])
 
 
-def _listed(bucket: Bucket, prefix: str, found: list[StoredNote]) -> NoteList:
+def _listed(model: ModelStore, found: list[StoredNote]) -> NoteList:
     found = sorted(found, key=lambda note: note.name)
     entries = [_entry(number, note) for number, note in _numbered(found)]
     damaged = [note.problem for note in found if note.problem]
-    return NoteList(f"s3://{bucket.name}/{prefix}", entries, damaged)
+    return NoteList(model.url, entries, damaged)
 
 
 def _numbered(found: list[StoredNote]) -> list[tuple[int, StoredNote]]:
@@ -139,13 +143,11 @@ def _entry(number: int, note: StoredNote) -> NoteEntry:
     )
 
 
-def _of_number(
-    known: dict[int, StoredNote], number: int, bucket: Bucket, prefix: str
-) -> StoredNote:
+def _of_number(known: dict[int, StoredNote], number: int, model: ModelStore) -> StoredNote:
     if number not in known:
         there = ", ".join(map(str, known)) or "none"
         raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has no note {number}; there are: {there}.",
+            f"{model.url} has no note {number}; there are: {there}.",
             remedy="`dr-note list` shows them with their numbers.",
         )
     return known[number]
@@ -153,7 +155,7 @@ def _of_number(
 
 def _model(settings: Settings, bucket: Bucket, prefix: str | None) -> str:
     chosen = settings.model_prefix if prefix is None else prefix.rstrip("/")
-    if not keys.is_valid_prefix(chosen) or not is_used(bucket, chosen):
+    if not keys.is_valid_prefix(chosen) or not is_used(ModelStore(bucket, chosen)):
         raise SettingsError(
             f"There is no model at s3://{bucket.name}/{chosen}.",
             remedy="Start its training first, or name another with -p; `dr-list-models` lists all. "

@@ -13,7 +13,7 @@ from drcli.config.settings import Settings
 from drcli.metrics.open_sinks import event_folder, tensorboard_folder
 from drcli.model import keys, lease
 from drcli.model.model_list import fits
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.model.run_metadata import read_start
 from drcli.model.traces import ModelTraces, models_in, traces_of
 from drcli.model.training_records import forget_training, trainings_of
@@ -101,15 +101,19 @@ def plan_removal(
     for name in names:
         plain = name.rstrip("/")
         found = [prefix for prefix in sorted(known) if fits(prefix, plain)]
-        if not found and keys.is_valid_prefix(plain) and _has_remains(settings, bucket, plain):
+        if (
+            not found
+            and keys.is_valid_prefix(plain)
+            and _has_remains(settings, ModelStore(bucket, plain))
+        ):
             found = [plain]
         if not found:
             raise _no_model(bucket, plain, known)
         chosen |= dict.fromkeys(found)
     left = [prefix for prefix in chosen if not any(fits(prefix, each) for each in keep)]
     for prefix in left:
-        refuse_busy(settings, bucket, prefix)
-    traces = tuple(all_traces(settings, bucket, prefix) for prefix in left)
+        refuse_busy(settings, ModelStore(bucket, prefix))
+    traces = tuple(all_traces(settings, ModelStore(bucket, prefix)) for prefix in left)
     models = [described(settings, bucket.name, each) for each in traces]
     size = sum(model.size_bytes for model in models)
     recorded = [place[0] for info in listed if (place := keys.training_of(info.key)) is not None]
@@ -128,57 +132,58 @@ def remove_models(planned: PlannedRemoval, settings: Settings) -> RemovalReport:
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     for traces in planned.traces:
         if not planned.report.forgotten:
-            _complete_record(settings, bucket, traces.prefix)
+            _complete_record(settings, ModelStore(bucket, traces.prefix))
         remove_traces(settings, bucket, traces)
         if planned.report.forgotten:
-            for training in trainings_of(bucket, traces.prefix):
-                forget_training(bucket, traces.prefix, training)
+            for training in trainings_of(ModelStore(bucket, traces.prefix)):
+                forget_training(ModelStore(bucket, traces.prefix), training)
         for path in map(Path, local_files(settings, bucket.name, traces.prefix)):
             path.unlink(missing_ok=True)
         _remove_empty_folders(settings, traces.prefix)
     return planned.report
 
 
-def _complete_record(settings: Settings, bucket: Bucket, prefix: str) -> None:
-    refuse_busy(settings, bucket, prefix)
+def _complete_record(settings: Settings, model: ModelStore) -> None:
+    refuse_busy(settings, model)
     try:
-        settle(Model.of(settings.model, bucket, prefix), gone=True)
+        settle(ModelStore.of(settings.model, model.bucket, model.prefix), gone=True)
     except StorageError as error:
-        errors.warn(f"The record of {prefix} could not be completed: {error}")
+        errors.warn(f"The record of {model.prefix} could not be completed: {error}")
 
 
 def remove_traces(settings: Settings, bucket: Bucket, traces: ModelTraces) -> None:
     session, prefix = secrets.token_hex(6), traces.prefix
-    refuse_busy(settings, bucket, prefix)
-    lease.take(bucket, prefix, session)
-    found = all_traces(settings, bucket, prefix)
+    model = ModelStore(bucket, prefix)
+    refuse_busy(settings, model)
+    lease.take(model, session)
+    found = all_traces(settings, model)
     bucket.delete(found.first)
     rest = [info.key for info in found.objects if info.key not in found.first]
     rest = [key for key in rest if key != keys.lease(prefix)]
     for start in range(0, len(rest), BATCH):
-        lease.refuse_other_owner(bucket, prefix, session)
+        lease.refuse_other_owner(model, session)
         if start:
-            lease.take(bucket, prefix, session)
+            lease.take(model, session)
         bucket.delete(rest[start : start + BATCH])
-    lease.refuse_other_owner(bucket, prefix, session)
+    lease.refuse_other_owner(model, session)
     bucket.delete([keys.lease(prefix)])
 
 
-def refuse_busy(settings: Settings, bucket: Bucket, prefix: str) -> None:
+def refuse_busy(settings: Settings, model: ModelStore) -> None:
     """Raise SettingsError if a model is trained anywhere, or evaluated here."""
-    lease.refuse_other_owner(bucket, prefix)
+    lease.refuse_other_owner(model)
     for record in running_evaluations(settings.directory):
-        if record.bucket == bucket.name and prefix in (record.prefix, *record.others):
+        if record.bucket == model.bucket.name and model.prefix in (record.prefix, *record.others):
             raise SettingsError(
-                f"s3://{bucket.name}/{prefix} is being evaluated (process {record.pid}).",
+                f"{model.url} is being evaluated (process {record.pid}).",
                 remedy="Wait for its end, or stop it with `dr-stop-evaluation`.",
             )
 
 
-def all_traces(settings: Settings, bucket: Bucket, prefix: str) -> ModelTraces:
+def all_traces(settings: Settings, model: ModelStore) -> ModelTraces:
     spared = [settings.custom_files_prefix]
-    metrics = _metrics_prefix(settings, bucket, prefix)
-    return traces_of(bucket, prefix, metrics_prefix=metrics, spared=spared)
+    metrics = _metrics_prefix(settings, model)
+    return traces_of(model, metrics_prefix=metrics, spared=spared)
 
 
 def described(settings: Settings, bucket: str, traces: ModelTraces) -> RemovedModel:
@@ -262,39 +267,43 @@ def _entries(folder: Path) -> list[Path]:
         return []
 
 
-def _metrics_prefix(settings: Settings, bucket: Bucket, prefix: str) -> str | None:
+def _metrics_prefix(settings: Settings, model: ModelStore) -> str | None:
     """None if below the model, or also another's."""
-    named = _own_metrics(settings, bucket, prefix)
-    if named is None or keys.folder(named).startswith(keys.folder(prefix)):
+    named = _own_metrics(settings, model)
+    if named is None or keys.folder(named).startswith(keys.folder(model.prefix)):
         return None
-    if named == settings.metrics_prefix and prefix != settings.model_prefix:
+    if named == settings.metrics_prefix and model.prefix != settings.model_prefix:
         return None
-    for other in models_in(bucket.list("")):
-        if other == prefix:
+    for other in models_in(model.bucket.list("")):
+        if other == model.prefix:
             continue
         is_inside = keys.folder(named).startswith(keys.folder(other))
-        if is_inside or _own_metrics(settings, bucket, other) == named:
+        if is_inside or _own_metrics(settings, ModelStore(model.bucket, other)) == named:
             return None
     return named
 
 
-def _own_metrics(settings: Settings, bucket: Bucket, prefix: str) -> str | None:
-    if prefix == settings.model_prefix:
+def _own_metrics(settings: Settings, model: ModelStore) -> str | None:
+    if model.prefix == settings.model_prefix:
         return settings.metrics_prefix
     try:
-        start = read_start(bucket, prefix)
+        start = read_start(model)
     except (ObjectDamaged, ObjectNewer):
         return None
     named = None if start is None or start.settings is None else start.settings.get(_METRICS)
     return named if isinstance(named, str) and keys.is_valid_prefix(named) else None
 
 
-def _has_remains(settings: Settings, bucket: Bucket, prefix: str) -> bool:
-    if local_files(settings, bucket.name, prefix):
+def _has_remains(settings: Settings, model: ModelStore) -> bool:
+    if local_files(settings, model.bucket.name, model.prefix):
         return True
-    objects = all_traces(settings, bucket, prefix).objects
-    own = (keys.run_folder(prefix), keys.rollouts_folder(prefix), keys.journal_folder(prefix))
-    logs = f"{keys.folder(prefix)}logs/"
+    objects = all_traces(settings, model).objects
+    own = (
+        keys.run_folder(model.prefix),
+        keys.rollouts_folder(model.prefix),
+        keys.journal_folder(model.prefix),
+    )
+    logs = f"{keys.folder(model.prefix)}logs/"
     return any(info.key.startswith((*own, logs)) for info in objects)
 
 

@@ -19,7 +19,8 @@ from drcli.model.checkpoint_choice import (
 from drcli.model.checkpoints import Checkpoint, CheckpointStore
 from drcli.model.files.network_shape import Design, weight_problems
 from drcli.model.model_prefix import contains, what_helps
-from drcli.model.repair import Model, readable_scores
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import readable_scores
 from drcli.records.scores import Score
 from drcli.records.training_record import Pretrained
 
@@ -51,7 +52,7 @@ def find(
         raise _wrong(PREFIX, place, prefix, what, remedy)
     source, found = named_weights(config, bucket)
     try:
-        trained = Design.of_record(bucket, prefix, found.record)
+        trained = Design.of_record(ModelStore(bucket, prefix), found.record)
     except ObjectMissing as e:
         remedy = "Restore that file from a copy, or choose another model."
         raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e
@@ -72,45 +73,43 @@ def find(
 
 
 def named_weights(config: PretrainedConfig, bucket: Bucket) -> tuple[Pretrained, Checkpoint]:
-    return read_weights(bucket, config.prefix, config.checkpoint, PREFIX, config.place)
+    return read_weights(ModelStore(bucket, config.prefix), config.checkpoint, PREFIX, config.place)
 
 
 def read_weights(
-    bucket: Bucket, prefix: str, checkpoint: CheckpointChoice, name: str, place: Place
+    model: ModelStore, checkpoint: CheckpointChoice, name: str, place: Place
 ) -> tuple[Pretrained, Checkpoint]:
     """Read the setting's checkpoint; ProblemsError if missing or incomplete."""
-    folder = f"s3://{bucket.name}/{keys.model_folder(prefix)}"
-    store = CheckpointStore(bucket, prefix)
-    model = Model(bucket, prefix, keys.metrics_prefix(prefix))
+    folder = f"s3://{model.bucket.name}/{keys.model_folder(model.prefix)}"
     scores, _ = readable_scores(model)
     try:
-        pointed = store.pointed()
+        pointed = CheckpointStore(model).pointed()
         if scores is None and pointed is not None:
             chosen = str(pointed)
         elif scores is None:
-            remedy = what_helps(bucket, prefix, setting=name)
-            raise _wrong(name, place, prefix, f"there is no checkpoint at {folder}.", remedy)
+            remedy = what_helps(model, setting=name)
+            raise _wrong(name, place, model.prefix, f"there is no checkpoint at {folder}.", remedy)
         else:
             chosen = find_choice(model, checkpoint).name
-        found = load_checkpoint(bucket, prefix, chosen)
+        found = load_checkpoint(model, chosen)
     except (ObjectMissing, ObjectDamaged, CheckpointGone) as e:
         what = f"its {checkpoint} checkpoint cannot be used: {e}"
         if not isinstance(e, CheckpointGone):
             what += f" {ModelCheckpoints.read(model).summary}"
         other = "last" if checkpoint == "best" else "best"
         remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other} or to another one of these, or "
-        raise _wrong(name, place, prefix, what, f"{remedy}choose another model.") from e
+        raise _wrong(name, place, model.prefix, what, f"{remedy}choose another model.") from e
     except ProblemsError:
         raise
     except SettingsError as e:  # a TensorFlow checkpoint of another network
-        raise _wrong(name, place, prefix, str(e), e.remedy) from e
+        raise _wrong(name, place, model.prefix, str(e), e.remedy) from e
     metric = None if scores is None else scores.metric_of(chosen)
     sha256 = found.record.tensors.sha256
-    return Pretrained(prefix, str(checkpoint), chosen, metric, sha256), found
+    return Pretrained(model.prefix, str(checkpoint), chosen, metric, sha256), found
 
 
 def sentence_of(bucket: Bucket, source: Pretrained) -> str:
-    model = Model(bucket, source.prefix, keys.metrics_prefix(source.prefix))
+    model = ModelStore(bucket, source.prefix)
     score = Score(source.name, source.metric)
     return sentence_about(model, Chosen(parse_checkpoint(source.checkpoint), score, ()))
 

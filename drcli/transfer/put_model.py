@@ -10,12 +10,13 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from drcli.base.errors import DrError, StorageError
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
+from drcli.bucket.bucket import ObjectDamaged, ObjectInfo, ObjectMissing, Watch
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_scores
 from drcli.model.checkpoint_choice import missing_parts
 from drcli.model.checkpoint_list import Item
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.model_store import ModelStore
 from drcli.model.verify import MD5_DIGITS, Checksums
 from drcli.records.scores import Score, Scores, encode_single
 
@@ -55,13 +56,13 @@ class TransferReport:
     replay_bytes: int = field(default=0, kw_only=True)
 
 
-def replay_bytes(bucket: Bucket, prefix: str) -> int:
+def replay_bytes(model: ModelStore) -> int:
     """Size of the rollouts that SAC learns from again; 0 if unknown."""
     with suppress(DrError):
-        metadata = ModelMetadata.from_bytes(bucket.get(keys.model_metadata(prefix)), "")
+        metadata = ModelMetadata.from_bytes(model.bucket.get(keys.model_metadata(model.prefix)), "")
         if metadata.training_algorithm == "sac":
-            listed = bucket.list(keys.rollouts_folder(prefix))
-            own = (info for info in listed if keys.rollout_key(prefix, info.key) is not None)
+            listed = model.bucket.list(keys.rollouts_folder(model.prefix))
+            own = (info for info in listed if keys.rollout_key(model.prefix, info.key) is not None)
             return sum(info.size_bytes for info in own)
     return 0
 
@@ -70,14 +71,14 @@ Report = TypeVar("Report", bound=TransferReport)
 
 
 class Delivery:
-    def __init__(self, bucket: Bucket, prefix: str, watch: Watch) -> None:
+    def __init__(self, model: ModelStore, watch: Watch) -> None:
         self.copied: list[str] = []
         self.copied_bytes = 0
         self.unchanged: list[str] = []
         self.deleted: list[str] = []
-        self.bucket = bucket
-        self._folder = keys.folder(prefix)
-        self.prefix = prefix
+        self.bucket = model.bucket
+        self._folder = keys.folder(model.prefix)
+        self.prefix = model.prefix
         self._watch = watch
         self._sent: dict[str, Checksums] = {}
         self._there = self._look()
@@ -215,7 +216,7 @@ class Delivery:
     def _pointed(self) -> tuple[Scores | None, str | None]:
         scores = pointed = None
         with suppress(ObjectDamaged):
-            scores = read_scores(self.bucket, self.prefix)
+            scores = read_scores(ModelStore(self.bucket, self.prefix))
         with suppress(ObjectMissing):
             pointer = self.bucket.get(keys.coach_checkpoint(self.prefix))
             pointed = pointer.decode(errors="replace").strip()

@@ -22,6 +22,7 @@ from drcli.config.settings import Settings
 from drcli.model import keys
 from drcli.model.checkpoint_list import HYPERPARAMETERS, METADATA, Item
 from drcli.model.files.params_yaml import training_parameters
+from drcli.model.model_store import ModelStore
 from drcli.model.write_probe import prove_writing
 from drcli.records.checkpoint import CheckpointRecord, Counters, checkpoint_name
 from drcli.records.episode_metrics import encode_metrics
@@ -163,7 +164,6 @@ def read_recipe(name: str) -> Recipe:
 
 def read_ready_made(name: str) -> ReadyMadeModel:
     """Checks all files; raises SettingsError if missing or damaged."""
-
     recipe = read_recipe(name)
     path = _file(name, CARD_FILE)
     try:
@@ -183,15 +183,16 @@ def read_ready_made(name: str) -> ReadyMadeModel:
 def place_of(settings: Settings, name: str) -> Bucket:
     """A writable bucket without such a model; raises DrError."""
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    refuse_nesting(bucket, name, settings.custom_files_prefix, flag="--prefix")
-    refuse_training(bucket, name)
+    model = ModelStore(bucket, name)
+    refuse_nesting(model, settings.custom_files_prefix, flag="--prefix")
+    refuse_training(model)
     there = {info.key.removeprefix(keys.folder(name)) for info in bucket.list(keys.folder(name))}
     if there & set(POINTERS):
         raise SettingsError(
             f"s3://{bucket.name}/{name} already contains a model.",
             remedy="Choose another name with --prefix.",
         )
-    prove_writing(bucket, name, deletes=True)
+    prove_writing(model, deletes=True)
     return bucket
 
 
@@ -202,7 +203,7 @@ def put_ready_made(
     bucket = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
     items = _items(model, settings)
     with progress("Writing model", sum(len(item.data) for item in items)) as watch:
-        delivery = Delivery(bucket, prefix, watch)
+        delivery = Delivery(ModelStore(bucket, prefix), watch)
         delivery.withdraw()
         for folder in (keys.rollouts_folder(prefix), keys.run_folder(prefix)):
             bucket.delete([info.key for info in bucket.list(folder)])

@@ -19,7 +19,8 @@ from drcli.config.settings import Settings, catalogue
 from drcli.model import keys
 from drcli.model.files.curriculum_file import CurriculumFile
 from drcli.model.history import HistoryReader
-from drcli.model.repair import Model, readable_history, readable_scores
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import readable_history, readable_scores
 from drcli.model.run_metadata import read_start
 from drcli.model.training_records import (
     add_files,
@@ -59,23 +60,24 @@ def fingerprint(text: str) -> str:
 
 
 def texts_of(bucket: Bucket, record: TrainingRecord) -> dict[str, str | None]:
-    kept = dict(read_files(bucket, record.prefix, record.id))
+    model = ModelStore(bucket, record.prefix)
+    kept = dict(read_files(model, record.id))
     if record.derived:
-        kept = {fingerprint(text): text for text in files_of(bucket, record.prefix).values()}
+        kept = {fingerprint(text): text for text in files_of(model).values()}
     return {name: kept.get(sha256) for name, sha256 in record.newest.files.items()}
 
 
-def files_of(bucket: Bucket, prefix: str) -> dict[str, str]:
+def files_of(model: ModelStore) -> dict[str, str]:
     places = {
-        keys.REWARD_FUNCTION_FILE: keys.reward_function(prefix),
-        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(prefix),
-        keys.MODEL_METADATA_FILE: keys.model_metadata(prefix),
-        CURRICULUM_FILE: keys.curriculum(prefix),
+        keys.REWARD_FUNCTION_FILE: keys.reward_function(model.prefix),
+        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(model.prefix),
+        keys.MODEL_METADATA_FILE: keys.model_metadata(model.prefix),
+        CURRICULUM_FILE: keys.curriculum(model.prefix),
     }
     found = {}
     for name, key in places.items():
         with suppress(ObjectMissing):
-            found[name] = bucket.get(key).decode("utf-8-sig", "replace")
+            found[name] = model.bucket.get(key).decode("utf-8-sig", "replace")
     return found
 
 
@@ -116,13 +118,15 @@ def _count_stages(text: str) -> int:
     return 1
 
 
-def of_parameter_file(bucket: Bucket, prefix: str) -> dict[str, Any]:
+def of_parameter_file(model: ModelStore) -> dict[str, Any]:
     """World and race of a model of another program, or our first version."""
     import yaml
 
     for name in ("training_params.yaml", "training_params_1.yaml"):
         with suppress(ObjectMissing, yaml.YAMLError, UnicodeDecodeError):
-            read = yaml.safe_load(bucket.get(keys.parameter_file(prefix, name)).decode())
+            read = yaml.safe_load(
+                model.bucket.get(keys.parameter_file(model.prefix, name)).decode()
+            )
             if isinstance(read, dict) and isinstance(read.get("WORLD_NAME"), str):
                 return {
                     "world": read["WORLD_NAME"],
@@ -143,7 +147,7 @@ STAMP_DIGITS = 14
 
 
 def read_results(
-    model: Model, record: TrainingRecord, reader: HistoryReader | None = None
+    model: ModelStore, record: TrainingRecord, reader: HistoryReader | None = None
 ) -> TrainingResults:
     """Skips evaluations in the record; raises StorageError."""
     history, _ = readable_history(model, reader)
@@ -240,7 +244,7 @@ def _world(start: RecordedStart) -> str | None:
     return str(start.settings.get(DR_WORLD_NAME, catalogue()[DR_WORLD_NAME].default))
 
 
-def _worlds_of_stages(model: Model, record: TrainingRecord) -> dict[str, str]:
+def _worlds_of_stages(model: ModelStore, record: TrainingRecord) -> dict[str, str]:
     if not record.stages:
         return {}
     with suppress(ObjectMissing, RecordError, ProblemsError):
@@ -260,7 +264,7 @@ def evaluations_by_folder(listed: Iterable[ObjectInfo]) -> dict[str, list[str]]:
 
 
 def with_evaluations(
-    results: TrainingResults, model: Model, evaluations: Sequence[str]
+    results: TrainingResults, model: ModelStore, evaluations: Sequence[str]
 ) -> TrainingResults:
     """Leaves out what cannot be read: nothing else depends on it."""
     fresh = list(evaluations[results.read_evaluations :])[-MOST_EVALUATIONS:]
@@ -292,7 +296,7 @@ class _Trials:
     world: str = ""
 
 
-def _trials(model: Model, key: str) -> _Trials:
+def _trials(model: ModelStore, key: str) -> _Trials:
     with suppress(ObjectMissing, ValueError):
         file: Any = json.loads(model.bucket.get(key))
         metrics = file.get("metrics") if isinstance(file, dict) else None
@@ -304,7 +308,7 @@ def _trials(model: Model, key: str) -> _Trials:
     return _Trials()
 
 
-def _world_of(model: Model, key: str) -> str:
+def _world_of(model: ModelStore, key: str) -> str:
     stamp = key.removesuffix(".json")[-STAMP_DIGITS:]
     with suppress(ObjectMissing, RecordError):
         trace = keys.evaluation_trace(model.prefix, stamp)
@@ -351,7 +355,8 @@ def origin_of(prefix: str, start: TrainingStart) -> str:
 def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) -> TrainingRecord:
     """Once the files are in place; StorageError if refused."""
     settings, prefix = new.settings, new.settings.model_prefix
-    texts = files_of(bucket, prefix)
+    model = ModelStore(bucket, prefix)
+    texts = files_of(model)
     texts |= {name: text for name, text in new.inputs.items() if name in texts}
     own = RecordedStart(
         session=new.outcome.session,
@@ -391,28 +396,31 @@ def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) ->
     if new.resumes is None and new.start.pretrained is not None:
         record = replace(record, parent=new.start.pretrained)
         record = replace(record, parent_training=_parent_training(bucket, record))
-    add_files(bucket, prefix, record.id, {fingerprint(text): text for text in texts.values()})
+    add_files(model, record.id, {fingerprint(text): text for text in texts.values()})
     write_training(bucket, record)
     return record
 
 
-def known_training(bucket: Bucket, model: Model, start: TrainingStart | None) -> TrainingRecord:
+def known_training(
+    bucket: Bucket, model: ModelStore, start: TrainingStart | None
+) -> TrainingRecord:
     """The record, worked out if none can be read."""
     with suppress(ObjectDamaged, ObjectNewer):
-        found = read_training(bucket, model.prefix, training_id(model.prefix, start))
+        found = read_training(ModelStore(bucket, model.prefix), training_id(model.prefix, start))
         if found is not None:
             return found
     return derived_training(model, start)
 
 
-def derived_training(model: Model, start: TrainingStart | None = None) -> TrainingRecord:
+def derived_training(model: ModelStore, start: TrainingStart | None = None) -> TrainingRecord:
     """What a model's objects say; raises StorageError."""
     bucket, prefix = model.bucket, model.prefix
+    store = ModelStore(bucket, prefix)
     if start is None:
         with suppress(ObjectDamaged, ObjectNewer):
-            start = read_start(bucket, prefix)
-    outcome = known_outcome(bucket, prefix)
-    texts = files_of(bucket, prefix)
+            start = read_start(store)
+    outcome = known_outcome(store)
+    texts = files_of(store)
     settings = None if start is None else start.settings
     starts = tuple(_start_of(each) for each in _all_starts(start))
     if starts:
@@ -435,34 +443,37 @@ def derived_training(model: Model, start: TrainingStart | None = None) -> Traini
         },
     )
     if not record.world:
-        record = replace(record, **of_parameter_file(bucket, prefix))
+        record = replace(record, **of_parameter_file(store))
     record = replace(record, results=read_results(model_of(record, bucket, model), record))
-    return with_spending(with_end(record, outcome), read_spending(bucket, prefix))
+    return with_spending(with_end(record, outcome), read_spending(store))
 
 
 def with_results(
-    record: TrainingRecord, model: Model, reader: HistoryReader | None = None
+    record: TrainingRecord, model: ModelStore, reader: HistoryReader | None = None
 ) -> TrainingRecord:
     results = read_results(model_of(record, model.bucket, model), record, reader)
     return replace(record, results=results, updated_at=time.time())
 
 
-def model_of(record: TrainingRecord, bucket: Bucket, model: Model | None = None) -> Model:
+def model_of(record: TrainingRecord, bucket: Bucket, model: ModelStore | None = None) -> ModelStore:
     prefix = record.prefix
-    model = model or Model(bucket, prefix, keys.metrics_prefix(prefix), record.metric or "progress")
+    model = model or ModelStore(
+        bucket, prefix, keys.metrics_prefix(prefix), record.metric or "progress"
+    )
     metrics = (record.newest.settings or {}).get(_METRICS_PREFIX)
     if isinstance(metrics, str) and keys.is_valid_prefix(metrics):
         return replace(model, metrics_prefix=metrics)
     return model
 
 
-def settle(model: Model, *, gone: bool) -> None:
+def settle(model: ModelStore, *, gone: bool) -> None:
     """Complete or make the record of an untrained model, before it is `gone`.
 
     Raises:
         StorageError: The bucket does not answer or refuses it.
     """
     bucket, prefix = model.bucket, model.prefix
+    store = ModelStore(bucket, prefix)
     start = None
     with suppress(ObjectMissing, RecordError):  # nobody writes it now: once is enough
         start = TrainingStart.decode(bucket.get(keys.training_start(prefix)))
@@ -474,14 +485,14 @@ def settle(model: Model, *, gone: bool) -> None:
     own = next((record for record in left if record.id == current), None)
     if own is None and start is not None:
         own = derived_training(model, start)
-        texts = files_of(bucket, prefix).values()
-        add_files(bucket, prefix, own.id, {fingerprint(text): text for text in texts})
+        texts = files_of(store).values()
+        add_files(store, own.id, {fingerprint(text): text for text in texts})
     now = time.time()
     for record in [*(each for each in left if each is not own), *([own] if own else [])]:
         done = record
         if record is own:
-            done = with_end(with_results(record, model), known_outcome(bucket, prefix))
-            done = with_spending(done, read_spending(bucket, prefix))
+            done = with_end(with_results(record, model), known_outcome(store))
+            done = with_spending(done, read_spending(store))
         write_training(bucket, replace(done, gone_at=now if gone else None, updated_at=now))
 
 
@@ -531,7 +542,7 @@ def _parent_training(bucket: Bucket, record: TrainingRecord) -> str:
     assert record.parent is not None
     prefix = record.parent.prefix
     with suppress(ObjectDamaged, ObjectNewer):
-        start = read_start(bucket, prefix)
+        start = read_start(ModelStore(bucket, prefix))
         if start is not None:
             return training_id(prefix, start)
     return ""

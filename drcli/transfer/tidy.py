@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from drcli.base.errors import SettingsError
-from drcli.bucket.bucket import Bucket, ObjectInfo, ObjectMissing
+from drcli.bucket.bucket import ObjectInfo, ObjectMissing
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.model import keys
@@ -19,7 +19,7 @@ from drcli.model.checkpoints import CheckpointStore
 from drcli.model.milestones import KINDS
 from drcli.model.model_list import fits
 from drcli.model.model_prefix import kind_of
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.model.traces import models_in
 from drcli.records.checkpoint import CheckpointName
 from drcli.transfer.model_removal import (
@@ -142,11 +142,13 @@ def find_surplus(settings: Settings, options: TidyOptions) -> TidyReport:
     items: list[TidyItem] = []
     busy = []
     for prefix in wanted:
-        if _is_busy(settings, bucket, prefix):
+        if _is_busy(settings, ModelStore(bucket, prefix)):
             busy.append(prefix)
             continue
         for kind in options.kinds:
-            found = _of_kind(settings, bucket, prefix, kind, rules, whole=known.get(prefix, False))
+            found = _of_kind(
+                settings, ModelStore(bucket, prefix), kind, rules, whole=known.get(prefix, False)
+            )
             kept = [info for info in found if time.time() - info[2] > options.older_than_s]
             if kept and (kind != "remains" or len(kept) == len(found)):
                 size = sum(info[1] for info in kept)
@@ -160,12 +162,12 @@ def tidy(report: TidyReport, settings: Settings) -> TidyReport:
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     done, busy = [], list(report.busy)
     for prefix, of_model in groupby(report.items, key=lambda item: item.model):
-        if _is_busy(settings, bucket, prefix):
+        if _is_busy(settings, ModelStore(bucket, prefix)):
             busy.append(prefix)
             continue
         for item in of_model:
             if item.kind == "remains":
-                remove_traces(settings, bucket, all_traces(settings, bucket, prefix))
+                remove_traces(settings, bucket, all_traces(settings, ModelStore(bucket, prefix)))
             elif item.kind == "logs":
                 for name in item.names:
                     Path(name).unlink(missing_ok=True)
@@ -181,35 +183,34 @@ _Found = tuple[str, int, float]
 
 def _of_kind(
     settings: Settings,
-    bucket: Bucket,
-    prefix: str,
+    model: ModelStore,
     kind: TidyKind,
     rules: tuple[str, ...],
     *,
     whole: bool,
 ) -> list[_Found]:
     if kind == "logs":
-        return _orphaned_logs(settings, prefix) if not whole else []
+        return _orphaned_logs(settings, model.prefix) if not whole else []
     if not whole:
         if kind != "remains":
             return []
-        objects = all_traces(settings, bucket, prefix).objects
+        objects = all_traces(settings, model).objects
         newest = max((info.modified.timestamp() for info in objects), default=0.0)
         recent = time.time() - newest < RECENT_S
-        if recent or _is_of_another_system(prefix, [info.key for info in objects]):
+        if recent or _is_of_another_system(model.prefix, [info.key for info in objects]):
             return []
         return [_found(info) for info in objects]
     if kind == "damaged":
-        folder = keys.damaged_folder(prefix)
-        own = all_traces(settings, bucket, prefix).objects  # `a/damaged` may be a model, too
+        folder = keys.damaged_folder(model.prefix)
+        own = all_traces(settings, model).objects  # `a/damaged` may be a model, too
         return [_found(info) for info in own if info.key.startswith(folder)]
     if kind == "rollouts":
-        return list(_rollouts(bucket, prefix))
+        return list(_rollouts(model))
     if kind == "traces":
-        start = keys.folder(prefix)
-        own = all_traces(settings, bucket, prefix).objects  # and `a/1`, not only a worker of `a`
+        start = keys.folder(model.prefix)
+        own = all_traces(settings, model).objects  # and `a/1`, not only a worker of `a`
         return [_found(i) for i in own if _TRACE.fullmatch(i.key.removeprefix(start))]
-    return _checkpoints(settings, bucket, prefix, rules) if kind == "checkpoints" else []
+    return _checkpoints(settings, model, rules) if kind == "checkpoints" else []
 
 
 def _is_of_another_system(prefix: str, listed: Sequence[str]) -> bool:
@@ -225,31 +226,29 @@ def _found(info: ObjectInfo) -> _Found:
     return info.key, info.size_bytes, info.modified.timestamp()
 
 
-def _rollouts(bucket: Bucket, prefix: str) -> Iterator[_Found]:
+def _rollouts(model: ModelStore) -> Iterator[_Found]:
     """SAC still needs its own to go on."""
     try:
-        metadata = json.loads(bucket.get(keys.model_metadata(prefix)))
+        metadata = json.loads(model.bucket.get(keys.model_metadata(model.prefix)))
     except (ObjectMissing, ValueError):
         return
     if not isinstance(metadata, dict) or metadata.get("training_algorithm") == "sac":
         return
-    for info in bucket.list(keys.rollouts_folder(prefix)):
-        if keys.rollout_key(prefix, info.key) is not None:
+    for info in model.bucket.list(keys.rollouts_folder(model.prefix)):
+        if keys.rollout_key(model.prefix, info.key) is not None:
             yield _found(info)
 
 
-def _checkpoints(
-    settings: Settings, bucket: Bucket, prefix: str, rules: tuple[str, ...]
-) -> list[_Found]:
+def _checkpoints(settings: Settings, model: ModelStore, rules: tuple[str, ...]) -> list[_Found]:
     """What the pointers name always stays."""
-    has = ModelCheckpoints.read(Model.of(settings.model, bucket, prefix))
+    has = ModelCheckpoints.read(ModelStore.of(settings.model, model.bucket, model.prefix))
     if has.scores is None:
         return []
     names = list(has.names)
     scored = (has.scores.best_checkpoint, has.scores.last_checkpoint)
     stay: set[CheckpointName | None] = {CheckpointName.parse(each.name) for each in scored}
     # A training that is killed between its two pointers leaves an index without the newest one.
-    stay.add(CheckpointStore(bucket, prefix).pointed())
+    stay.add(CheckpointStore(model).pointed())
     for rule in rules:
         kind, _, number = rule.partition("-")
         if kind == "last":
@@ -261,10 +260,10 @@ def _checkpoints(
             stay |= {each.name for word, each in reached if rule in ("milestones", word)}
     gone = [name for name in names if name not in stay]
     numbers = {name.number for name in gone} - {name.number for name in names if name in stay}
-    graphs = {keys.checkpoint_graph(prefix, number): number for number in numbers}
+    graphs = {keys.checkpoint_graph(model.prefix, number): number for number in numbers}
     doomed: list[tuple[int, ObjectInfo]] = []
     for info in has.listed:
-        name = keys.checkpoint_of(prefix, info.key)
+        name = keys.checkpoint_of(model.prefix, info.key)
         if name is not None and name in gone:
             doomed.append((name.number, info))
         elif info.key in graphs:
@@ -298,9 +297,9 @@ def _run_prefixes(listed: Iterable[ObjectInfo]) -> set[str]:
     return found
 
 
-def _is_busy(settings: Settings, bucket: Bucket, prefix: str) -> bool:
+def _is_busy(settings: Settings, model: ModelStore) -> bool:
     try:
-        refuse_busy(settings, bucket, prefix)
+        refuse_busy(settings, model)
     except SettingsError:
         return True
     return False

@@ -10,6 +10,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.files import make_folder, refuse_existing, rewrite
 from drcli.bucket.bucket import Bucket
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.model.training_records import forget_training
 from drcli.records.training_record import TrainingRecord
 from drcli.transfer.record_training import texts_of
@@ -290,8 +291,8 @@ def forget(bucket: Bucket, records: Sequence[TrainingRecord]) -> None:
     """SettingsError if somebody has begun to train."""
     for record in records:
         if record.gone_at is None:
-            lease.refuse_other_owner(bucket, record.prefix)
-        forget_training(bucket, record.prefix, record.id)
+            lease.refuse_other_owner(ModelStore(bucket, record.prefix))
+        forget_training(ModelStore(bucket, record.prefix), record.id)
 
 
 def _saved(folder: Path, texts: dict[str, str], name: str, *, force: bool) -> list[str]:

@@ -15,7 +15,7 @@ from drcli.base.errors import SettingsError
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectNewer
 from drcli.config.settings import catalogue
 from drcli.model import keys, lease
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.model.run_metadata import read_start
 from drcli.model.traces import models_in
 from drcli.model.training_records import at_once, ended_elsewhere, read_trainings
@@ -268,11 +268,11 @@ def known_trainings(bucket: Bucket) -> KnownTrainings:
 
     def derive(prefix: str) -> TrainingRecord | None:
         try:
-            start = read_start(bucket, prefix)
+            start = read_start(ModelStore(bucket, prefix))
             origin = prefix if start is None else origin_of(prefix, start)
             if start is not None and origin != prefix and (origin, start.training) in recorded:
                 return None  # a copy
-            return derived_training(Model(bucket, prefix, keys.metrics_prefix(prefix)), start)
+            return derived_training(ModelStore(bucket, prefix), start)
         except (ObjectDamaged, ObjectNewer) as error:
             damaged.append(f"{error} {error.remedy}")
             return None
@@ -320,7 +320,7 @@ def _as_it_is_now(
         return ended_elsewhere(bucket, record) if record.state == "running" else record
     model = model_of(record, bucket)
     if record.state == "running":
-        if lease.live_holder(bucket, record.prefix) is None:
+        if lease.live_holder(ModelStore(bucket, record.prefix)) is None:
             record = ended_elsewhere(bucket, record)
         return with_results(record, model)
     found = evaluations.get(keys.evaluation_metrics_folder(model.metrics_prefix), [])

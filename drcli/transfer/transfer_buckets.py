@@ -18,6 +18,7 @@ from drcli.bucket.server import server
 from drcli.config.run_config import TransferConfig
 from drcli.model import keys, lease
 from drcli.model.model_prefix import contains
+from drcli.model.model_store import ModelStore
 
 COPY_PATIENCE_S = 120.0
 """A bad network gets time to recover."""
@@ -119,40 +120,43 @@ def refuse_overlap(
     raise SettingsError(problem, remedy=f"Choose another prefix with {flag}.")
 
 
-def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str) -> None:
+def refuse_nesting(store: ModelStore, custom_files: str, *, flag: str) -> None:
     """Refuse to mix a copy in our own bucket with other things.
 
     Raises:
         SettingsError: It would be in a folder with another model or the racer's files.
     """
-    if contains(custom_files, prefix) or contains(prefix, custom_files):
+    if contains(custom_files, store.prefix) or contains(store.prefix, custom_files):
         raise SettingsError(
-            f"{prefix} overlaps with {custom_files}, the folder of your own files "
+            f"{store.prefix} overlaps with {custom_files}, the folder of your own files "
             "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX).",
             remedy=f"Choose another prefix with {flag}.",
         )
-    above = ["/".join(prefix.split("/")[:depth]) for depth in range(1, prefix.count("/") + 1)]
-    models = [model for model in above if bucket.exists(keys.coach_checkpoint(model))]
-    index = keys.coach_checkpoint(prefix)
-    end = index.removeprefix(keys.folder(prefix))
+    above = [
+        "/".join(store.prefix.split("/")[:depth]) for depth in range(1, store.prefix.count("/") + 1)
+    ]
+    models = [model for model in above if store.bucket.exists(keys.coach_checkpoint(model))]
+    index = keys.coach_checkpoint(store.prefix)
+    end = index.removeprefix(keys.folder(store.prefix))
     models += [
         info.key.removesuffix(f"/{end}")
-        for info in bucket.list(keys.folder(prefix))
+        for info in store.bucket.list(keys.folder(store.prefix))
         if info.key.endswith(f"/{end}") and info.key != index
     ]
     if models:
         raise SettingsError(
-            f"{prefix} overlaps with the model {models[0]}; wiping one would delete the other.",
+            f"{store.prefix} overlaps with the model {models[0]}; "
+            "wiping one would delete the other.",
             remedy=f"Choose another prefix with {flag}.",
         )
 
 
-def refuse_training(bucket: Bucket, prefix: str) -> None:
+def refuse_training(model: ModelStore) -> None:
     """Raises SettingsError if it is being trained."""
-    held = lease.live_holder(bucket, prefix)
+    held = lease.live_holder(model)
     if held is not None:
         raise SettingsError(
-            f"s3://{bucket.name}/{prefix} is being trained by {held.owner}.",
+            f"{model.url} is being trained by {held.owner}.",
             remedy="Choose another prefix, or stop that training first.",
         )
 

@@ -29,7 +29,7 @@ from drcli.model.checkpoint_list import (
 )
 from drcli.model.files.params_yaml import training_parameters
 from drcli.model.model_prefix import contains
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.model.repair_model import repair_or_warn
 from drcli.model.write_probe import prove_writing
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord
@@ -120,13 +120,14 @@ def make_upload_increment(planned: PlannedUploadIncrement) -> None:
 def _count(settings: Settings) -> int:
     there = target_bucket(settings.transfer, local=False, patience_s=COMMAND_PATIENCE_S)
     prefix = settings.upload_s3_prefix
-    refuse_training(there, prefix)
+    model = ModelStore(there, prefix)
+    refuse_training(model)
     if contains(prefix, settings.model_prefix) or contains(settings.model_prefix, prefix):
         here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
         refuse_overlap((here, settings.model_prefix), (there, prefix), flag="-p", may_write=True)
     found = len(there.list(keys.folder(prefix)))
     if found:
-        prove_writing(there, prefix, deletes=True)
+        prove_writing(model, deletes=True)
     return found
 
 
@@ -187,8 +188,9 @@ def delete_surplus_checkpoints(
     delivery: Delivery, retention: Retention, best: str | None, *, dry_run: bool = False
 ) -> list[str]:
     bucket, prefix = delivery.bucket, delivery.prefix
-    objects, sizes = _own_checkpoints(bucket, prefix)
-    pinned = _pointed(bucket, prefix)
+    model = ModelStore(bucket, prefix)
+    objects, sizes = _own_checkpoints(model)
+    pinned = _pointed(model)
     doomed = surplus(sizes, retention, CheckpointName.parse(best or ""), pinned)
     left = sum(sizes.values()) - sum(sizes[name] for name in doomed)
     _warn_of_size(left, retention, f"s3://{bucket.name}/{prefix}")
@@ -199,8 +201,7 @@ def delete_surplus_checkpoints(
 
 
 def delete_surplus_archives(
-    bucket: Bucket,
-    prefix: str,
+    model: ModelStore,
     plain: Collection[str],
     retention: Retention,
     best: str | None,
@@ -211,10 +212,10 @@ def delete_surplus_archives(
     """Of `NAME-chkN.tar.gz`; `plain` names and `newest` always stay."""
     names = "|".join(re.escape(name.removesuffix(END)) for name in plain)
     pattern = re.compile(rf"(?:{names})-chk(\d{{1,9}}){re.escape(END)}")
-    folder = keys.folder(prefix)
+    folder = keys.folder(model.prefix)
     archives: defaultdict[CheckpointName, list[str]] = defaultdict(list)
     sizes: Counter[CheckpointName] = Counter()
-    for info in bucket.list(folder):
+    for info in model.bucket.list(folder):
         found = pattern.fullmatch(info.key.removeprefix(folder))
         if found is not None:
             name = CheckpointName(int(found[1]), 0)
@@ -224,10 +225,10 @@ def delete_surplus_archives(
     best_archive = None if parsed is None else CheckpointName(parsed.number, 0)
     doomed = surplus(sizes, retention, best_archive, [CheckpointName(newest, 0)])
     left = sum(sizes.values()) - sum(sizes[name] for name in doomed)
-    _warn_of_size(left, retention, f"s3://{bucket.name}/{prefix}")
+    _warn_of_size(left, retention, model.url)
     deleted = [key for name in doomed for key in archives[name]]
     if not dry_run:
-        bucket.delete(deleted)
+        model.bucket.delete(deleted)
     return [key.removeprefix(folder) for key in deleted]
 
 
@@ -250,20 +251,20 @@ def _kept(
 
 
 def _own_checkpoints(
-    bucket: Bucket, prefix: str
+    model: ModelStore,
 ) -> tuple[dict[CheckpointName, list[str]], dict[CheckpointName, int]]:
-    listed = bucket.list(keys.model_folder(prefix))
+    listed = model.bucket.list(keys.model_folder(model.prefix))
     objects: dict[CheckpointName, list[str]] = {}
     sizes: dict[CheckpointName, int] = {}
     for info in listed:
-        name = keys.checkpoint_of(prefix, info.key)
+        name = keys.checkpoint_of(model.prefix, info.key)
         if name is not None:
             objects.setdefault(name, []).append(info.key)
             sizes[name] = sizes.get(name, 0) + info.size_bytes
-    ours = {name for name in objects if _is_ours(bucket, prefix, name, objects[name])}
+    ours = {name for name in objects if _is_ours(model, name, objects[name])}
     numbers = [name.number for name in objects]
     for info in listed:
-        found = _GRAPH.fullmatch(info.key.removeprefix(keys.model_folder(prefix)))
+        found = _GRAPH.fullmatch(info.key.removeprefix(keys.model_folder(model.prefix)))
         if found is None or numbers.count(int(found[1])) != 1:
             continue
         for name in ours:
@@ -276,25 +277,27 @@ def _own_checkpoints(
     )
 
 
-def _is_ours(bucket: Bucket, prefix: str, name: CheckpointName, found: list[str]) -> bool:
-    record = keys.checkpoint_record(prefix, str(name))
-    if record not in found or keys.checkpoint_tensors(prefix, str(name)) not in found:
+def _is_ours(model: ModelStore, name: CheckpointName, found: list[str]) -> bool:
+    record = keys.checkpoint_record(model.prefix, str(name))
+    if record not in found or keys.checkpoint_tensors(model.prefix, str(name)) not in found:
         return False
     try:
-        CheckpointRecord.decode_of(str(name), bucket.get(record))
+        CheckpointRecord.decode_of(str(name), model.bucket.get(record))
     except (RecordError, ObjectMissing):
         return False
     return True
 
 
-def _pointed(bucket: Bucket, prefix: str) -> set[CheckpointName]:
+def _pointed(model: ModelStore) -> set[CheckpointName]:
     names: set[str] = set()
     with suppress(ObjectDamaged):
-        scores = read_scores(bucket, prefix)
+        scores = read_scores(model)
         if scores is not None:
             names |= {scores.best_checkpoint.name, scores.last_checkpoint.name}
     with suppress(ObjectMissing):
-        names.add(bucket.get(keys.coach_checkpoint(prefix)).decode(errors="replace").strip())
+        names.add(
+            model.bucket.get(keys.coach_checkpoint(model.prefix)).decode(errors="replace").strip()
+        )
     return {name for name in map(CheckpointName.parse, names) if name is not None}
 
 
@@ -364,16 +367,17 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
         otherwise="or upload into the local bucket with -L",
     )
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    repair_or_warn(settings.model, here, source, may_write=not options.dry_run)
-    refuse_incomplete(settings.model, here, source)
-    chosen = take_choice(Model.of(settings.model, here, source), options.choice)
+    model = ModelStore(here, source)
+    repair_or_warn(settings.model, model, may_write=not options.dry_run)
+    refuse_incomplete(settings.model, model)
+    chosen = take_choice(ModelStore.of(settings.model, here, source), options.choice)
     there.list(keys.model_folder(target))  # fails here if the target cannot be reached
     refuse_overlap((here, source), (there, target), flag="--to", may_write=not options.dry_run)
     if options.local:
-        refuse_nesting(there, target, settings.custom_files_prefix, flag="--to")
-    refuse_training(there, target)
+        refuse_nesting(ModelStore(there, target), settings.custom_files_prefix, flag="--to")
+    refuse_training(ModelStore(there, target))
     if not options.dry_run:
-        prove_writing(there, target, deletes=options.wipe or retention.is_active)
+        prove_writing(ModelStore(there, target), deletes=options.wipe or retention.is_active)
     places = (f"s3://{here.name}/{source}", f"s3://{there.name}/{target}")
     return PlannedUpload(options, retention, chosen, source, target, *places)
 
@@ -382,11 +386,12 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
     """Raises DrError; the target then has its old checkpoint, or none."""
     options = planned.options
     here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
+    model = ModelStore(here, planned.source)
     there = target_bucket(settings.transfer, local=options.local, patience_s=COPY_PATIENCE_S)
     chosen, checkpoint = _read_chosen(here, planned)
     place = (there.name, planned.target)
     described = training_parameters(settings)
-    shared = read_model_files(settings.model, here, planned.source, chosen.name, place, described)
+    shared = read_model_files(settings.model, model, chosen.name, place, described)
     report = UploadReport(
         source=planned.source_url,
         target=planned.target_url,
@@ -394,15 +399,19 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
         checkpoint=chosen.name,
         metric=chosen.score.avg_eval_metric,
         dry_run=options.dry_run,
-        replay_bytes=replay_bytes(here, planned.source),
+        replay_bytes=replay_bytes(model),
     )
     if options.dry_run:
         return _rehearsed(
-            report, there, planned, [*checkpoint, *shared], known_best(here, planned.source)
+            report,
+            there,
+            planned,
+            [*checkpoint, *shared],
+            known_best(model),
         )
     total = sum(len(item.data) for item in (*checkpoint, *shared))
     with progress("Uploading model", total) as watch:
-        delivery = Delivery(there, planned.target, watch)
+        delivery = Delivery(ModelStore(there, planned.target), watch)
         # Data first and pointers last: the target has a usable model for as long as possible.
         if delivery.is_named(chosen.name) and any(map(delivery.differs, checkpoint)):
             delivery.withdraw()  # another model has a checkpoint of this name there
@@ -416,24 +425,25 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
             delivery.delete_strays("model/")
         delivery.repair_crossing(chosen.score, [*checkpoint, *shaping])
         if planned.retention.is_active:
-            best = known_best(here, planned.source)
+            best = known_best(model)
             delivery.deleted += delete_surplus_checkpoints(delivery, planned.retention, best)
     older, older_bytes = _older(there, planned.target, chosen.name)
     return replace(delivery.complete(report), older=older, older_bytes=older_bytes)
 
 
 def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Item]]:
+    store = ModelStore(here, planned.source)
     chosen = planned.chosen
     for attempt in range(_PICKS):
         try:
-            return chosen, read_checkpoint(here, planned.source, chosen)
+            return chosen, read_checkpoint(store, chosen)
         except ObjectMissing as e:
             if attempt == _PICKS - 1 or isinstance(planned.options.choice, int):
                 raise CheckpointGone(
                     f"No model files found. Files possibly deleted. Try again. {e}",
                     remedy="Run the command again, or choose another checkpoint.",
                 ) from e
-            model = Model(here, planned.source, keys.metrics_prefix(planned.source))
+            model = store
             chosen = find_choice(model, planned.options.choice)
     raise AssertionError("the last attempt returns or raises")
 
@@ -453,7 +463,7 @@ def _rehearsed(
     items: list[Item],
     best: str | None,
 ) -> UploadReport:
-    delivery = Delivery(there, planned.target, lambda more: None)
+    delivery = Delivery(ModelStore(there, planned.target), lambda more: None)
     copied = [item for item in items if not delivery.holds(item)]
     names = [item.name for item in items]
     strays = delivery.strays("model/", names) if planned.options.wipe else []

@@ -12,6 +12,7 @@ from drcli.base.errors import StorageError
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing
 from drcli.model.growing_file import combined_metrics
 from drcli.model.history import HistoryReader
+from drcli.model.model_store import ModelStore
 from drcli.model.repair import read_metrics, readable_history
 from drcli.records.episode_metrics import EpisodeMetrics
 from drcli.run.seen_in_bucket import SeenRun, distant_run, read_lap_lines, seen_run
@@ -39,7 +40,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def traces(request: Request) -> Any:
         settings = folder.settings()
         bucket = folder.bucket(settings)
-        return stored_traces(bucket, settings.model, _text(request, "model"))
+        return stored_traces(ModelStore(bucket, _text(request, "model")), settings.model)
 
     def asked(do: str, *names: str) -> Callable[[Request], bytes]:
         def ask(request: Request) -> bytes:
@@ -236,7 +237,7 @@ class LapReader:
             return None
         lines = []
         if newest >= 0:
-            lines = read_lap_lines(run.model.bucket, run.prefix, newest, self._worker)
+            lines = read_lap_lines(ModelStore(run.model.bucket, run.prefix), newest, self._worker)
         self._read = run.prefix, newest
         iteration = newest if newest >= 0 else None
         return Snapshot.of(self._topic, {"iteration": iteration, "lines": lines})

@@ -19,7 +19,8 @@ from drcli.config.run_config import ModelConfig
 from drcli.model import keys, lease
 from drcli.model.checkpoint_list import list_checkpoints
 from drcli.model.model_list import signature_of
-from drcli.model.repair import Model, read_all_metrics, readable_history, readable_scores
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import read_all_metrics, readable_history, readable_scores
 from drcli.model.traces import models_in
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.episode_metrics import EpisodeMetrics
@@ -132,7 +133,7 @@ def changes(reader: ModelReader, prefix: str) -> dict[str, Any]:
         found = next((part for start, part in _GROUPS.items() if name.startswith(start)), "")
         if found:
             parts[found].append(info)
-    holder = lease.live_holder(bucket, prefix)
+    holder = lease.live_holder(ModelStore(bucket, prefix))
     here = [run for run in running_trainings(reader.folder.directory) if run.prefix == prefix]
     return {
         "exists": prefix in models_in(listed),
@@ -258,16 +259,16 @@ class RewardCurve:
     damaged: list[str] = field(default_factory=list)
 
 
-def read_reward_curve(config: ModelConfig, bucket: Bucket, prefix: str) -> RewardCurve:
+def read_reward_curve(config: ModelConfig, store: ModelStore) -> RewardCurve:
     """Reconstructs damaged records; raises StorageError."""
-    model = Model.of(config, bucket, prefix)
+    model = ModelStore.of(config, store.bucket, store.prefix)
     history, damaged = readable_history(model)
     scores, worse = readable_scores(model)
     damaged += worse
     records: list[EpisodeMetrics] = []
-    for key in _metrics_keys(bucket, model.metrics_prefix):
+    for key in _metrics_keys(store.bucket, model.metrics_prefix):
         try:
-            records += read_all_metrics(bucket, key)
+            records += read_all_metrics(store.bucket, key)
         except ObjectMissing:
             continue
         except ObjectDamaged as error:
@@ -351,24 +352,24 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     def checkpoints(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
-        return list_checkpoints(settings.model, bucket, prefix)
+        return list_checkpoints(settings.model, ModelStore(bucket, prefix))
 
     def curve(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
-        return read_reward_curve(settings.model, bucket, prefix)
+        return read_reward_curve(settings.model, ModelStore(bucket, prefix))
 
     def evaluations(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
-        return list_evaluations(settings.model, bucket, prefix)
+        return list_evaluations(settings.model, ModelStore(bucket, prefix))
 
     def files(request: Request) -> Any:
         prefix = prefix_of(request)
         _, bucket = reader.open(prefix)
         record = reader.record(prefix)
         return {
-            "files": files_of(bucket, prefix),
+            "files": files_of(ModelStore(bucket, prefix)),
             "settings": {} if record is None else settings_of(record),
             "given": [] if record is None else sorted(record.newest.settings or ()),
             "versions": {} if record is None else record.newest.versions,
@@ -386,7 +387,7 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     def notes(request: Request) -> Any:
         prefix = prefix_of(request)
         _, bucket = reader.open(prefix)
-        return notes_of(bucket, prefix)
+        return notes_of(ModelStore(bucket, prefix))
 
     def add(request: Request, body: dict[str, Any]) -> Any:
         return write_note(reader.folder.settings(), prefix_of(request), text_of(body, "text"))

@@ -13,6 +13,7 @@ from drcli.base.files import safe_name
 from drcli.bucket.bucket import Bucket, ObjectInfo, ObjectMissing, Watch
 from drcli.config.value_types import CheckpointChoice
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.model.traces import traces_of
 from drcli.records.run_record import KINDS, log_folder
 from drcli.web import start_routes
@@ -35,8 +36,7 @@ class PackedModel:
 
 
 def pack_model(
-    bucket: Bucket,
-    prefix: str,
+    model: ModelStore,
     path: Path,
     *,
     traces: bool = False,
@@ -48,22 +48,21 @@ def pack_model(
         SettingsError: There is none, or the file cannot be written.
         StorageError: The bucket does not answer.
     """
-    folder = keys.folder(prefix)
-    own = [info for info in traces_of(bucket, prefix).objects if info.key.startswith(folder)]
+    folder = keys.folder(model.prefix)
+    own = [info for info in traces_of(model).objects if info.key.startswith(folder)]
     if not traces:
         own = [info for info in own if not any(part in f"/{info.key}" for part in _STEPS)]
     if not own:
-        raise _nothing(bucket, prefix, "files")
+        raise _nothing(model, "files")
     own.sort(key=lambda info: info.key)
     with _archive(path) as archive:
-        count = _add_objects(archive, bucket, own, folder, progress)
-    return PackedModel(prefix, str(path), count, path.stat().st_size)
+        count = _add_objects(archive, model.bucket, own, folder, progress)
+    return PackedModel(model.prefix, str(path), count, path.stat().st_size)
 
 
 def pack_logs(
-    bucket: Bucket,
+    model: ModelStore,
     directory: Path,
-    prefix: str,
     path: Path,
     progress: Callable[[str], None] = lambda text: None,
 ) -> PackedModel:
@@ -73,22 +72,24 @@ def pack_logs(
         SettingsError: There are none, or the file cannot be written.
         StorageError: The bucket does not answer.
     """
-    if not keys.is_valid_prefix(prefix):
-        raise _nothing(bucket, prefix, "logs")
+    if not keys.is_valid_prefix(model.prefix):
+        raise _nothing(model, "logs")
     here = {
         f"{kind}/{file.name}": file
         for kind in KINDS
-        for file in sorted(_files(log_folder(directory, prefix, kind)))
+        for file in sorted(_files(log_folder(directory, model.prefix, kind)))
     }
-    folder = f"{keys.folder(prefix)}logs/"
-    stored = [info for info in bucket.list(folder) if info.key.removeprefix(folder) not in here]
+    folder = f"{keys.folder(model.prefix)}logs/"
+    stored = [
+        info for info in model.bucket.list(folder) if info.key.removeprefix(folder) not in here
+    ]
     if not here and not stored:
-        raise _nothing(bucket, prefix, "logs")
+        raise _nothing(model, "logs")
     with _archive(path) as archive:
         for name, file in here.items():
             archive.add(file, f"logs/{name}", recursive=False)
-        count = _add_objects(archive, bucket, stored, keys.folder(prefix), progress)
-    return PackedModel(prefix, str(path), len(here) + count, path.stat().st_size)
+        count = _add_objects(archive, model.bucket, stored, keys.folder(model.prefix), progress)
+    return PackedModel(model.prefix, str(path), len(here) + count, path.stat().st_size)
 
 
 def _files(folder: Path) -> Iterator[Path]:
@@ -137,9 +138,9 @@ def _add_objects(
     return count
 
 
-def _nothing(bucket: Bucket, prefix: str, what: str) -> SettingsError:
+def _nothing(model: ModelStore, what: str) -> SettingsError:
     return SettingsError(
-        f"s3://{bucket.name}/{prefix} has no {what}.",
+        f"{model.url} has no {what}.",
         remedy="`dr-list-models` lists all models.",
     )
 
@@ -174,12 +175,13 @@ def make_download(
     from drcli.transfer.transfer_buckets import bucket_to_look_at
 
     bucket = bucket_to_look_at(settings.transfer, upload=False)
+    model = ModelStore(bucket, prefix)
     if kind == "logs":
         path = folder / f"{name}-logs.tar.gz"
-        packed = pack_logs(bucket, directory, prefix, path, progress)
+        packed = pack_logs(model, directory, path, progress)
     else:
         path = folder / f"{name}.tar.gz"
-        packed = pack_model(bucket, prefix, path, traces=kind == "everything", progress=progress)
+        packed = pack_model(model, path, traces=kind == "everything", progress=progress)
     return {"file": str(path), "report": packed}
 
 
@@ -284,7 +286,7 @@ def make_lap_video(
     require_encoder()
     settings = settings_for(directory, prefix)
     bucket = bucket_to_look_at(settings.transfer, upload=False)
-    trace = trace_of_evaluation(bucket, prefix, stamp)
+    trace = trace_of_evaluation(ModelStore(bucket, prefix), stamp)
     defaults = Defaults.of(settings.model, settings.race)
 
     def film(target: Path) -> Any:

@@ -13,7 +13,7 @@ from drcli.base.errors import SettingsError
 from drcli.model import keys, race_keys
 from drcli.model.checkpoint_choice import best_and_last
 from drcli.model.model_list import list_models
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.races import queue_process, submissions
 from drcli.races.organise import (
     change_rules,
@@ -193,7 +193,7 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         numbers = sorted({name.number for name in names if name is not None}, reverse=True)
         about = ""
         if bucket is not None:
-            about = best_and_last(Model(bucket, prefix, keys.metrics_prefix(prefix)))
+            about = best_and_last(ModelStore(bucket, prefix))
         return {"checkpoints": numbers, "about": about}
 
     return [

@@ -12,6 +12,7 @@ from drcli.base.json_record import plain
 from drcli.bucket.connect import open_running_bucket
 from drcli.config.settings import Settings
 from drcli.model.model_prefix import is_used, newest_checkpoint
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.run.status import inspect
 from drcli.run.track_fetch import tracks_to_fetch
@@ -134,8 +135,8 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         try:
             bucket = open_running_bucket(settings.storage)
             if bucket is not None:
-                newest = newest_checkpoint(bucket, prefix)
-                found["used"] = is_used(bucket, prefix)
+                newest = newest_checkpoint(ModelStore(bucket, prefix))
+                found["used"] = is_used(ModelStore(bucket, prefix))
                 found["checkpoint"] = None if newest is None else str(newest)
         except DrError as error:
             found["bucket_error"] = str(error)

@@ -19,12 +19,12 @@ from drcli.base.errors import DrError
 from drcli.base.installation import import_error
 from drcli.base.log import JsonLog, LogFile, RotatingFile, add_handler, record_text, remove_handler
 from drcli.base.processes import handle, lower_priority, search_as_usual
-from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import OUTAGE_PATIENCE_S, open_bucket
 from drcli.bucket.request_count import CountFile
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.model import keys
 from drcli.model.lease import OTHERS_TRUSTED_S, POINTER_TRUSTED_S, Ownership
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import ActivityRecord, json_log, log_file, reward_log
 from drcli.workers import reward_failures
@@ -115,9 +115,9 @@ class Activity:
     Nobody waits for the bucket; what comes next meets the same failure.
     """
 
-    def __init__(self, bucket: Bucket, prefix: str, name: str, pulse: Pulse) -> None:
-        self._bucket = bucket
-        self._key = keys.status(prefix, name)
+    def __init__(self, model: ModelStore, name: str, pulse: Pulse) -> None:
+        self._bucket = model.bucket
+        self._key = keys.status(model.prefix, name)
         self._pulse = pulse
         self._last = ""
         self._sender = ThreadPoolExecutor(1, thread_name_prefix="activity")
@@ -154,7 +154,9 @@ def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Buc
     bucket = open_bucket(storage, hurried=lifeline.should_stop, unattended=True, **patience)
     trusted_s = OTHERS_TRUSTED_S if far else POINTER_TRUSTED_S
     prefix = job.config.model.prefix
-    own = Ownership(bucket, prefix, job.session, job.term, trainer=job.trainer, trusted_s=trusted_s)
+    own = Ownership(
+        ModelStore(bucket, prefix), job.session, job.term, trainer=job.trainer, trusted_s=trusted_s
+    )
     return bucket.fenced(own.check)
 
 

@@ -23,6 +23,7 @@ from drcli.bucket.server import server
 from drcli.config.run_config import StorageConfig
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 
 WEIGHTS_BYTES = 1_215_476
 """Of the shipped network; the optimizer state is twice as large."""
@@ -69,7 +70,7 @@ def _pair(bucket: S3Bucket, number: int) -> tuple[float, float]:
 
     pointed: list[float] = []
     began_s = time.perf_counter()
-    CheckpointStore(bucket, "new").save(
+    CheckpointStore(ModelStore(bucket, "new")).save(
         number,
         number,
         weights,

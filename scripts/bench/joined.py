@@ -31,6 +31,7 @@ from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.server import server
 from drcli.config.loading import load_settings
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 
 ROOT = Path(__file__).resolve().parents[2]
 PREFIX = "joined"
@@ -127,11 +128,11 @@ class Training:
     def trainer(self) -> psutil.Process:
         """The process of the trainer."""
         found = psutil.Process(self._head.pid).children(recursive=True)
-        return next(each for each in found if each.cmdline()[-1].endswith("workers.trainer"))
+        return next(each for each in found if each.cmdline()[-1].endswith("train.trainer"))
 
     def done(self) -> tuple[int, int]:
         """Iterations and steps that were learned from."""
-        newest = CheckpointStore(self.bucket(), PREFIX).pointed()
+        newest = CheckpointStore(ModelStore(self.bucket(), PREFIX)).pointed()
         return (0, 0) if newest is None else (newest.number, newest.steps)
 
     def wait_for(self, condition: Callable[[], bool], patience_s: float = 120.0) -> None:

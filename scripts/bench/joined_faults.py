@@ -21,6 +21,7 @@ from joined import Machine, Training, kind_of_network
 from machine import facts
 
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 
 ROUND_TRIPS_S = (0.001, 0.02, 0.1, 0.005)
 SLEEP_S = 0.1
@@ -223,7 +224,7 @@ def main() -> None:
                 rows = trial.measure(arguments.faults)
             finally:
                 trial.close()
-            iterations = read_history(training.bucket(), "joined")
+            iterations = read_history(ModelStore(training.bucket(), "joined"))
         finally:
             training.close()
     result = {

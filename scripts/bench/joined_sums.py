@@ -19,6 +19,7 @@ from joined import PREFIX, ROUND_TRIPS_S, Machine, Training, kind_of_network
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_shares_record
 from drcli.records.job import MemberRecord
 
@@ -56,7 +57,7 @@ def begin_together(training: Training, machines: list[Machine]) -> None:
     held: dict[str, psutil.Process] = {}
 
     def are_held() -> bool:
-        record = read_shares_record(training.bucket(), PREFIX)
+        record = read_shares_record(ModelStore(training.bucket(), PREFIX))
         numbers = {} if record is None else record.numbers
         for machine in machines:
             for worker in psutil.Process(machine.process.pid).children():
@@ -83,12 +84,12 @@ def begin_together(training: Training, machines: list[Machine]) -> None:
 def learned(training: Training) -> dict[str, Any]:
     """Sums of all iterations, and the weights in the end."""
     bucket = training.bucket()
-    name = CheckpointStore(bucket, PREFIX).pointed()
-    weights = CheckpointStore(bucket, PREFIX).load(str(name)).tensors
+    name = CheckpointStore(ModelStore(bucket, PREFIX)).pointed()
+    weights = CheckpointStore(ModelStore(bucket, PREFIX)).load(str(name)).tensors
     return {
         "iterations": [
             (each.total_steps, each.mean_reward, each.mean_progress)
-            for each in read_history(bucket, PREFIX)
+            for each in read_history(ModelStore(bucket, PREFIX))
         ],
         "weights": hashlib.sha256(weights).hexdigest(),
     }

@@ -13,6 +13,7 @@ from typing import Any
 
 from drcli.bucket.bucket import Listing, ObjectInfo, ObjectMissing, Watch
 from drcli.model.history import History
+from drcli.model.model_store import ModelStore
 from drcli.records.iteration import IterationRecord
 from drcli.records.scores import EvaluationResult
 from drcli.records.trace import Episode, Row
@@ -111,7 +112,7 @@ def _record(iteration: int) -> IterationRecord:
 
 
 def _history(bucket: CountingBucket) -> Any:
-    history = History(bucket, "model")
+    history = History(ModelStore(bucket, "model"))
 
     def add(iteration: int) -> None:
         history.add(_record(iteration))
@@ -124,7 +125,7 @@ def _history(bucket: CountingBucket) -> Any:
 
 
 def _learner(bucket: CountingBucket) -> Any:
-    metrics = LearnerMetrics(bucket, "model")
+    metrics = LearnerMetrics(ModelStore(bucket, "model"))
     return lambda iteration: metrics.add(row_of(_record(iteration)))
 
 

@@ -27,6 +27,7 @@ from drcli.config.settings import Settings
 from drcli.drive.evaluate_many import Cell, drive_cells, grid
 from drcli.drive.evaluator import Entry
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.evaluation_task import robust_score
 from drcli.records.job import Job
 from drcli.run.evaluation_plan import choose_checkpoint
@@ -181,7 +182,9 @@ def main() -> None:
     rows = []
     for prefix in matching_models(bucket, options.models.split(",")):
         began_s, before = time.monotonic(), time.process_time()
-        row = ranked(settings, prefix, choose_checkpoint(settings, bucket, prefix), options.seed)
+        row = ranked(
+            settings, prefix, choose_checkpoint(settings, ModelStore(bucket, prefix)), options.seed
+        )
         rows.append(row)
         print(
             f"{row.model:20} {row.checkpoint:24} robust_score {row.robust_score:6.2f}   laps "

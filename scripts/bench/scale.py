@@ -27,6 +27,7 @@ from scale_model import Costs, Outcome, Setup, predicted
 
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 
 FIGURES = Path(__file__).with_name("scale_figures.json")
 
@@ -156,7 +157,7 @@ def _train(workers: int, seconds: float, ahead: int) -> dict[str, Any]:
             training.wait_for(lambda: training.done()[0] >= began + 3, 300.0)
             ended, after = training.done()[0], _requests(training)
             latency = _latency(training.bucket())
-            records = read_history(training.bucket(), PREFIX)[began + 1 : ended]
+            records = read_history(ModelStore(training.bucket(), PREFIX))[began + 1 : ended]
         finally:
             training.close()
     took_s = [later.elapsed_s - earlier.elapsed_s for earlier, later in pairwise(records)]

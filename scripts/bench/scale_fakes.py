@@ -29,6 +29,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.update_result import PPOStats
 from drcli.model import lease
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import checkpoint_name
 from drcli.records.trace import STEP_S, Row
 from drcli.run.plan import StartOptions, prepare
@@ -203,13 +204,13 @@ def measured(
     bucket, lifeline = SlowBucket(), Together()
     together: Any = lifeline
     with tempfile.TemporaryDirectory(prefix="scale-") as folder, ExitStack() as patches:
-        for module in ("runs.plan", "workers.worker_process"):
+        for module in ("run.plan", "workers.worker_process"):
             patches.enter_context(patch(f"drcli.{module}.open_bucket", lambda *_, **__: bucket))
         patches.enter_context(patch("drcli.checks.before_start.try_inputs", lambda *_: []))
         patches.enter_context(patch.object(TrainingSimulation, "drive", sleeping_drive(step_s)))
         patches.enter_context(patch.object(PPO, "update", sleeping_update(learn_step_s)))
         job = _job(Path(folder), workers, lag, episodes, iterations)
-        lease.release(bucket, PREFIX, job.session)
+        lease.release(ModelStore(bucket, PREFIX), job.session)
         for kind in bucket.requests:
             bucket.requests[kind] = 0
 
@@ -231,7 +232,7 @@ def measured(
         for failure in lifeline.failures:
             raise failure
         # Before the first iterations are over, nobody is ahead yet.
-        counted = read_history(bucket, PREFIX)[max(1, lag) :]
+        counted = read_history(ModelStore(bucket, PREFIX))[max(1, lag) :]
     seconds = counted[-1].elapsed_s - counted[0].elapsed_s
     counted = counted[1:]
     steps, count = sum(each.steps for each in counted), len(counted)

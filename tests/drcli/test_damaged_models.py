@@ -24,6 +24,7 @@ from drcli.model.checkpoint_list import list_checkpoints
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import read_history
 from drcli.model.model_list import list_models
+from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import whole_checkpoints
 from drcli.model.repair import read_metrics
 from drcli.records.run_record import RunRecord, run_folder
@@ -87,8 +88,8 @@ class World:
         self.here = here
         self.there = CopiedBucket("uploads")
         places = (
-            *("runs.plan", "runs.increment", "runs.evaluation_plan", "workers.worker_process"),
-            *("models.upload", "models.download", "models.transfer_buckets"),
+            *("run.plan", "run.increment", "run.evaluation_plan", "workers.worker_process"),
+            *("transfer.upload", "transfer.download", "transfer.transfer_buckets"),
         )
         for module in places:
             patch.setattr(f"drcli.{module}.open_bucket", lambda *_, **__: self.here)
@@ -109,7 +110,7 @@ class World:
     def planned(self, **options: Any) -> RunPlan:
         """A training that could start; its prefix is free again."""
         plan = prepare(self.settings, StartOptions(**options))
-        lease.release(self.here, PREFIX, plan.job.session)
+        lease.release(ModelStore(self.here, PREFIX), plan.job.session)
         return plan
 
 
@@ -161,8 +162,8 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> CopiedBucket:
 
 def shrink(bucket: MemoryBucket) -> None:
     """Give the checkpoints small weights, which are quick to compare."""
-    for name in map(str, whole_checkpoints(bucket, PREFIX)):
-        record = CheckpointStore(bucket, PREFIX).record(name)
+    for name in map(str, whole_checkpoints(ModelStore(bucket, PREFIX))):
+        record = CheckpointStore(ModelStore(bucket, PREFIX)).record(name)
         small = save({"weights": np.zeros(record.number + 1, np.float32)})
         bucket.put(keys.checkpoint_tensors(PREFIX, name), small)
         optimizer = None
@@ -199,7 +200,7 @@ def world(working_folder: Path, trained: CopiedBucket, monkeypatch: pytest.Monke
 
 
 def test_every_checkpoint_has_its_graph_beside_it(trained):
-    numbers = {name.number for name in whole_checkpoints(trained, PREFIX)}
+    numbers = {name.number for name in whole_checkpoints(ModelStore(trained, PREFIX))}
 
     graphs = {info.key for info in trained.list(f"{PREFIX}/model/") if info.key.endswith(".pb")}
 
@@ -263,7 +264,7 @@ def _with_leaves(data: bytes, leaf: object) -> bytes:
 def key_of(world: World, name: str) -> str:
     if name != "record":
         return OBJECTS[name]
-    newest = CheckpointStore(world.here, PREFIX).pointed()
+    newest = CheckpointStore(ModelStore(world.here, PREFIX)).pointed()
     return keys.checkpoint_record(PREFIX, str(newest))
 
 
@@ -281,7 +282,7 @@ def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, dama
 
     plan = world.planned(resume=True)
 
-    assert plan.resumes == str(CheckpointStore(world.here, PREFIX).pointed())
+    assert plan.resumes == str(CheckpointStore(ModelStore(world.here, PREFIX)).pointed())
     assert plan.job.seed == 7
     assert_whole(world.here)
     if is_told(name, damage):
@@ -295,7 +296,7 @@ def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, dama
 )
 def test_a_training_goes_on_from_a_model_that_has_lost_an_object(world, name, told):
     key = key_of(world, name)
-    newest = str(CheckpointStore(world.here, PREFIX).pointed())
+    newest = str(CheckpointStore(ModelStore(world.here, PREFIX)).pointed())
     world.here.delete([key])
 
     plan = world.planned(resume=True)
@@ -328,15 +329,17 @@ def is_told(name: str, damage: str) -> bool:
 
 def assert_whole(bucket: MemoryBucket) -> None:
     """All small objects say what they said before."""
-    assert [r.iteration for r in read_history(bucket, PREFIX)] == list(range(ITERATIONS))
-    scores = read_scores(bucket, PREFIX)
+    assert [r.iteration for r in read_history(ModelStore(bucket, PREFIX))] == list(
+        range(ITERATIONS)
+    )
+    scores = read_scores(ModelStore(bucket, PREFIX))
     assert scores is not None
     assert scores.last_checkpoint.name.startswith(f"{ITERATIONS}_Step-")
     records = read_metrics(bucket, keys.training_metrics(keys.metrics_prefix(PREFIX)))
     driven = [r.episode for r in records if r.phase == "training"]
     assert driven == list(range(1, 2 * ITERATIONS + 1))
-    for name in whole_checkpoints(bucket, PREFIX):
-        CheckpointStore(bucket, PREFIX).load(str(name))
+    for name in whole_checkpoints(ModelStore(bucket, PREFIX)):
+        CheckpointStore(ModelStore(bucket, PREFIX)).load(str(name))
 
 
 @contextmanager
@@ -360,7 +363,7 @@ def evaluate(world: World) -> list[str]:
 def upload_model(world: World) -> list[str]:
     planned = plan_upload(world.settings, UploadOptions("last"))
     upload(planned, world.settings, no_bar)
-    copy = CheckpointStore(world.there, "team/copy")
+    copy = CheckpointStore(ModelStore(world.there, "team/copy"))
     assert copy.load_latest() is not None
     return []
 
@@ -370,8 +373,10 @@ def download_model(world: World) -> list[str]:
     options = DownloadOptions(f"s3://uploads/{PREFIX}", "mine")
     planned = plan_download(world.settings, options)
     download(planned, world.settings, no_bar)
-    assert CheckpointStore(world.here, "mine").load_latest() is not None
-    assert [r.iteration for r in read_history(world.here, "mine")] == list(range(ITERATIONS))
+    assert CheckpointStore(ModelStore(world.here, "mine")).load_latest() is not None
+    assert [r.iteration for r in read_history(ModelStore(world.here, "mine"))] == list(
+        range(ITERATIONS)
+    )
     return []
 
 
@@ -422,7 +427,7 @@ LISTS: dict[str, Callable[[World], list[str]]] = {
     "status": status,
     "list-models": list_all,
     "list-checkpoints": lambda world: (
-        list_checkpoints(world.settings.model, world.here, PREFIX).damaged
+        list_checkpoints(world.settings.model, ModelStore(world.here, PREFIX)).damaged
     ),
 }
 

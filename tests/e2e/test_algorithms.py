@@ -6,6 +6,7 @@ import json
 import pytest
 
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 
 pytestmark = pytest.mark.slow
 
@@ -59,7 +60,9 @@ def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(w
     assert [name.split("_")[0] for name in names[:2]] == ["0", "0"]
     assert names[2].split("_")[0] in ("1", "2")
     assert "steps of iteration 1." in workspace.log("trainer")  # remembered after the resume
-    latest = CheckpointStore(workspace.bucket(), workspace.prefix).load_latest(with_optimizer=True)
+    latest = CheckpointStore(ModelStore(workspace.bucket(), workspace.prefix)).load_latest(
+        with_optimizer=True
+    )
     assert latest is not None
     assert latest.optimizer is not None
     assert latest.record.counters.number_format in ("fp32", "bf16")

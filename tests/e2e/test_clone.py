@@ -6,6 +6,7 @@ import pytest
 from safetensors.numpy import load
 
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 
 pytestmark = pytest.mark.slow
 
@@ -31,9 +32,9 @@ def test_an_increment_and_a_start_go_on_from_the_models_weights(workspace, train
     assert report["prefix"] == "model-1"
     assert [r["checkpoint"] for r in report["history"]] == ["0_Step-0.ckpt"]
     bucket = workspace.bucket()
-    source = load(CheckpointStore(bucket, "model").load(name).tensors)
-    first = load(CheckpointStore(bucket, "model-1").load("0_Step-0.ckpt").tensors)
-    learned = CheckpointStore(bucket, "model-1").load_latest()
+    source = load(CheckpointStore(ModelStore(bucket, "model")).load(name).tensors)
+    first = load(CheckpointStore(ModelStore(bucket, "model-1")).load("0_Step-0.ckpt").tensors)
+    learned = CheckpointStore(ModelStore(bucket, "model-1")).load_latest()
     assert all((first[tensor] == source[tensor]).all() for tensor in source)
     assert learned is not None
     assert any((load(learned.tensors)[tensor] != first[tensor]).any() for tensor in first)

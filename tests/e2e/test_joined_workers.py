@@ -11,6 +11,7 @@ import pytest
 from counted_episodes import counted_episodes
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 
 pytestmark = pytest.mark.slow
 
@@ -42,7 +43,7 @@ class Site:
 
     def iterations(self) -> int:
         """How many were learned from: the number of the newest checkpoint."""
-        newest = CheckpointStore(self.bucket, self.home.prefix).pointed()
+        newest = CheckpointStore(ModelStore(self.bucket, self.home.prefix)).pointed()
         return 0 if newest is None else newest.number
 
     def worker(self, host: "psutil.Process") -> "psutil.Process | None":

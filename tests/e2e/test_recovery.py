@@ -12,6 +12,7 @@ import psutil
 import pytest
 
 from drcli.model import lease
+from drcli.model.model_store import ModelStore
 
 pytestmark = pytest.mark.slow
 
@@ -44,7 +45,12 @@ def _assert_every_object_is_readable(workspace) -> None:
         data = bucket.get(key)
         if key.endswith(".json"):
             json.loads(data)
-    assert CheckpointStore(bucket, workspace.prefix).load_latest(with_optimizer=True).damaged == ()
+    assert (
+        CheckpointStore(ModelStore(bucket, workspace.prefix))
+        .load_latest(with_optimizer=True)
+        .damaged
+        == ()
+    )
     assert not [key for key in names if key.startswith("rollouts/")]
 
 
@@ -113,12 +119,12 @@ def test_sigterm_saves_everything_another_machine_continues_and_loses_to_a_third
     wanted = len(before["history"]) + 1
     elsewhere.wait_for(lambda: elsewhere.iterations() >= wanted, "one iteration more")
     bucket = elsewhere.bucket()
-    theirs = lease.take(bucket, elsewhere.prefix, "a third start")
+    theirs = lease.take(ModelStore(bucket, elsewhere.prefix), "a third start")
     lost = elsewhere.end_of(second, patience_s=30)
 
     assert lost.returncode == 8
     assert f"is trained by process {theirs.pid}" in " ".join(lost.stderr.split())
-    assert lease.holder(bucket, elsewhere.prefix).session == "a third start"
+    assert lease.holder(ModelStore(bucket, elsewhere.prefix)).session == "a third start"
     after = elsewhere.status()
     assert after["history"][: len(before["history"])] == before["history"]
     assert after["history"][-1]["total_steps"] > before["history"][-1]["total_steps"]

@@ -7,6 +7,7 @@ import signal
 import pytest
 
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 
 pytestmark = pytest.mark.slow
 
@@ -16,7 +17,7 @@ REWARD = "    return 1.0 if params['all_wheels_on_track'] else 1e-3\n"
 def test_a_student_drives_after_its_teacher_though_the_trainer_is_killed_in_both_phases(workspace):
     workspace.hyperparameters |= {"training_method": "teacher", "term_cond_max_episodes": 18}
     workspace.write_custom_files(REWARD)
-    store = CheckpointStore(workspace.bucket(), workspace.prefix)
+    store = CheckpointStore(ModelStore(workspace.bucket(), workspace.prefix))
 
     def phase() -> str:
         newest = store.pointed()

@@ -7,6 +7,7 @@ import pytest
 
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 
 pytestmark = pytest.mark.slow
 
@@ -23,7 +24,7 @@ def write_profile(folder: Path, *lines: str) -> dict[str, str]:
 
 def whole(bucket: S3Bucket, prefix: str) -> str:
     """The checkpoint that a model's pointers agree on, read and checked."""
-    store = CheckpointStore(bucket, prefix)
+    store = CheckpointStore(ModelStore(bucket, prefix))
     name = store.best_name()
     assert name is not None
     assert name == str(store.pointed())

@@ -11,6 +11,7 @@ import psutil
 import pytest
 
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome
 from metadata_server import MetadataServer
 
@@ -57,16 +58,16 @@ def test_one_command_brings_a_run_to_its_end_on_machines_that_vanish_or_are_take
         process.kill()
     workspace.end_of(first)
     before = workspace.iterations()
-    assert read_outcome(workspace.bucket(), workspace.prefix).state == "running"
+    assert read_outcome(ModelStore(workspace.bucket(), workspace.prefix)).state == "running"
 
     other = new_workspace()
     shutil.rmtree(other.folder / "custom_files")
     other.put_bucket(workspace.model.parent)
     bucket = other.bucket()
-    held = lease.read_lease(bucket, other.prefix)
+    held = lease.read_lease(ModelStore(bucket, other.prefix))
     assert held is not None
     # That of another machine, whose processes nobody here can look for.
-    lease.write_lease(bucket, other.prefix, replace(held, machine="another"))
+    lease.write_lease(ModelStore(bucket, other.prefix), replace(held, machine="another"))
     path = other.model.parent / keys.lease(other.prefix)
     os.utime(path, (time.time() - NEARLY_EXPIRED_S,) * 2)
     other.environment["AWS_EC2_METADATA_SERVICE_ENDPOINT"] = metadata.address
@@ -76,9 +77,9 @@ def test_one_command_brings_a_run_to_its_end_on_machines_that_vanish_or_are_take
     ended = other.end_of(second)
 
     assert ended.returncode == 75, ended.stderr
-    outcome = read_outcome(bucket, other.prefix)
+    outcome = read_outcome(ModelStore(bucket, other.prefix))
     assert (outcome.state, outcome.code, outcome.stays_ended) == ("interrupted", 75, False)
-    assert lease.live_holder(bucket, other.prefix) is None
+    assert lease.live_holder(ModelStore(bucket, other.prefix)) is None
     learned = other.iterations()
     events = journal(other)
     assert [event["kind"] for event in events].count("start") == 2
@@ -96,4 +97,4 @@ def test_one_command_brings_a_run_to_its_end_on_machines_that_vanish_or_are_take
     finished = other.run(*COMMAND)
     assert finished.returncode == 0
     assert "Nothing to do for s3://bucket/model: Training is complete" in finished.stderr
-    assert read_outcome(bucket, other.prefix).state == "finished"
+    assert read_outcome(ModelStore(bucket, other.prefix)).state == "finished"

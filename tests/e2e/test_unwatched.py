@@ -5,6 +5,7 @@ import json
 import pytest
 
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from message_servers import hook
 
 pytestmark = pytest.mark.slow
@@ -34,7 +35,7 @@ def test_a_complete_training_uploads_its_best_tells_its_cost_and_runs_a_command(
         done = workspace.run("start-training", "--foreground", "--on-end", command, "--json")
 
     assert done.returncode == 0, f"{done.stderr}\n{workspace.logs()}"
-    best = CheckpointStore(uploads, "team/done-1").best_name()
+    best = CheckpointStore(ModelStore(uploads, "team/done-1")).best_name()
     report = json.loads(done.stdout.splitlines()[-1])
     assert best == report["best"]["name"]
     state, cost = (workspace.folder / "ended.txt").read_text().split()

@@ -16,8 +16,9 @@ from drcli.model.best_checkpoint import read_scores
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.growing_file import read_complete
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import traced_iterations
-from drcli.model.repair import Model, find_damage, read_all_metrics
+from drcli.model.repair import find_damage, read_all_metrics
 from drcli.records.episode_metrics import EpisodeMetrics
 from drcli.records.iteration import IterationRecord
 from drcli.records.trace import STATUS_LABELS, TracedEpisode, read_csv
@@ -52,7 +53,7 @@ class Audit:
     def run(self) -> list[str]:
         """All findings, empty if the model is as it should be."""
         try:
-            history = read_history(self.bucket, self.prefix)
+            history = read_history(ModelStore(self.bucket, self.prefix))
         except ObjectDamaged as error:
             if keys.history(self.prefix) not in self.damaged or self.ended:
                 self.findings.append(str(error))
@@ -72,7 +73,7 @@ class Audit:
     def _check_objects(self) -> None:
         """Every object is readable, or its damage is named."""
         metrics = keys.metrics_prefix(self.prefix)
-        model = Model(self.bucket, self.prefix, metrics, workers=range(self.workers))
+        model = ModelStore(self.bucket, self.prefix, metrics, workers=range(self.workers))
         for sentence in find_damage(model):
             if self.ended or not any(key in sentence for key in self.damaged):
                 self.findings.append(sentence)
@@ -114,7 +115,7 @@ class Audit:
 
     def _check_rows(self, history: Sequence[IterationRecord]) -> None:
         """History, traces and metrics tell the same of each finished iteration."""
-        traced = traced_iterations(self.bucket, self.prefix)
+        traced = traced_iterations(ModelStore(self.bucket, self.prefix))
         metrics: dict[int, list[EpisodeMetrics]] = {}
         for worker in range(self.workers):
             key = keys.training_metrics(keys.metrics_prefix(self.prefix), worker)
@@ -210,7 +211,7 @@ class Audit:
 
     def _check_end(self, history: Sequence[IterationRecord]) -> None:
         """The last checkpoints can be loaded, and nothing of the exchange is left."""
-        store = CheckpointStore(self.bucket, self.prefix)
+        store = CheckpointStore(ModelStore(self.bucket, self.prefix))
         try:
             latest = store.load_latest(with_optimizer=True)
             best = store.best_name()
@@ -233,7 +234,7 @@ class Audit:
             f"{sum(r.episodes for r in history)} with {sum(r.steps for r in history)} steps in "
             f"{len(history)} iterations.",
         )
-        scores = read_scores(self.bucket, self.prefix)
+        scores = read_scores(ModelStore(self.bucket, self.prefix))
         self._check(
             scores is not None and scores.last_checkpoint.name == latest.record.name,
             f"The scores do not name {latest.record.name} as the last checkpoint.",

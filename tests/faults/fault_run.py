@@ -16,6 +16,7 @@ from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import read_history
 from drcli.model.lease import read_lease
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import Lease
 from fault_audit import Audit, audit_twice
 from fault_kinds import LOST, Effect, Place, inject
@@ -255,7 +256,7 @@ class FaultRun:
     def _look(self) -> None:
         """Check what may never happen, not even for a moment."""
         bucket = self._place.storage.bucket
-        pointed = CheckpointStore(bucket, PREFIX).pointed()
+        pointed = CheckpointStore(ModelStore(bucket, PREFIX)).pointed()
         if pointed is not None and pointed.number != self._pointed:
             if pointed.number < self._pointed and not self._may_go_back:
                 self._find(f"The pointer went from checkpoint {self._pointed} to {pointed.number}.")
@@ -272,11 +273,11 @@ class FaultRun:
             self._term = lease.term
 
     def _history(self) -> Sequence[object]:
-        return read_history(self._place.storage.bucket, PREFIX)
+        return read_history(ModelStore(self._place.storage.bucket, PREFIX))
 
     def _lease(self) -> Lease | None:
         try:
-            return read_lease(self._place.storage.bucket, PREFIX)
+            return read_lease(ModelStore(self._place.storage.bucket, PREFIX))
         except DrError:
             return None
 

@@ -19,6 +19,7 @@ from drcli.base.errors import DrError
 from drcli.model import keys
 from drcli.model.history import read_history
 from drcli.model.lease import STALE_S, read_lease
+from drcli.model.model_store import ModelStore
 from fault_audit import Audit, audit_twice
 from fault_kinds import LOST
 from fault_machine import BUCKET, PREFIX, Machine, Storage, now_s, send
@@ -225,7 +226,7 @@ class TakeoverRun:
 
     def _owner_term(self) -> int | None:
         with suppress(DrError):
-            lease = read_lease(self._storage.bucket, PREFIX)
+            lease = read_lease(ModelStore(self._storage.bucket, PREFIX))
             return None if lease is None else lease.term
         return None
 
@@ -251,7 +252,7 @@ class TakeoverRun:
 
     def _iterations(self) -> int:
         try:
-            return len(read_history(self._storage.bucket, PREFIX))
+            return len(read_history(ModelStore(self._storage.bucket, PREFIX)))
         except DrError:
             return 0
 

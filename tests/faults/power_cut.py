@@ -20,6 +20,7 @@ from drcli.bucket.connect import FolderBucket
 from drcli.bucket.server import server
 from drcli.model.checkpoints import CheckpointStore, checkpoint_objects
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import traced_iterations
 from fault_audit import Audit
 from fault_machine import PREFIX, Machine, Storage, now_s, works_in
@@ -203,7 +204,7 @@ class PowerCuts:
         self.machine.vanish()
 
     def _pointed(self) -> int:
-        pointed = CheckpointStore(self.bucket, PREFIX).pointed()
+        pointed = CheckpointStore(ModelStore(self.bucket, PREFIX)).pointed()
         return -1 if pointed is None else pointed.number
 
     def _wait_for(self, number: int) -> None:
@@ -246,8 +247,10 @@ class PowerCuts:
         return cut
 
     def _newest_whole(self) -> int:
-        store = CheckpointStore(self.bucket, PREFIX)
-        for name in sorted(set(checkpoint_objects(self.bucket, PREFIX).values()), reverse=True):
+        store = CheckpointStore(ModelStore(self.bucket, PREFIX))
+        for name in sorted(
+            set(checkpoint_objects(ModelStore(self.bucket, PREFIX)).values()), reverse=True
+        ):
             with suppress(ObjectMissing, ObjectDamaged):
                 found = store.load(str(name), with_optimizer=True)
                 if found.optimizer is not None or name.number == 0:
@@ -256,12 +259,12 @@ class PowerCuts:
 
     def _history(self) -> int:
         try:
-            return len(read_history(self.bucket, PREFIX))
+            return len(read_history(ModelStore(self.bucket, PREFIX)))
         except DrError:
             return -1
 
     def _lost_traces(self, finished: int) -> list[int]:
-        traced = traced_iterations(self.bucket, PREFIX)
+        traced = traced_iterations(ModelStore(self.bucket, PREFIX))
         whole = [n for n, own in traced.items() if all(map(self.bucket.get, own.values()))]
         return [n for n in range(finished) if n not in whole]
 

@@ -12,6 +12,7 @@ from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.model import keys, race_keys
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.races.organise import create_race
 from drcli.races.race_queue import run_queue
 from drcli.races.race_records import DrivenLap
@@ -56,7 +57,7 @@ class Home:
         """Lay down a model with one checkpoint."""
         import json
 
-        store = CheckpointStore(self.bucket, prefix)
+        store = CheckpointStore(ModelStore(self.bucket, prefix))
         store.save(number, 100 * number, b"weights of %s" % prefix.encode())
         metadata = {
             "action_space": ACTIONS,

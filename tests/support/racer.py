@@ -8,6 +8,7 @@ from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.model import lease
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.run.plan import RunPlan, StartOptions, prepare
 from memory_bucket import MemoryBucket
 
@@ -52,11 +53,11 @@ class Racer:
     def start(self, **options: Any) -> RunPlan:
         """Plan a training that ends at once: the prefix is free again."""
         plan = prepare(self.settings(), StartOptions(**options))
-        lease.release(self.bucket, plan.job.config.model.prefix, plan.job.session)
+        lease.release(ModelStore(self.bucket, plan.job.config.model.prefix), plan.job.session)
         return plan
 
     def store(self, prefix: str) -> CheckpointStore:
-        return CheckpointStore(self.bucket, prefix)
+        return CheckpointStore(ModelStore(self.bucket, prefix))
 
     def note(self, prefix: str) -> dict[str, Any]:
         note: dict[str, Any] = json.loads(self.bucket.get(f"{prefix}/ip/run.json"))

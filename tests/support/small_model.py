@@ -11,6 +11,7 @@ from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
@@ -45,7 +46,7 @@ def put_small_model(
         bucket.put(key, data)
     first, second = files.values()
     design = ModelMetadata.from_bytes(first), Hyperparameters.from_bytes(second, "file")
-    store = CheckpointStore(bucket, prefix)
+    store = CheckpointStore(ModelStore(bucket, prefix))
     for number in numbers:
         torch.manual_seed(number)
         state = build_policy(*design).state_dict()

@@ -12,6 +12,7 @@ from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from evaluations import evaluated
@@ -52,7 +53,7 @@ def put_trained_model(
     }
     design = json.dumps(written).encode()
     parameters = json.dumps(hyperparameters or {}).encode()
-    store = CheckpointStore(bucket, prefix)
+    store = CheckpointStore(ModelStore(bucket, prefix))
     for number in numbers:
         torch.manual_seed(number)
         model = build_policy(

@@ -11,6 +11,7 @@ import pytest
 
 from drcli.config.loading import load_settings
 from drcli.model import lease
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.run.plan import StartOptions, prepare
 from drcli.train.sim import SimWorker
@@ -76,7 +77,7 @@ class TrainingInMemory:
         self.write("custom_files/hyperparameters.json", json.dumps(parameters))
         self.write("custom_files/model_metadata.json", json.dumps(metadata))
         self.write("custom_files/reward_function.py", REWARD)
-        for module in ("runs.plan", "workers.worker_process"):
+        for module in ("run.plan", "workers.worker_process"):
             patch.setattr(f"drcli.{module}.open_bucket", lambda *_, **__: self.bucket)
         patch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
         patch.setattr("drcli.model.run_metadata._git", lambda *_: None)
@@ -90,7 +91,7 @@ class TrainingInMemory:
     def planned(self, **options: Any) -> Job:
         """The job of a start; its prefix is free again."""
         plan = prepare(load_settings(self.folder, environ={}), StartOptions(**options))
-        lease.release(self.bucket, PREFIX, plan.job.session)
+        lease.release(ModelStore(self.bucket, PREFIX), plan.job.session)
         return plan.job
 
     def train(self, **options: Any) -> None:

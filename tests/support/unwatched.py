@@ -7,6 +7,7 @@ from typing import Any
 
 from drcli.bucket.bucket import Bucket
 from drcli.config.loading import load_settings
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.run.checkpoint_watch import CheckpointWatch
 from drcli.run.command_process import CommandEnd
@@ -136,7 +137,7 @@ def put_scores(bucket: Bucket, prefix: str, *numbers: int) -> None:
     """Lay down a model whose checkpoints get better."""
     from drcli.model.checkpoints import CheckpointStore
 
-    store = CheckpointStore(bucket, prefix)
+    store = CheckpointStore(ModelStore(bucket, prefix))
     for number in numbers:
         record = store.save(number, 100 * number, b"weights")
         store.record_evaluation(evaluated(record.name, 50.0 + number), "progress")

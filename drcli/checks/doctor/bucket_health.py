@@ -22,6 +22,7 @@ from drcli.checks.start_rules import LARGEST_SKEW_S
 from drcli.config.run_config import StorageConfig
 from drcli.config.settings import Settings
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 
 # Tries what drcli does with a bucket, folder by folder, and measures the speed.
 #
@@ -289,7 +290,7 @@ def examine_bucket(settings: Settings, end_s: float) -> Iterator[Finding]:
     folders += [keys.folder(settings.custom_files_prefix), keys.folder(settings.metrics_prefix)]
     yield from _examine("bucket", bucket, outermost(folders), _where(storage), end_s)
     try:
-        owner = lease.live_holder(bucket, prefix)
+        owner = lease.live_holder(ModelStore(bucket, prefix))
     except StorageError:
         return
     if owner is not None:

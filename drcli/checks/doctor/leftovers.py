@@ -13,7 +13,12 @@ from drcli.checks.doctor.findings import Finding
 from drcli.config.run_config import StorageConfig
 from drcli.records.run_record import LIVE_STATES, RunRecord, running_evaluations
 
-_WORKERS = tuple(f"drcli.train.{name}" for name in ("sim", "trainer", "evaluator", "evaluate_many"))
+_WORKERS = (
+    "drcli.train.sim",
+    "drcli.train.trainer",
+    "drcli.drive.evaluator",
+    "drcli.drive.evaluate_many",
+)
 
 
 def examine_runs(directory: Path) -> Iterator[Finding]:

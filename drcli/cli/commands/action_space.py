@@ -12,13 +12,14 @@ from rich.text import Text
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.files import is_left_behind, read_regular
 from drcli.base.png_picture import INK, png
-from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.bucket.bucket import ObjectMissing
 from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, Replace, force_option, prefix_option
 from drcli.cli.views.layout import Rows, counted, fitted, indented
 from drcli.cli.working_folder import settings, working_folder
 from drcli.model.files.action_choice import DrivenFile, read_steps
 from drcli.model.files.action_space import ActionSpace
+from drcli.model.model_store import ModelStore
 from drcli.model.traces import traces_of
 
 if TYPE_CHECKING:
@@ -223,22 +224,22 @@ def traces_in_folders(paths: Iterable[Path]) -> list[DrivenFile]:
     return found
 
 
-def traces_of_model(bucket: Bucket, prefix: str) -> list[DrivenFile]:
+def traces_of_model(model: ModelStore) -> list[DrivenFile]:
     """Of all evaluations and the newest training; SettingsError without any."""
-    own = traces_of(bucket, prefix).objects  # none of a model inside it
+    own = traces_of(model).objects  # none of a model inside it
     listed = [info.key for info in own if info.key.endswith(".csv")]
-    training = [key for key in listed if "/training-simtrace/" in key[len(prefix) :]]
-    evaluation = [key for key in listed if "/evaluation-simtrace/" in key[len(prefix) :]]
+    training = [key for key in listed if "/training-simtrace/" in key[len(model.prefix) :]]
+    evaluation = [key for key in listed if "/evaluation-simtrace/" in key[len(model.prefix) :]]
     training.sort(key=_iteration)
     found = []
     for key in [*evaluation, *training[-NEWEST_TRACES:]]:
         try:
-            found.append(read_steps(bucket.get(key), key))
+            found.append(read_steps(model.bucket.get(key), key))
         except (SettingsError, ObjectMissing):
             continue  # half written, or deleted since it was listed
     if not found:
         raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has no trace of a drive.",
+            f"{model.url} has no trace of a drive.",
             remedy="Train or evaluate the model first, or name a trace file.",
         )
     return found
@@ -571,7 +572,7 @@ def _driven(paths: list[Path] | None, prefix: str | None) -> list["DrivenFile"]:
 
         loaded = settings()
         bucket = bucket_to_look_at(loaded.transfer, upload=False)
-        files = traces_of_model(bucket, prefix or loaded.model_prefix)
+        files = traces_of_model(ModelStore(bucket, prefix or loaded.model_prefix))
     skipped = sum(file.skipped for file in files)
     if skipped:
         console.warn(f"{skipped:,} lines of {_named(files)} could not be read and were skipped.")

@@ -18,6 +18,7 @@ from drcli.cli.views import iterations
 from drcli.cli.views.iterations import BESIDE_CURVE, CURVE_COLUMNS, LEAST_CURVE_COLUMNS
 from drcli.cli.views.layout import Rows, counted, fitted, indented
 from drcli.cli.working_folder import settings_for_files
+from drcli.model.model_store import ModelStore
 
 if TYPE_CHECKING:
     from drcli.analysis.analysis import AnalysisReport
@@ -306,7 +307,9 @@ def _explained(loaded: "Settings", name: str | None, world: str | None) -> "tupl
     prefix = loaded.model_prefix if name is None else name.strip("/")
     with console.waiting("Driving an episode and explaining it ..."):
         bucket = bucket_to_look_at(loaded.transfer, upload=False)
-        return explained_pictures(with_options(loaded, DR_WORLD_NAME=world), bucket, prefix)
+        return explained_pictures(
+            with_options(loaded, DR_WORLD_NAME=world), ModelStore(bucket, prefix)
+        )
 
 
 def _refuse_outside_the_bucket(loaded: "Settings", name: str | None) -> None:

@@ -50,7 +50,7 @@ from drcli.model.files.params_yaml import (
     split_world,
     training_parameters,
 )
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.outside.droa.droa_package import Files
 from drcli.outside.droa.droa_rules import INDEX, POINTER
 from drcli.records.scores import encode_single
@@ -424,20 +424,20 @@ def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice)
         StorageError: The bucket cannot be read.
     """
     bucket = bucket_to_look_at(settings.transfer, upload=False)
-    refuse_incomplete(settings.model, bucket, prefix)
-    chosen = find_choice(Model.of(settings.model, bucket, prefix), choice)
+    model = ModelStore(bucket, prefix)
+    refuse_incomplete(settings.model, model)
+    chosen = find_choice(ModelStore.of(settings.model, bucket, prefix), choice)
     if not set(keys.TENSORFLOW_PARTS) <= set(chosen.parts):
         exported = read_droa_export(settings, Selection(choice, prefix), world=None)
         for note in exported.notes:
             errors.show(note)
         return package_files(exported)
-    errors.show(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
+    errors.show(sentence_about(ModelStore.of(settings.model, bucket, prefix), chosen))
     items = [
-        *read_checkpoint(bucket, prefix, chosen),
+        *read_checkpoint(model, chosen),
         *read_model_files(
             settings.model,
-            bucket,
-            prefix,
+            model,
             chosen.name,
             (bucket.name, prefix),
             training_parameters(settings),

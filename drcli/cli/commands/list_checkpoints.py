@@ -12,6 +12,7 @@ from drcli.cli import console
 from drcli.cli.options import AsJson, models_argument
 from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import settings
+from drcli.model.model_store import ModelStore
 
 if TYPE_CHECKING:
     from drcli.model.checkpoint_list import CheckpointList, ListedCheckpoint, MilestoneEntry
@@ -88,6 +89,8 @@ def list_checkpoints(
     prefix = loaded.model_prefix if model is None else model.rstrip("/")
     bucket = bucket_to_look_at(loaded.transfer, upload=False)
     with console.waiting(f"Reading s3://{bucket.name}/{prefix} ..."):
-        found = checkpoint_list.list_checkpoints(loaded.model, bucket, prefix, check=check)
+        found = checkpoint_list.list_checkpoints(
+            loaded.model, ModelStore(bucket, prefix), check=check
+        )
     console.warn(*found.damaged)
     console.emit(found, checkpoints(found), as_json=as_json)

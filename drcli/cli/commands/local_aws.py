@@ -52,7 +52,6 @@ def local_aws(context: typer.Context) -> None:
 
     Example: dr-local-aws s3 ls s3://bucket/
     """
-
     program = shutil.which("aws")
     if program is None:
         raise NotAvailable(

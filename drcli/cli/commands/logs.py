@@ -13,6 +13,7 @@ from drcli.base.errors import Absent, SettingsError, StorageError
 from drcli.cli import completion, console
 from drcli.cli.log_tail import POLL_S, chosen, show_log
 from drcli.cli.working_folder import settings, working_folder
+from drcli.model.model_store import ModelStore
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
@@ -182,7 +183,11 @@ def _copy(loaded: "Settings", name: str, file: str, *, keep_waiting: bool) -> "U
 
     try:
         bucket = open_running_bucket(loaded.storage)
-        return None if bucket is None else find_uploaded(bucket, loaded.model_prefix, name, file)
+        return (
+            None
+            if bucket is None
+            else find_uploaded(ModelStore(bucket, loaded.model_prefix), name, file)
+        )
     except StorageError as error:
         if not keep_waiting:
             raise

@@ -23,6 +23,7 @@ from drcli.cli.options import (
 )
 from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import working_folder
+from drcli.model.model_store import ModelStore
 from drcli.view.saliency.question import METHODS, MOST_PICTURES, SPACINGS, TARGETS, Question
 
 if TYPE_CHECKING:
@@ -182,7 +183,7 @@ def saliency(
             prefix = settings.model_prefix if model is None else model.rstrip("/")
             wanted = chosen or _configured(settings)
             explained, name = explain_model.explain_checkpoint(
-                settings, bucket, prefix, wanted, question
+                settings, ModelStore(bucket, prefix), wanted, question
             )
         stills = [] if png is None else explain_model.write_stills(png, explained)
         if html is not None:

@@ -26,6 +26,7 @@ from drcli.cli.options import (
 from drcli.cli.views import iterations, training_view
 from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings
+from drcli.model.model_store import ModelStore
 
 if TYPE_CHECKING:
     from drcli.config.run_config import RunConfig
@@ -362,9 +363,10 @@ def _agree_to_wipe(loaded: "Settings") -> None:
 
     prefix = loaded.model_prefix
     bucket = open_bucket(loaded.storage, patience_s=COMMAND_PATIENCE_S)
-    if not is_used(bucket, prefix):
+    model = ModelStore(bucket, prefix)
+    if not is_used(model):
         return
-    newest = newest_checkpoint(bucket, prefix)
+    newest = newest_checkpoint(model)
     learned = "no checkpoint" if newest is None else f"checkpoints up to {newest.number}"
     question = f"Delete s3://{bucket.name}/{prefix}, which has {learned}? It cannot be undone."
     prompts.agree(question, yes=False)

@@ -262,7 +262,6 @@ def init(
 
     Example: dr-sweep init
     """
-
     path = write_example(file or working_folder() / EXAMPLE, force=force)
     console.say(f"Wrote {path}.")
     console.suggest([(f"dr-sweep {path.name}", "start it once you have changed it")])

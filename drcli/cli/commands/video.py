@@ -14,6 +14,7 @@ from drcli.cli import console
 from drcli.cli.options import AsJson, Replace, checkpoint_option, parsed_checkpoint, world_option
 from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings_for_files
+from drcli.model.model_store import ModelStore
 
 if TYPE_CHECKING:
     from drcli.bucket.bucket import Bucket
@@ -335,9 +336,9 @@ def _trace(
         return trace_source.trace_of_file(Path(what).expanduser())
     prefix = loaded.model_prefix if what is None else what.rstrip("/")
     if iteration is not None:
-        return trace_source.trace_of_iteration(bucket(), prefix, iteration, worker)
+        return trace_source.trace_of_iteration(ModelStore(bucket(), prefix), iteration, worker)
     stamp = None if evaluation in (None, "last") else evaluation
-    return trace_source.trace_of_evaluation(bucket(), prefix, stamp)
+    return trace_source.trace_of_evaluation(ModelStore(bucket(), prefix), stamp)
 
 
 def _drive(loaded: "Settings", checkpoint: str, what: str | None) -> str:

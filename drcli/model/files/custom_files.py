@@ -11,6 +11,7 @@ from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.config.presets import model_file
 from drcli.config.run_config import CustomFilesConfig
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 
 FILE_RULES = {
     keys.REWARD_FUNCTION_FILE: "V-02",
@@ -96,18 +97,18 @@ def texts_of(inputs: Inputs) -> dict[str, str]:
 
 
 def write_model_files(
-    bucket: Bucket, prefix: str, files: Mapping[str, str], *, only_missing: bool = False
+    model: ModelStore, files: Mapping[str, str], *, only_missing: bool = False
 ) -> None:
     """Write `Job.inputs`, unless equal."""
     own = {
-        keys.REWARD_FUNCTION_FILE: keys.reward_function(prefix),
-        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(prefix),
-        keys.MODEL_METADATA_FILE: keys.model_metadata(prefix),
+        keys.REWARD_FUNCTION_FILE: keys.reward_function(model.prefix),
+        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(model.prefix),
+        keys.MODEL_METADATA_FILE: keys.model_metadata(model.prefix),
     }
     for name, text in files.items():
-        key, data = own.get(name) or keys.parameter_file(prefix, name), text.encode()
-        if not bucket.exists(key) or not (only_missing or bucket.get(key) == data):
-            bucket.put(key, data)
+        key, data = own.get(name) or keys.parameter_file(model.prefix, name), text.encode()
+        if not model.bucket.exists(key) or not (only_missing or model.bucket.get(key) == data):
+            model.bucket.put(key, data)
 
 
 def _content(path: Path) -> bytes | None:

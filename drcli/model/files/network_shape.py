@@ -5,11 +5,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from drcli.base.errors import Problem
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointRecord
 
 
@@ -24,24 +25,23 @@ class Design:
     files: Mapping[str, bytes] = field(default_factory=dict)
 
     @staticmethod
-    def of_checkpoint(bucket: Bucket, prefix: str, name: str) -> "Design":
+    def of_checkpoint(model: ModelStore, name: str) -> "Design":
         """By `own_files`; raises ObjectMissing or ProblemsError."""
         try:
-            record = CheckpointStore(bucket, prefix).record(name)
+            record = CheckpointStore(model).record(name)
         except (ObjectMissing, ObjectDamaged):
-            return Design.of_model(bucket, prefix)
-        return Design.of_record(bucket, prefix, record)
+            return Design.of_model(model)
+        return Design.of_record(model, record)
 
     @staticmethod
-    def of_record(bucket: Bucket, prefix: str, record: CheckpointRecord) -> "Design":
+    def of_record(model: ModelStore, record: CheckpointRecord) -> "Design":
         """Raises as `of_checkpoint`."""
-        source = f"in {bucket.name}/{keys.checkpoint_record(prefix, record.name)}"
-        return Design.of_model(bucket, prefix, record.counters.inputs, source)
+        source = f"in {model.bucket.name}/{keys.checkpoint_record(model.prefix, record.name)}"
+        return Design.of_model(model, record.counters.inputs, source)
 
     @staticmethod
     def of_model(
-        bucket: Bucket,
-        prefix: str,
+        model: ModelStore,
         inputs: Mapping[str, str] | None = None,
         source: str = "of this start",
     ) -> "Design":
@@ -50,10 +50,10 @@ class Design:
         An existing checkpoint may differ, see `of_checkpoint`. Raises as that.
         """
         files, origins = {}, []
-        for name, key in model_files(prefix).items():
+        for name, key in model_files(model.prefix).items():
             own = (inputs or {}).get(name)
-            files[name] = bucket.get(key) if own is None else own.encode()
-            origins.append(f"{bucket.name}/{key}" if own is None else f"{name} {source}")
+            files[name] = model.bucket.get(key) if own is None else own.encode()
+            origins.append(f"{model.bucket.name}/{key}" if own is None else f"{name} {source}")
         metadata, parameters = files.values()
         return Design(
             ModelMetadata.from_bytes(metadata, origins[0]),
@@ -90,18 +90,18 @@ def model_files(prefix: str) -> dict[str, str]:
     }
 
 
-def own_files(bucket: Bucket, prefix: str, checkpoint: str) -> dict[str, bytes]:
+def own_files(model: ModelStore, checkpoint: str) -> dict[str, bytes]:
     """From a checkpoint's record; for TensorFlow's and old ones, the model's."""
     inputs: Mapping[str, str] = {}
     with suppress(ObjectMissing, ObjectDamaged):
-        inputs = CheckpointStore(bucket, prefix).record(checkpoint).counters.inputs
+        inputs = CheckpointStore(model).record(checkpoint).counters.inputs
     found = {}
-    for name, key in model_files(prefix).items():
+    for name, key in model_files(model.prefix).items():
         if name in inputs:
             found[name] = inputs[name].encode()
         else:
             with suppress(ObjectMissing):
-                found[name] = bucket.get(key)
+                found[name] = model.bucket.get(key)
     return found
 
 

@@ -14,6 +14,7 @@ from drcli.bucket.s3_errors import error_code
 from drcli.config.settings import Settings
 from drcli.model import keys, lease
 from drcli.model.model_prefix import is_used, newest_checkpoint, what_helps
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.instance_types import (
@@ -144,15 +145,18 @@ def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
     Raises:
         SettingsError: Another machine trains the model, or the prefix holds something else.
     """
-    lease.refuse_other_owner(bucket, prefix)
-    newest = newest_checkpoint(bucket, prefix)
+    store = ModelStore(bucket, prefix)
+    lease.refuse_other_owner(store)
+    newest = newest_checkpoint(store)
     model = f"s3://{bucket.name}/{prefix}"
     if newest is None:
-        if is_used(bucket, prefix):
+        if is_used(store):
             raise SettingsError(
                 f"{model} holds objects, but no checkpoint to resume from.",
                 remedy=what_helps(
-                    bucket, prefix, setting="DR_LOCAL_S3_MODEL_PREFIX", variables=_settings(bucket)
+                    store,
+                    setting="DR_LOCAL_S3_MODEL_PREFIX",
+                    variables=_settings(bucket),
                 ),
             )
         return "", []
@@ -162,7 +166,7 @@ def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
             f"The training of {model} has ended at {newest} before; if its goal is still met, the "
             "machine has nothing to do and ends at once."
         )
-    outcome = read_outcome(bucket, prefix)
+    outcome = read_outcome(store)
     if outcome is not None and outcome.stays_ended:
         notes.append(f"The training of {model} was stopped before; it is continued now.")
     return str(newest), notes
@@ -179,9 +183,10 @@ def _settings(bucket: S3Bucket) -> str:
 
 
 def continue_stopped(bucket: S3Bucket, prefix: str) -> None:
-    outcome = read_outcome(bucket, prefix)
+    model = ModelStore(bucket, prefix)
+    outcome = read_outcome(model)
     if outcome is not None and outcome.stays_ended:
-        write_outcome(bucket, prefix, replace(outcome, stays_ended=False))
+        write_outcome(model, replace(outcome, stays_ended=False))
 
 
 def key_of(account: Account, bucket: str) -> str:

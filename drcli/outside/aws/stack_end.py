@@ -11,6 +11,7 @@ from drcli.bucket.s3_errors import error_code
 from drcli.model import keys, lease
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_prefix import is_tensorflow, newest_checkpoint
+from drcli.model.model_store import ModelStore
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.creation import forget_files
 from drcli.outside.aws.machine_marks import ENDED, read_marks
@@ -79,7 +80,11 @@ def stop_training_there(
     while True:
         states = {mark.instance: mark.state for mark in read_marks(bucket, stack.name)}
         left = [name for name in asked if states.get(name) not in ENDED]
-        if left and lease.holder(bucket, stack.model) is None and _done(account, command, left):
+        if (
+            left
+            and lease.holder(ModelStore(bucket, stack.model)) is None
+            and _done(account, command, left)
+        ):
             left = []  # it had no training that could say so
         if not left:
             return tuple(each.instance for each in there)
@@ -102,20 +107,21 @@ def verified_checkpoint(account: Account, stack: Stack) -> str:
         StorageError: Its files are not whole, or still being written.
     """
     bucket = account.bucket(stack.bucket)
+    store = ModelStore(bucket, stack.model)
     model = f"s3://{stack.bucket}/{stack.model}"
-    held = lease.holder(bucket, stack.model)
+    held = lease.holder(store)
     if held is not None:
         raise StorageError(
             f"{model} is still being trained by {held.owner}; nothing was deleted.",
             remedy="Repeat the command in a minute, or add --now.",
         )
-    newest = newest_checkpoint(bucket, stack.model)
+    newest = newest_checkpoint(store)
     if newest is None:
         return ""
     listed = [info.key for info in bucket.list(keys.model_folder(stack.model))]
     if is_tensorflow(listed, stack.model, str(newest)):
         return ""  # no machine has trained on it yet
-    loaded = CheckpointStore(bucket, stack.model).load_latest()
+    loaded = CheckpointStore(store).load_latest()
     if loaded is None or loaded.record.name != str(newest):
         raise StorageError(
             f"The newest checkpoint of {model}, {newest}, is not whole; nothing was deleted.",
@@ -150,7 +156,7 @@ def remove_training(
     delete_stack(account, stack.name, pause)
     bucket = account.bucket(stack.bucket)
     objects = forget_files(bucket, stack.name)
-    newest = checkpoint or str(newest_checkpoint(bucket, stack.model) or "")
+    newest = checkpoint or str(newest_checkpoint(ModelStore(bucket, stack.model)) or "")
     return StoppedStack(stack.name, stack.model, newest, there, objects, whole=bool(checkpoint))
 
 

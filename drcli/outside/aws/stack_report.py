@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from drcli.base.errors import DrError
-from drcli.bucket.bucket import Bucket
 from drcli.model import keys, lease
 from drcli.model.model_prefix import newest_checkpoint
+from drcli.model.model_store import ModelStore
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.machine_marks import read_marks
 from drcli.outside.aws.machines import Machine, cost_of, machines_of, scaling_problem
@@ -79,7 +79,7 @@ def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> Stac
     bucket = account.bucket(stack.bucket)
     try:
         marks = read_marks(bucket, stack.name)
-        checkpoint, owned = _training(bucket, stack.model)
+        checkpoint, owned = _training(ModelStore(bucket, stack.model))
     except DrError as error:
         marks, checkpoint, owned = [], "", False
         blank = replace(blank, reason=str(error))
@@ -99,9 +99,9 @@ def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> Stac
     return replace(report, state=state, reason=reason or report.reason)
 
 
-def _training(bucket: Bucket, prefix: str) -> tuple[str, bool]:
-    newest = newest_checkpoint(bucket, prefix) if keys.is_valid_prefix(prefix) else None
-    owned = lease.holder(bucket, prefix) is not None
+def _training(model: ModelStore) -> tuple[str, bool]:
+    newest = newest_checkpoint(model) if keys.is_valid_prefix(model.prefix) else None
+    owned = lease.holder(model) is not None
     return str(newest or ""), owned
 
 

@@ -24,6 +24,7 @@ from drcli.base.json_record import from_json, json_default
 from drcli.base.log import RotatingFile, get_logger, traces
 from drcli.config import secret_environment
 from drcli.metrics.open_sinks import tensorboard_folder
+from drcli.model.model_store import ModelStore
 from drcli.records.heartbeat import PulseRecord
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import json_log, log_file
@@ -352,7 +353,7 @@ def wait_for_node(
 ) -> int | None:
     """Without free cores for some time, it gets a place `without_cores` of its own."""
     bucket = worker_process.open_own_bucket(job, lifeline)
-    activity = Activity(bucket, job.config.model.prefix, TRAINER, lifeline.pulse)
+    activity = Activity(ModelStore(bucket, job.config.model.prefix), TRAINER, lifeline.pulse)
     what = f"{gpus} free GPU{'s' * (gpus != 1)}" if gpus else "free cores"
     shares_at_s = math.inf if gpus else time.monotonic() + OWN_CORES_S
     try:

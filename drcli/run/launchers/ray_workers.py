@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.log import get_logger
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.train.ray_cluster import NodeLost, PlacedActor, connected, keys_for_nodes
 from drcli.train.ray_host import WorkerHost
@@ -175,7 +176,7 @@ def join_arguments(job: Job) -> list[str]:
 
 def main(job: Job, lifeline: Lifeline) -> None:
     bucket = worker_process.open_own_bucket(job, lifeline)
-    activity = Activity(bucket, job.config.model.prefix, NAME, lifeline.pulse)
+    activity = Activity(ModelStore(bucket, job.config.model.prefix), NAME, lifeline.pulse)
     try:
         with connected(job) as ray:
             cluster = RayCluster(ray, job, join_arguments(job))

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli.base.errors import DrError, SettingsError
-from drcli.bucket.bucket import Bucket
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
 from drcli.model.checkpoint_choice import ModelCheckpoints, find_choice
-from drcli.model.repair import Model, readable_history
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import readable_history
 from drcli.records.checkpoint import CHECKPOINT_NAME
 from drcli.view.playback.stored_traces import StoredTrace
 from drcli.view.video.trace_source import FoundTrace
@@ -35,12 +35,12 @@ class DrivingPolicy:
 
 
 def policy_of(
-    bucket: Bucket, config: ModelConfig, prefix: str, trace: StoredTrace, found: FoundTrace
+    model: ModelStore, config: ModelConfig, trace: StoredTrace, found: FoundTrace
 ) -> DrivingPolicy:
-    available = _available(bucket, config, prefix)
+    available = _available(model, config)
     number = _recorded(found)
     if trace.kind == "training":
-        number = _of_iteration(bucket, config, prefix, trace.iteration)
+        number = _of_iteration(model, config, trace.iteration)
     if number is None:
         sentence = "Nobody recorded which checkpoint drove, so no choices are shown."
     elif number in available:
@@ -55,9 +55,7 @@ def policy_of(
     return DrivingPolicy(number, available, sentence)
 
 
-def open_checkpoint(
-    bucket: Bucket, config: ModelConfig, prefix: str, number: int
-) -> "ExplainedPolicy":
+def open_checkpoint(model: ModelStore, config: ModelConfig, number: int) -> "ExplainedPolicy":
     """The network, or the frozen graph where only that is left.
 
     Raises:
@@ -71,25 +69,27 @@ def open_checkpoint(
 
     name = ""
     try:
-        name = find_choice(Model.of(config, bucket, prefix), number).name
+        name = find_choice(ModelStore.of(config, model.bucket, model.prefix), number).name
     except SettingsError:
-        if not bucket.exists(keys.checkpoint_graph(prefix, number)):
+        if not model.bucket.exists(keys.checkpoint_graph(model.prefix, number)):
             raise
     if name:
-        return open_policy(bucket, prefix, name)
+        return open_policy(model, name)
     with tempfile.TemporaryDirectory(prefix="dr-policy-") as folder:
         graph, metadata = Path(folder, f"model_{number}.pb"), Path(folder, "model_metadata.json")
-        graph.write_bytes(bucket.get(keys.checkpoint_graph(prefix, number)))
-        metadata.write_bytes(bucket.get(keys.model_metadata(prefix)))
+        graph.write_bytes(model.bucket.get(keys.checkpoint_graph(model.prefix, number)))
+        metadata.write_bytes(model.bucket.get(keys.model_metadata(model.prefix)))
         return open_policy_file(graph, metadata)
 
 
-def _available(bucket: Bucket, config: ModelConfig, prefix: str) -> list[int]:
-    has = ModelCheckpoints.read(Model.of(config, bucket, prefix))
+def _available(model: ModelStore, config: ModelConfig) -> list[int]:
+    has = ModelCheckpoints.read(ModelStore.of(config, model.bucket, model.prefix))
     there = {info.key for info in has.listed}
     whole = {name.number for name in has.names if not has.missing_parts(str(name))}
     graphs = {
-        name.number for name in has.names if keys.checkpoint_graph(prefix, name.number) in there
+        name.number
+        for name in has.names
+        if keys.checkpoint_graph(model.prefix, name.number) in there
     }
     return sorted(whole | graphs)
 
@@ -100,10 +100,10 @@ def _recorded(found: FoundTrace) -> int | None:
     return None if name is None else int(name[1])
 
 
-def _of_iteration(bucket: Bucket, config: ModelConfig, prefix: str, iteration: int) -> int:
+def _of_iteration(model: ModelStore, config: ModelConfig, iteration: int) -> int:
     """Where driving and learning overlap, an older checkpoint drove."""
     try:
-        records, _ = readable_history(Model.of(config, bucket, prefix))
+        records, _ = readable_history(ModelStore.of(config, model.bucket, model.prefix))
     except DrError:
         records = []
     for record in records:

@@ -15,6 +15,7 @@ from drcli.base.errors import DrError, SettingsError
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.model import keys
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.model_store import ModelStore
 from drcli.transfer.record_training import of_parameter_file
 from drcli.view.playback.drivers_policy import DrivingPolicy, open_checkpoint, policy_of
 from drcli.view.playback.lap_parameters import KnownRace, directed_track, lap_parameters
@@ -102,27 +103,31 @@ class OpenedTrace:
         }
 
 
-def open_trace(bucket: Bucket, defaults: Defaults, prefix: str, name: str) -> OpenedTrace:
+def open_trace(model: ModelStore, defaults: Defaults, name: str) -> OpenedTrace:
     """Read a trace with everything known about it.
 
     Raises:
         SettingsError: Wrong names, or not a simtrace.
         StorageError: It is missing, or the bucket cannot be read.
     """
-    key = trace_key(prefix, name)
+    key = trace_key(model.prefix, name)
     trace = parse_name(name)
     assert trace is not None
-    found = trace_of_key(bucket, prefix, key, _title(trace), "")
+    found = trace_of_key(model, key, _title(trace), "")
     notes = list(found.notes)
     unknown: dict[str, Any] = {}
-    told = _or(lambda: of_parameter_file(bucket, prefix), unknown, notes)
+    told = _or(lambda: of_parameter_file(model), unknown, notes)
     track = _track(found, defaults, str(told.get("world", "")), notes)
-    policy = policy_of(bucket, defaults.model, prefix, trace, found)
+    policy = policy_of(model, defaults.model, trace, found)
     eyes = _or(
-        lambda: ModelMetadata.from_bytes(bucket.get(keys.model_metadata(prefix))).eyes, 1, notes
+        lambda: ModelMetadata.from_bytes(model.bucket.get(keys.model_metadata(model.prefix))).eyes,
+        1,
+        notes,
     )
     none: list[str] = []
-    used = _or(lambda: used_parameters(bucket.get(keys.reward_function(prefix))), none, notes)
+    used = _or(
+        lambda: used_parameters(model.bucket.get(keys.reward_function(model.prefix))), none, notes
+    )
     race = _race(trace, found, str(told.get("race_type", "")))
     return OpenedTrace(trace, found, track, race, policy, eyes, used, notes)
 
@@ -318,7 +323,7 @@ class EpisodePlayer:
     def _opened(self, model: str, name: str) -> OpenedTrace:
         def read() -> OpenedTrace:
             bucket, defaults = self._connect()
-            return open_trace(bucket, defaults, model, name)
+            return open_trace(ModelStore(bucket, model), defaults, name)
 
         return self._traces.get((model, name), read)
 
@@ -364,7 +369,7 @@ class EpisodePlayer:
 
             torch.set_num_threads(1)
             bucket, defaults = self._connect()
-            return open_checkpoint(bucket, defaults.model, model, checkpoint)
+            return open_checkpoint(ModelStore(bucket, model), defaults.model, checkpoint)
 
         return self._policies.get((model, checkpoint), read)
 

@@ -12,7 +12,8 @@ from drcli.base.json_record import RecordError
 from drcli.bucket.bucket import Bucket, ObjectInfo
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
-from drcli.model.repair import Model, readable_history
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import readable_history
 from drcli.model.traces import models_in
 from drcli.records.episode_metrics import TrialMetrics
 from drcli.records.iteration import IterationRecord
@@ -130,32 +131,32 @@ def parse_name(name: str) -> StoredTrace | None:
     return None
 
 
-def stored_traces(bucket: Bucket, config: ModelConfig, prefix: str) -> StoredTraces:
+def stored_traces(model: ModelStore, config: ModelConfig) -> StoredTraces:
     """All traces of a model, with numbers from its curve and metrics.
 
     Raises:
         SettingsError: The model's name is wrong, or it has none.
         StorageError: The bucket cannot be read.
     """
-    if not keys.is_valid_prefix(prefix):
+    if not keys.is_valid_prefix(model.prefix):
         raise SettingsError(
-            f"{prefix[:80]!r} is no name of a model.", remedy="Choose a model of the list."
+            f"{model.prefix[:80]!r} is no name of a model.", remedy="Choose a model of the list."
         )
-    folder = keys.folder(prefix)
-    listed = bucket.list(folder)
+    folder = keys.folder(model.prefix)
+    listed = model.bucket.list(folder)
     if not listed:
         raise SettingsError(
-            f"There is no model {prefix} in s3://{bucket.name}.",
+            f"There is no model {model.prefix} in s3://{model.bucket.name}.",
             remedy="Choose a model of the list; `dr-list-models` shows all.",
         )
-    inner = tuple(keys.folder(other) for other in models_in(listed) if other != prefix)
+    inner = tuple(keys.folder(other) for other in models_in(listed) if other != model.prefix)
     own = [info for info in listed if not info.key.startswith(inner)]
     traces = [found for info in own if (found := _listed(info, folder)) is not None]
-    records, notes = _history(bucket, config, prefix)
+    records, notes = _history(model, config)
     traces = [_with_record(trace, records.get(trace.iteration)) for trace in traces]
     stamps = sorted({trace.stamp for trace in traces if trace.kind == "evaluation"})
-    metrics = Model.of(config, bucket, prefix).metrics_prefix
-    numbers = _evaluation_numbers(bucket, metrics, stamps[-MOST_EVALUATIONS:], notes)
+    metrics = ModelStore.of(config, model.bucket, model.prefix).metrics_prefix
+    numbers = _evaluation_numbers(model.bucket, metrics, stamps[-MOST_EVALUATIONS:], notes)
     traces = [
         replace(trace, **numbers.get(trace.stamp, {})) if trace.kind == "evaluation" else trace
         for trace in traces
@@ -170,7 +171,7 @@ def stored_traces(bucket: Bucket, config: ModelConfig, prefix: str) -> StoredTra
             each.name,
         )
     )
-    return StoredTraces(prefix, traces, notes)
+    return StoredTraces(model.prefix, traces, notes)
 
 
 def _listed(info: ObjectInfo, folder: str) -> StoredTrace | None:
@@ -181,10 +182,10 @@ def _listed(info: ObjectInfo, folder: str) -> StoredTrace | None:
 
 
 def _history(
-    bucket: Bucket, config: ModelConfig, prefix: str
+    model: ModelStore, config: ModelConfig
 ) -> tuple[dict[int, IterationRecord], list[str]]:
     try:
-        records, notes = readable_history(Model.of(config, bucket, prefix))
+        records, notes = readable_history(ModelStore.of(config, model.bucket, model.prefix))
     except DrError as error:
         return {}, [str(error)]
     return {record.iteration: record for record in records}, list(notes)

@@ -11,12 +11,11 @@ import torch
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import make_picture_folder, rewrite
-from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
 from drcli.config.value_types import CheckpointChoice
 from drcli.model import keys
 from drcli.model.checkpoint_choice import take_choice
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.view.saliency.explained_episode import (
     COLUMNS,
     ROWS,
@@ -406,8 +405,7 @@ class SaliencyReport:
 
 def explain_checkpoint(
     settings: Settings,
-    bucket: Bucket,
-    prefix: str,
+    model: ModelStore,
     choice: CheckpointChoice,
     question: Question,
 ) -> tuple[ExplainedEpisode, str]:
@@ -417,15 +415,15 @@ def explain_checkpoint(
         SettingsError: The model, checkpoint, or what is asked is missing.
         StorageError: Damaged checkpoint, or unreadable bucket.
     """
-    if not keys.is_valid_prefix(prefix):
+    if not keys.is_valid_prefix(model.prefix):
         raise SettingsError(
-            f"{prefix!r} is not the prefix of a model.",
+            f"{model.prefix!r} is not the prefix of a model.",
             remedy="List the models with `dr-list-models`; a policy's file is named by --model.",
         )
-    name = take_choice(Model.of(settings.model, bucket, prefix), choice).name
-    subject = open_policy(bucket, prefix, name)
+    name = take_choice(ModelStore.of(settings.model, model.bucket, model.prefix), choice).name
+    subject = open_policy(model, name)
     number = name.partition("_")[0]
-    return _explain(f"{prefix}, checkpoint {number}", subject, settings, question), name
+    return _explain(f"{model.prefix}, checkpoint {number}", subject, settings, question), name
 
 
 def explain_file(

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from drcli.base.errors import SettingsError
-from drcli.bucket.bucket import Bucket
 from drcli.convert.build_network import build_policy, load_arrays, load_weights
 from drcli.convert.policy_file import PolicyFile, read_policy_file
 from drcli.convert.read_graph import read_graph
@@ -25,6 +24,7 @@ from drcli.learn.policy import Observation, Policy
 from drcli.learn.sac_networks import SACAgent
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
+from drcli.model.model_store import ModelStore
 from drsim.car.actions import Actions, DiscreteActions
 from drsim.sensing.sensors import Sensors
 
@@ -227,7 +227,7 @@ def _array(values: Tensor) -> Float64s:
 # Opens policies for explanation.
 
 
-def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy:
+def open_policy(store: ModelStore, checkpoint: str) -> ExplainedPolicy:
     """The policy of a checkpoint, such as `5_Step-500`.
 
     Raises:
@@ -236,11 +236,11 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
         ProblemsError: A parameter file is wrong.
         SettingsError: Weights and parameter files do not fit.
     """
-    graph = driving_graph(bucket, prefix, checkpoint)
+    graph = driving_graph(store, checkpoint)
     if graph is not None:
         return ExplainedPolicy(policy_of_file(graph), graph.metadata, is_complete=False)
-    found = load_checkpoint(bucket, prefix, checkpoint)
-    design = Design.of_record(bucket, prefix, found.record)
+    found = load_checkpoint(store, checkpoint)
+    design = Design.of_record(store, found.record)
     model = build_policy(design.metadata, design.parameters)
     load_weights(model, found.tensors, found.record.name)
     fresh_critic = bool(found.record.counters.critic_warmup)

@@ -7,8 +7,8 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.base.files import is_left_behind
 from drcli.base.json_record import RecordError
-from drcli.bucket.bucket import Bucket
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.evaluation_task import RaceRecording
 from drcli.view.video.recorded_lap import RecordedLap, read_laps
 
@@ -60,80 +60,82 @@ def trace_of_file(path: Path) -> FoundTrace:
     return FoundTrace(str(path), laps, "", recording, notes, stem).objects_added()
 
 
-def trace_of_evaluation(bucket: Bucket, prefix: str, stamp: str | None) -> FoundTrace:
+def trace_of_evaluation(model: ModelStore, stamp: str | None) -> FoundTrace:
     """The trace of a stamp or `OPPONENT`; None for the newest, without any for `OPPONENT`.
 
     Raises:
         SettingsError: There is none.
     """
-    stamps = stored_evaluations(bucket, prefix)
+    stamps = stored_evaluations(model)
     if stamp == OPPONENT or (stamp is None and not stamps):
-        key = keys.opponent_trace(prefix)
-        if bucket.exists(key):
-            return trace_of_key(bucket, prefix, key, "the last race as the opponent", OPPONENT)
+        key = keys.opponent_trace(model.prefix)
+        if model.bucket.exists(key):
+            return trace_of_key(model, key, "the last race as the opponent", OPPONENT)
     if stamp == OPPONENT and stamps:
         raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has not raced as an opponent.",
+            f"{model.url} has not raced as an opponent.",
             remedy="Leave out --evaluation to film its newest evaluation.",
         )
     if not stamps:
-        if next(iter(bucket.list(keys.folder(prefix))), None) is None:
+        if next(iter(model.bucket.list(keys.folder(model.prefix))), None) is None:
             raise SettingsError(
-                f"There is no model {prefix} in s3://{bucket.name}.",
+                f"There is no model {model.prefix} in s3://{model.bucket.name}.",
                 remedy="`dr-list-models` lists all models. A simtrace on disk is named by its "
                 "path, as in ./lap.csv.",
             )
         raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has no stored evaluation.",
+            f"{model.url} has no stored evaluation.",
             remedy="Drive one with `dr-evaluate`, or film a checkpoint with "
             "`dr-video --checkpoint best`.",
         )
     wanted = stamp or stamps[-1]
     if wanted not in stamps:
         raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has no evaluation {wanted:.40}.",
+            f"{model.url} has no evaluation {wanted:.40}.",
             remedy=f"The newest are {', '.join(stamps[-3:])}; --evaluation last is the newest.",
         )
     return trace_of_key(
-        bucket, prefix, keys.evaluation_trace(prefix, wanted), f"evaluation {wanted}", wanted
+        model, keys.evaluation_trace(model.prefix, wanted), f"evaluation {wanted}", wanted
     )
 
 
-def trace_of_iteration(bucket: Bucket, prefix: str, iteration: int, worker: int) -> FoundTrace:
+def trace_of_iteration(model: ModelStore, iteration: int, worker: int) -> FoundTrace:
     """What one worker drove in an iteration.
 
     Raises:
         SettingsError: The bucket does not hold it.
     """
-    for key in keys.training_traces(prefix, iteration, worker):
-        if bucket.exists(key):
+    for key in keys.training_traces(model.prefix, iteration, worker):
+        if model.bucket.exists(key):
             name = f"training iteration {iteration}"
-            return trace_of_key(bucket, prefix, key, name, f"iteration-{iteration}")
+            return trace_of_key(model, key, name, f"iteration-{iteration}")
     raise SettingsError(
-        f"s3://{bucket.name}/{prefix} has no trace of iteration {iteration}"
+        f"{model.url} has no trace of iteration {iteration}"
         + (f" of worker {worker}." if worker else "."),
         remedy="`dr-analyze` shows the iterations; older traces may have been deleted "
         "(DR_TRAIN_TRACES_MAX_MB).",
     )
 
 
-def trace_of_key(bucket: Bucket, prefix: str, key: str, name: str, stem: str) -> FoundTrace:
+def trace_of_key(model: ModelStore, key: str, name: str, stem: str) -> FoundTrace:
     """Raises SettingsError for other files, StorageError for a bucket that fails."""
-    laps, notes = read_laps(bucket.get(key), f"s3://{bucket.name}/{key}")
+    laps, notes = read_laps(model.bucket.get(key), f"s3://{model.bucket.name}/{key}")
     recording = None
     beside = keys.recording_of(key)
-    if "evaluation-simtrace/" in key and bucket.exists(beside):
-        recording, lost = decode_recording(bucket.get(beside), f"s3://{bucket.name}/{beside}")
+    if "evaluation-simtrace/" in key and model.bucket.exists(beside):
+        recording, lost = decode_recording(
+            model.bucket.get(beside), f"s3://{model.bucket.name}/{beside}"
+        )
         notes += lost
-    stem = f"{prefix.replace('/', '-')}-{stem}"
-    return FoundTrace(name, laps, prefix, recording, notes, stem).objects_added()
+    stem = f"{model.prefix.replace('/', '-')}-{stem}"
+    return FoundTrace(name, laps, model.prefix, recording, notes, stem).objects_added()
 
 
-def stored_evaluations(bucket: Bucket, prefix: str) -> list[str]:
+def stored_evaluations(model: ModelStore) -> list[str]:
     """Stamps with a trace, oldest first."""
     stamps = []
-    for info in bucket.list(keys.folder(prefix)):
-        found = _EVALUATION.fullmatch(info.key.removeprefix(keys.folder(prefix)))
+    for info in model.bucket.list(keys.folder(model.prefix)):
+        found = _EVALUATION.fullmatch(info.key.removeprefix(keys.folder(model.prefix)))
         if found is not None:
             stamps.append(found[1])
     return sorted(stamps)

@@ -11,7 +11,7 @@ from drcli.config.run_config import ModelConfig, RaceConfig
 from drcli.config.value_types import parse_checkpoint
 from drcli.model import keys, race_keys
 from drcli.model.checkpoint_choice import find_choice
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.view.video.film import View
 from drcli.view.video.make_video import VideoReport, Wish, film_trace
 from drcli.view.video.recorded_lap import RecordedLap, find_world, load_world
@@ -160,10 +160,10 @@ def _checkpoint(
         choice = parse_checkpoint(name)
     except BadValue as error:
         raise SettingsError(f"--policy {name:.60} {error.reason}.", remedy=error.remedy) from None
-    found = find_choice(Model.of(defaults.model, bucket, model), choice).name
+    found = find_choice(ModelStore.of(defaults.model, bucket, model), choice).name
     number = found.partition("_")[0]
     title = f"{race_keys.submitted_model(model)} · checkpoint {number}"
-    return open_policy(bucket, model, found), title, []
+    return open_policy(ModelStore(bucket, model), found), title, []
 
 
 def _is_file(name: str) -> bool:
@@ -178,7 +178,7 @@ def _ghost(bucket: Callable[[], Bucket], trace: FoundTrace, name: str) -> tuple[
         other, title = trace_of_file(path), path.parent.parent.name or path.stem
     elif trace.model and (name == "last" or name.isdecimal()):
         stamp = None if name == "last" else name
-        other, title = trace_of_evaluation(bucket(), trace.model, stamp), name
+        other, title = trace_of_evaluation(ModelStore(bucket(), trace.model), stamp), name
     else:
         raise SettingsError(
             f"--ghost {name:.60} is neither a file nor an evaluation of a model.",
@@ -187,19 +187,19 @@ def _ghost(bucket: Callable[[], Bucket], trace: FoundTrace, name: str) -> tuple[
     return title, chosen_laps(other.laps, "best", other.origin)[0]
 
 
-def put_videos(bucket: Bucket, prefix: str, stamp: str, files: dict[View, Path]) -> list[str]:
+def put_videos(model: ModelStore, stamp: str, files: dict[View, Path]) -> list[str]:
     """Put an evaluation's videos where DeepRacer-for-Cloud has them; returns keys.
 
     The complete view, last, is also put beside the trace: the next evaluation replaces the others.
     """
     put = []
     for view, path in sorted(files.items(), key=lambda file: file[0] == "film"):
-        key = keys.video(prefix, CAMERAS[view])
-        bucket.put(key, path.read_bytes())
+        key = keys.video(model.prefix, CAMERAS[view])
+        model.bucket.put(key, path.read_bytes())
         put.append(key)
     if "film" in files and stamp:
-        key = keys.evaluation_video(prefix, stamp)
-        bucket.put(key, files["film"].read_bytes())
+        key = keys.evaluation_video(model.prefix, stamp)
+        model.bucket.put(key, files["film"].read_bytes())
         put.append(key)
     return put
 

@@ -6,6 +6,7 @@ from PIL import Image
 
 from drcli.analysis.explained_model import explained_pictures
 from drcli.config.loading import load_settings
+from drcli.model.model_store import ModelStore
 from drcli.view.saliency.question import Question
 from memory_bucket import MemoryBucket
 from small_model import put_small_model
@@ -17,7 +18,7 @@ def test_each_step_is_one_picture_with_its_maps_and_probabilities(tmp_path):
     put_small_model(bucket, "model-1")
     question = Question(pictures=2, spacing=20, methods=["perturbation", "grad-cam"])
 
-    pictures = explained_pictures(load_settings(tmp_path), bucket, "model-1", question)
+    pictures = explained_pictures(load_settings(tmp_path), ModelStore(bucket, "model-1"), question)
 
     assert len(pictures) == 2
     for picture in pictures:

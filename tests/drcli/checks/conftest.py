@@ -13,6 +13,7 @@ import pytest
 from drcli.base.errors import Problem
 from drcli.checks.validate import Report, validate
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.rewards.sandbox.run_sandbox import SandboxRequest, SandboxResult
 from drcli.rewards.sandbox.sandbox_process import calls_of, try_function
 from drcli.rewards.try_inputs import try_inputs
@@ -61,7 +62,7 @@ class Folder:
 
     def train(self, prefix: str, **metadata: Any) -> None:
         """Put a trained model of these files into the bucket."""
-        CheckpointStore(self.bucket, prefix).save(3, 300, b"weights")
+        CheckpointStore(ModelStore(self.bucket, prefix)).save(3, 300, b"weights")
         self.metadata(**metadata)
         custom = self.path / "custom_files"
         for name, key in (

@@ -17,6 +17,7 @@ from drcli.convert.reference_checkpoint import refuse_other_networks
 from drcli.learn.policy import PolicySpec
 from drcli.model import lease
 from drcli.model.keys import TEST_FOLDER
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import run_folder
 from drcli.records.training_record import DaySpending, day_of, write_day
 from drcli.run.plan import StartOptions, prepare
@@ -278,8 +279,8 @@ CASES = (
     ),
     Case(
         "V-13",
-        lambda f: lease.take(f.bucket, "model-2", "abc"),
-        lambda f: lease.take(f.bucket, "model-1", "abc"),
+        lambda f: lease.take(ModelStore(f.bucket, "model-2"), "abc"),
+        lambda f: lease.take(ModelStore(f.bucket, "model-1"), "abc"),
         "error",
         ("s3://bucket/model-1", "is being trained by process"),
     ),

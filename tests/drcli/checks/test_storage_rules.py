@@ -4,6 +4,7 @@ import pytest
 
 from drcli.base.errors import StorageError
 from drcli.checks.start_rules import probe
+from drcli.model.model_store import ModelStore
 from memory_bucket import MemoryBucket
 
 
@@ -17,7 +18,7 @@ class ForgetfulBucket(MemoryBucket):
 def test_a_bucket_that_works_is_left_empty():
     bucket = MemoryBucket()
 
-    assert probe(bucket, "model") == []
+    assert probe(ModelStore(bucket, "model")) == []
     assert bucket.list("") == []
 
 
@@ -25,6 +26,6 @@ def test_a_bucket_that_gives_back_something_else_is_an_error_and_left_empty():
     bucket = ForgetfulBucket()
 
     with pytest.raises(StorageError, match="does not correctly return"):
-        probe(bucket, "model")
+        probe(ModelStore(bucket, "model"))
 
     assert bucket.list("") == []

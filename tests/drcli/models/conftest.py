@@ -14,6 +14,7 @@ from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.transfer.download import DownloadOptions, DownloadReport, download, plan_download
 from drcli.transfer.upload import UploadOptions, UploadReport, plan_upload, upload
@@ -50,7 +51,6 @@ class Mover:
             "upload",
             "download",
             "transfer_buckets",
-            "upload_prefix",
             "copy_custom_files",
         ):
             monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: self.here)
@@ -93,7 +93,7 @@ def put_model(
     bucket: MemoryBucket, prefix: str, *, design: str = "a", numbers: tuple[int, ...] = (3, 5)
 ) -> None:
     """Lay down a model whose best checkpoint is the first and whose last is the last number."""
-    store = CheckpointStore(bucket, prefix)
+    store = CheckpointStore(ModelStore(bucket, prefix))
     for number in numbers:
         weights = f"weights {number} of design {design}".encode()
         learned = iteration_record(number, kl=math.nan)  # as SAC has it
@@ -124,7 +124,7 @@ def driven(bucket: MemoryBucket, prefix: str) -> str | None:
     Returns:
         None where there is no model; that is said cleanly, by missing pointers.
     """
-    store = CheckpointStore(bucket, prefix)
+    store = CheckpointStore(ModelStore(bucket, prefix))
     best, last = store.best_name(), store.pointed()
     if best is None:
         return None
@@ -159,7 +159,7 @@ def names() -> Callable[[MemoryBucket, str], list[str]]:
 def exporter(mover: Mover, monkeypatch: pytest.MonkeyPatch) -> Mover:
     """A racer without a model yet, whose exports into buckets go to `there`."""
     mover.here.delete([info.key for info in mover.here.list("")])
-    for module in ("export_model", "export_checkpoint", "export_droa", "write_export"):
+    for module in ("export_model", "export_forms", "export_droa"):
         monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: mover.here)
     monkeypatch.setattr("drcli.transfer.export_model.source_bucket", lambda *_, **__: mover.there)
     monkeypatch.chdir(mover.folder)

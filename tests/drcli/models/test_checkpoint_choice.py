@@ -10,7 +10,7 @@ from drcli.model.checkpoint_choice import CheckpointGone, find_choice, take_choi
 from drcli.model.checkpoint_list import list_checkpoints
 from drcli.model.checkpoints import KEEP_ALL_MARKED, CheckpointStore, KeepRules
 from drcli.model.history import History
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.records.scores import EvaluationResult
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
@@ -19,10 +19,10 @@ PREFIX = "team/model"
 CONFIG = ModelConfig(PREFIX, f"{PREFIX}/metrics", "progress", 1, "reward.py", "params.yaml")
 
 
-def trained(rules: KeepRules = KEEP_ALL_MARKED, *, laps: bool = True) -> Model:
+def trained(rules: KeepRules = KEEP_ALL_MARKED, *, laps: bool = True) -> ModelStore:
     """A model with checkpoints 0 to 20: 5 made a lap first, 11 the fastest, 14 is the best."""
     bucket = MemoryBucket("bucket")
-    store = CheckpointStore(bucket, PREFIX, rules)
+    store = CheckpointStore(ModelStore(bucket, PREFIX), rules)
     times = {5: [30.0], 11: [20.0, 21.0], 14: [25.0, 25.0, 25.0]} if laps else {}
     for number in range(21):
         store.save(number, number * 100, b"weights %d" % number)
@@ -30,7 +30,7 @@ def trained(rules: KeepRules = KEEP_ALL_MARKED, *, laps: bool = True) -> Model:
         progress = [100.0] * len(done) + [40.0] * (3 - len(done))
         name = f"{number}_Step-{number * 100}.ckpt"
         store.record_evaluation(EvaluationResult(name, progress, [1.0] * 3, done), "progress")
-    return Model(bucket, PREFIX, keys.metrics_prefix(PREFIX))
+    return ModelStore(bucket, PREFIX, keys.metrics_prefix(PREFIX))
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_a_command_says_which_checkpoint_it_takes_and_how_that_drove(choice, sen
     for number, lap_s in {5: [30.0], 14: [25.0] * 3, 20: []}.items():
         name = f"{number}_Step-{number * 100}.ckpt"
         result = EvaluationResult(name, [50.0] * 3, [1.0] * 3, lap_s)
-        write_evaluation(model.bucket, PREFIX, number, result)
+        write_evaluation(ModelStore(model.bucket, PREFIX), number, result)
 
     take_choice(model, choice)
 
@@ -127,7 +127,7 @@ def test_a_checkpoint_that_lacks_a_file_is_said_and_not_offered(choice):
 
 
 def test_a_model_without_checkpoints_is_said():
-    model = Model(MemoryBucket("bucket"), PREFIX, keys.metrics_prefix(PREFIX))
+    model = ModelStore(MemoryBucket("bucket"), PREFIX, keys.metrics_prefix(PREFIX))
 
     for choice in ("last", "first-lap", 3):
         with pytest.raises(SettingsError, match="checkpoint"):
@@ -139,7 +139,7 @@ def test_a_damaged_record_costs_no_milestone_of_the_evaluations_that_are_left(da
     model = trained()
     model.bucket.put(keys.milestones(PREFIX), damage)
 
-    found = list_checkpoints(CONFIG, model.bucket, PREFIX)
+    found = list_checkpoints(CONFIG, ModelStore(model.bucket, PREFIX))
 
     assert len(found.damaged) == (damage != b"{}")
     assert [each.number for each in found.checkpoints] == [5, 11, 14, 17, 18, 19, 20]
@@ -149,7 +149,7 @@ def test_the_list_has_the_numbers_of_the_evaluations():
     model = trained()
     model.bucket.put(keys.checkpoint_tensors(PREFIX, "17_Step-1700.ckpt"), b"weights ??")
 
-    found = list_checkpoints(CONFIG, model.bucket, PREFIX, check=True)
+    found = list_checkpoints(CONFIG, ModelStore(model.bucket, PREFIX), check=True)
 
     eleven = next(each for each in found.checkpoints if each.number == 11)
     assert (eleven.laps, eleven.episodes, eleven.best_lap_s) == (2, 3, 20.0)
@@ -166,7 +166,7 @@ def test_the_list_has_the_numbers_of_the_evaluations():
 def test_the_evaluation_of_another_checkpoint_with_that_number_is_not_told(shown):
     model = trained()  # a training that went back makes its checkpoints again
     other = EvaluationResult("20_Step-1999.ckpt", [100.0], [1.0], [5.0])
-    write_evaluation(model.bucket, PREFIX, 20, other)
+    write_evaluation(ModelStore(model.bucket, PREFIX), 20, other)
 
     take_choice(model, "last")
 
@@ -175,14 +175,17 @@ def test_the_evaluation_of_another_checkpoint_with_that_number_is_not_told(shown
 
 def test_checkpoints_in_which_only_a_teacher_has_learned_are_marked_and_are_not_the_best(shown):
     bucket = MemoryBucket("bucket")
-    store, history = CheckpointStore(bucket, PREFIX, KEEP_ALL_MARKED), History(bucket, PREFIX)
+    store, history = (
+        CheckpointStore(ModelStore(bucket, PREFIX), KEEP_ALL_MARKED),
+        History(ModelStore(bucket, PREFIX)),
+    )
     for number, phase in enumerate(("teacher", "teacher", "distillation")):
         store.save(number, number * 100, b"weights %d" % number)
         history.add(iteration_record(number, phase=phase))
     store.save(3, 300, b"weights 3")
-    model = Model(bucket, PREFIX, keys.metrics_prefix(PREFIX))
+    model = ModelStore(bucket, PREFIX, keys.metrics_prefix(PREFIX))
 
-    found = list_checkpoints(CONFIG, bucket, PREFIX)
+    found = list_checkpoints(CONFIG, ModelStore(bucket, PREFIX))
     take_choice(model, "last")
     take_choice(model, 2)
 

@@ -10,6 +10,7 @@ from drcli.convert.stored_checkpoint import load_checkpoint
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_list import list_models
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.transfer.continue_reference import plan_conversion
 from evaluations import evaluated
@@ -49,7 +50,7 @@ def kept(before, after):
 
 def test_the_newest_checkpoint_becomes_one_of_ours_beside_everything_that_lies_there(theirs):
     before = content(theirs.bucket)
-    expected = load(load_checkpoint(theirs.bucket, MODEL, NEWEST).tensors)
+    expected = load(load_checkpoint(ModelStore(theirs.bucket, MODEL), NEWEST).tensors)
 
     plan = theirs.start(resume=True)
 
@@ -78,7 +79,7 @@ def test_no_later_checkpoint_takes_the_place_of_the_files_of_the_reference(their
     after = content(theirs.bucket)
     assert kept(before, after) <= REWRITTEN
     assert f"model/{NEWEST}.safetensors" not in after  # ours went in its turn
-    assert load_checkpoint(theirs.bucket, MODEL, NEWEST).record.name == NEWEST
+    assert load_checkpoint(ModelStore(theirs.bucket, MODEL), NEWEST).record.name == NEWEST
 
 
 def test_a_second_start_goes_on_from_our_own_checkpoint(theirs):
@@ -172,14 +173,14 @@ def test_another_model_begins_with_its_weights(theirs, choice, name):
     assert content(theirs.bucket) == before
     first = theirs.store("model-2").load_latest()
     assert first is not None
-    assert first.tensors == load_checkpoint(theirs.bucket, MODEL, name).tensors
+    assert first.tensors == load_checkpoint(ModelStore(theirs.bucket, MODEL), name).tensors
 
 
 def test_a_model_of_ours_is_not_converted(racer):
-    CheckpointStore(racer.bucket, MODEL).save(3, 300, b"weights")
+    CheckpointStore(ModelStore(racer.bucket, MODEL)).save(3, 300, b"weights")
 
-    assert plan_conversion(racer.bucket, MODEL) is None
-    assert plan_conversion(racer.bucket, "nothing") is None
+    assert plan_conversion(ModelStore(racer.bucket, MODEL)) is None
+    assert plan_conversion(ModelStore(racer.bucket, "nothing")) is None
 
 
 def test_lists_tell_its_kind(theirs):

@@ -10,6 +10,7 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.cli.views import models_view
 from drcli.model import keys, lease
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.transfer.download import DownloadOptions, plan_download
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
@@ -235,7 +236,7 @@ def test_a_slash_at_the_end_of_address_and_name_does_not_matter(mover, theirs):
 
 
 def test_a_model_that_is_being_trained_is_not_overwritten(mover, theirs):
-    lease.take(mover.here, "mine", "session")
+    lease.take(ModelStore(mover.here, "mine"), "session")
 
     with pytest.raises(SettingsError, match="is being trained"):
         mover.download(URL, "mine")
@@ -283,7 +284,7 @@ def test_a_source_that_is_pruned_while_it_is_looked_at_is_looked_at_again(mover)
         def list(self, folder):
             if not self.pruned:
                 self.pruned = True
-                store = CheckpointStore(self, "theirs/fast")
+                store = CheckpointStore(ModelStore(self, "theirs/fast"))
                 store.save(9, 900, b"weights 9 of design a")
                 store.record_evaluation(evaluated("9_Step-900.ckpt", 95.0), "progress")
                 doomed = keys.checkpoint_part("theirs/fast", "2_Step-200.ckpt", "")

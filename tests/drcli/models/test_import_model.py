@@ -24,6 +24,7 @@ from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import Design
 from drcli.model.lease import take
 from drcli.model.model_list import list_models
+from drcli.model.model_store import ModelStore
 from drcli.transfer.download import download, plan_download
 from drcli.transfer.find_checkpoint import OwnModel
 from drcli.transfer.import_model import ImportOptions, copy_of_own, import_model, plan_import
@@ -129,7 +130,7 @@ class Importer:
         return {info.key: self.here.get(info.key) for info in self.here.list("")}
 
     def weights(self, prefix="new"):
-        found = CheckpointStore(self.here, prefix).load_latest()
+        found = CheckpointStore(ModelStore(self.here, prefix)).load_latest()
         assert found is not None
         return load_arrays_of(found.tensors)
 
@@ -148,7 +149,7 @@ def model(tmp_path):
 def test_a_frozen_graph_becomes_a_model_as_a_training_leaves_it(importer, model):
     report = importer.run(model / "model_30.pb")
 
-    store = CheckpointStore(importer.here, "new")
+    store = CheckpointStore(ModelStore(importer.here, "new"))
     found = store.load_latest()
     assert str(store.pointed()) == store.best_name() == "30_Step-0.ckpt"
     assert found.record.counters.critic_warmup
@@ -158,7 +159,7 @@ def test_a_frozen_graph_becomes_a_model_as_a_training_leaves_it(importer, model)
     assert all(np.array_equal(weights[name], expected[name]) for name in policy)
     assert weights.keys() == expected.keys()
     assert not weights["value_head.weight"].any()
-    design = Design.of_model(importer.here, "new")
+    design = Design.of_model(ModelStore(importer.here, "new"))
     assert design.metadata.neural_network == COMPACT
     assert design.parameters.lr == 3e-4
     assert any("lr=0.0003 instead of 0.001" in text for text in report.warnings)
@@ -198,7 +199,7 @@ def test_files_that_are_there_and_right_are_taken_along(importer, tmp_path):
     assert report.shipped == []
     assert report.world == "Oval_track"
     assert importer.here.get("new/reward_function.py") == REWARD
-    parameters = Design.of_model(importer.here, "new").parameters
+    parameters = Design.of_model(ModelStore(importer.here, "new")).parameters
     assert (parameters.lr, parameters.batch_size) == (0.0004, 128)
     text = importer.here.get("new/training_params.yaml").decode()
     assert "'SAGEMAKER_SHARED_S3_PREFIX': 'new'" in text
@@ -223,7 +224,7 @@ def test_a_file_that_is_wrong_is_replaced_and_said(importer, model, name, data, 
 
     assert any(f"/{name} is not used: " in text and reason in text for text in report.warnings)
     assert name not in report.taken
-    Design.of_model(importer.here, "new")
+    Design.of_model(ModelStore(importer.here, "new"))
 
 
 def test_a_wrong_network_is_corrected_and_said(importer, model):
@@ -231,7 +232,7 @@ def test_a_wrong_network_is_corrected_and_said(importer, model):
 
     report = importer.run(model)
 
-    assert Design.of_model(importer.here, "new").metadata.neural_network == COMPACT
+    assert Design.of_model(ModelStore(importer.here, "new")).metadata.neural_network == COMPACT
     assert f"neural_network={DEEP}" in report.warnings[0]
     assert COMPACT in report.warnings[0]
 
@@ -273,7 +274,7 @@ def test_metadata_can_be_given(importer, model, tmp_path):
     assert "cannot be read" in importer.refused(model, metadata=tmp_path / "none.json")
     importer.run(model, metadata=other)
 
-    assert Design.of_model(importer.here, "new").metadata.action_space.num_actions == 3
+    assert Design.of_model(ModelStore(importer.here, "new")).metadata.action_space.num_actions == 3
 
 
 @pytest.mark.parametrize("in_folder", [True, False])
@@ -285,7 +286,7 @@ def test_metadata_named_after_the_file_count_more(importer, model, in_folder):
 
     importer.run(model if in_folder else model / "model_30.pb")
 
-    assert Design.of_model(importer.here, "new").metadata.action_space.num_actions == 3
+    assert Design.of_model(ModelStore(importer.here, "new")).metadata.action_space.num_actions == 3
 
 
 def test_continuous_actions_of_a_graph_begin_with_a_spread_that_is_said(importer, tmp_path):
@@ -312,7 +313,7 @@ def test_a_frame_stack_is_taken_from_the_graph(importer, tmp_path):
 
     report = importer.run(source)
 
-    assert Design.of_model(importer.here, "new").parameters.stack_size == 2
+    assert Design.of_model(ModelStore(importer.here, "new")).parameters.stack_size == 2
     assert any("stack_size=1" in text for text in report.warnings)
 
 
@@ -520,11 +521,11 @@ def test_another_model_at_the_target_needs_w(importer, model):
     names = set(importer.content())
     assert not any(key.startswith("rollouts/") for key in names)
     assert not any("5_Step" in key for key in names)
-    assert CheckpointStore(importer.here, "new").best_name() == "30_Step-0.ckpt"
+    assert CheckpointStore(ModelStore(importer.here, "new")).best_name() == "30_Step-0.ckpt"
 
 
 def test_a_model_that_is_being_trained_stays(importer, model):
-    take(importer.here, "new", "session")
+    take(ModelStore(importer.here, "new"), "session")
 
     assert "is being trained" in importer.refused(model, wipe=True)
 

@@ -9,6 +9,7 @@ from drcli.base.errors import StorageError
 from drcli.model import keys
 from drcli.model.checkpoint_choice import CheckpointGone
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from memory_bucket import MemoryBucket
 
@@ -147,7 +148,7 @@ def test_two_uploads_that_cross_leave_one_whole_model(mover, end, wipe):
 
     pointer = mover.there.get(keys.coach_checkpoint(TARGET)).decode()
     assert driven(mover.there, TARGET) in ("weights 3 of design a", "weights 5 of design a")
-    assert pointer == CheckpointStore(mover.there, TARGET).best_name()
+    assert pointer == CheckpointStore(ModelStore(mover.there, TARGET)).best_name()
 
 
 EVERY_STEP = [

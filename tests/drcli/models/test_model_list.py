@@ -4,6 +4,7 @@ import pytest
 
 from drcli.model import keys, lease
 from drcli.model.model_list import CheckpointEntry, list_models
+from drcli.model.model_store import ModelStore
 from drcli.records.training_record import TrainingStart
 from memory_bucket import MemoryBucket
 
@@ -17,7 +18,7 @@ def bucket():
     put_model(bucket, "team/model-1/inside", numbers=(4,))
     put_model(bucket, "other", numbers=(9,))
     bucket.put("custom_files/reward_function.py", b"")
-    lease.take(bucket, "other", "session")
+    lease.take(ModelStore(bucket, "other"), "session")
     return bucket
 
 

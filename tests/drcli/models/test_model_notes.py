@@ -7,6 +7,7 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError
 from drcli.model import keys
 from drcli.model.model_list import list_models
+from drcli.model.model_store import ModelStore
 from drcli.model.notes import describe
 from drcli.transfer.model_notes import delete_note, list_notes, notes_of, rewrite_note, write_note
 
@@ -44,7 +45,7 @@ def test_the_list_of_models_shows_the_description_else_the_newest_note(mover, mi
     write_note(mine, None, "newer")
     assert list_models(mover.here).models[0].note == "newer"
 
-    describe(mover.here, "team/model", "a fast one")
+    describe(ModelStore(mover.here, "team/model"), "a fast one")
 
     assert list_models(mover.here).models[0].note == "a fast one"
 
@@ -95,7 +96,7 @@ def test_nothing_is_read_once_a_note_is_changed(mover, mine, monkeypatch, change
 
     assert len(changed) == 1
     monkeypatch.setattr(mover.here, "get", get)
-    assert shown.notes == notes_of(mover.here, "team/model").notes
+    assert shown.notes == notes_of(ModelStore(mover.here, "team/model")).notes
 
 
 @pytest.mark.parametrize("damage", [b"", b"{", b'{"at": 3}', b'{"at": 1, "text": " "}', b"\xff"])
@@ -128,9 +129,9 @@ def test_a_note_needs_a_model_and_a_number_that_is_there(mine):
 
 
 def test_a_newer_description_is_not_overwritten_when_a_training_is_resumed(mover):
-    describe(mover.here, "team/model", "edited")
+    describe(ModelStore(mover.here, "team/model"), "edited")
 
-    describe(mover.here, "team/model", "of run.env", is_new=False)
+    describe(ModelStore(mover.here, "team/model"), "of run.env", is_new=False)
 
     data = mover.here.get(keys.note("team/model", "000-description"))
     assert json.loads(data)["text"] == "edited"

@@ -5,6 +5,7 @@ import tarfile
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.model.model_store import ModelStore
 from drcli.web.model_work import pack_logs, pack_model
 from memory_bucket import MemoryBucket
 from removable_models import put_all
@@ -25,7 +26,7 @@ def names(path):
 
 
 def test_a_model_is_packed_without_models_beside_and_inside_it(bucket, tmp_path):
-    packed = pack_model(bucket, "team/model-1", tmp_path / "model.tar.gz")
+    packed = pack_model(ModelStore(bucket, "team/model-1"), tmp_path / "model.tar.gz")
 
     found = names(packed.file)
     assert {"reward_function.py", "model/.coach_checkpoint", "metrics/history.json"} <= found
@@ -35,7 +36,7 @@ def test_a_model_is_packed_without_models_beside_and_inside_it(bucket, tmp_path)
 
 
 def test_traces_and_videos_are_packed_if_they_are_wanted(bucket, tmp_path):
-    packed = pack_model(bucket, "team/model-1", tmp_path / "model.tar.gz", traces=True)
+    packed = pack_model(ModelStore(bucket, "team/model-1"), tmp_path / "model.tar.gz", traces=True)
 
     assert {"training-simtrace/0-iteration.csv", "mp4/camera-pip/0-video.mp4"} <= names(packed.file)
 
@@ -46,7 +47,7 @@ def test_logs_of_this_machine_come_before_those_of_the_bucket(bucket, tmp_path):
     log.write_text("newest\n")
     bucket.put("team/model-1/logs/robomaker/sim-0.log", b"elsewhere")
 
-    packed = pack_logs(bucket, tmp_path, "team/model-1", tmp_path / "logs.tar.gz")
+    packed = pack_logs(ModelStore(bucket, "team/model-1"), tmp_path, tmp_path / "logs.tar.gz")
 
     with tarfile.open(packed.file) as archive:
         own = archive.extractfile("logs/sagemaker/trainer.log")
@@ -57,9 +58,9 @@ def test_logs_of_this_machine_come_before_those_of_the_bucket(bucket, tmp_path):
 
 def test_what_does_not_exist_leaves_no_file(bucket, tmp_path):
     for pack in (
-        lambda path: pack_model(bucket, "team/none", path),
-        lambda path: pack_logs(bucket, tmp_path, "team/none", path),
-        lambda path: pack_logs(bucket, tmp_path, "../..", path),
+        lambda path: pack_model(ModelStore(bucket, "team/none"), path),
+        lambda path: pack_logs(ModelStore(bucket, "team/none"), tmp_path, path),
+        lambda path: pack_logs(ModelStore(bucket, "../.."), tmp_path, path),
     ):
         with pytest.raises(SettingsError, match="has no"):
             pack(tmp_path / "x.tar.gz")
@@ -68,4 +69,4 @@ def test_what_does_not_exist_leaves_no_file(bucket, tmp_path):
 
 def test_a_file_that_cannot_be_written_is_one_sentence(bucket, tmp_path):
     with pytest.raises(SettingsError, match="cannot be written"):
-        pack_model(bucket, "team/model-1", tmp_path / "missing" / "x.tar.gz")
+        pack_model(ModelStore(bucket, "team/model-1"), tmp_path / "missing" / "x.tar.gz")

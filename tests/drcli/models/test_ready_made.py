@@ -17,6 +17,7 @@ from drcli.convert.build_network import build_policy, load_weights
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
+from drcli.model.model_store import ModelStore
 from drcli.transfer.pretrained import read_weights
 from drcli.transfer.ready_made import (
     CARD_FILE,
@@ -97,9 +98,9 @@ def test_a_new_folder_gets_the_model_into_its_bucket(working_folder, dr, capsys)
     bucket = FolderBucket(folder / "data" / "s3" / "bucket")
     place = settings.place("DR_LOCAL_S3_MODEL_PREFIX")
     for choice in ("last", "best"):
-        source, found = read_weights(bucket, name, choice, "X", place)
+        source, found = read_weights(ModelStore(bucket, name), choice, "X", place)
         assert source.name == expected.card.checkpoint == report["checkpoint"]
-    design = Design.of_model(bucket, name)
+    design = Design.of_model(ModelStore(bucket, name))
     model = build_policy(design.metadata, design.parameters)
     load_weights(model, found.tensors, source.name)
     for file, data in expected.files.items():

@@ -13,6 +13,7 @@ from drcli.convert.onnx_graph import encode_onnx
 from drcli.learn.policy import Observation
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import Design
+from drcli.model.model_store import ModelStore
 from drcli.transfer.export_forms import encode_training_checkpoint
 
 from .test_import_model import Importer, lay
@@ -29,9 +30,9 @@ def importer(working_folder, monkeypatch):
 
 
 def loaded(bucket, prefix):
-    design = Design.of_model(bucket, prefix)
+    design = Design.of_model(ModelStore(bucket, prefix))
     model = build_policy(design.metadata, design.parameters)
-    found = CheckpointStore(bucket, prefix).load_latest()
+    found = CheckpointStore(ModelStore(bucket, prefix)).load_latest()
     assert found is not None
     model.load_state_dict(load_tensors(found.tensors))
     return design, model, found

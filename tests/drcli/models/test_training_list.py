@@ -10,6 +10,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.model.training_records import write_training
 from drcli.model.training_state import write_outcome
 from drcli.records.evaluation_task import RaceRecording
@@ -75,7 +76,7 @@ def test_a_model_without_a_record_is_worked_out_from_what_it_has(bucket, make_re
     history = [make_record(n, evaluation_lap_s=[20.0 - n]) for n in range(4)]
     bucket.put(keys.history("old"), encode_history(history))
     outcome = RunOutcome("s", "vm", 1.0, 2.0, state="finished", code=0, message="Done.", ended_at=9)
-    write_outcome(bucket, "old", outcome)
+    write_outcome(ModelStore(bucket, "old"), outcome)
 
     [entry] = known_trainings(bucket).entries()
 
@@ -132,7 +133,7 @@ def test_a_training_that_runs_has_its_newest_results(bucket, make_record):
     write_training(bucket, training(1, "live", state="running", start={"state": "running"}))
     put_model(bucket, "live", seed=1)
     bucket.put(keys.history("live"), encode_history([make_record(0), make_record(1)]))
-    lease.take(bucket, "live", "session-1")
+    lease.take(ModelStore(bucket, "live"), "session-1")
 
     [entry] = known_trainings(bucket).entries()
 
@@ -142,7 +143,7 @@ def test_a_training_that_runs_has_its_newest_results(bucket, make_record):
 def test_an_end_that_only_the_outcome_knows_is_told(bucket):
     write_training(bucket, training(1, "m", state="running", start={"state": "running"}))
     outcome = RunOutcome("session-1", "vm", 1.0, 2.0, state="failed", code=6, message="NaN.")
-    write_outcome(bucket, "m", outcome)
+    write_outcome(ModelStore(bucket, "m"), outcome)
 
     [entry] = known_trainings(bucket).entries()
 
@@ -239,7 +240,7 @@ def test_laps_of_stages_on_other_tracks_are_not_compared(bucket, make_record):
     put_model(bucket, "team/model", seed=1)
     running = training(1, state="running", start={"state": "running"}, stages=2)
     write_training(bucket, running)
-    lease.take(bucket, "team/model", "session-1")
+    lease.take(ModelStore(bucket, "team/model"), "session-1")
 
     [entry] = known_trainings(bucket).entries()
 

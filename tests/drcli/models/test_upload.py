@@ -10,6 +10,7 @@ from drcli.model import keys, lease
 from drcli.model.best_checkpoint import read_scores
 from drcli.model.checkpoint_choice import CheckpointGone
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from memory_bucket import MemoryBucket
 
 from .conftest import driven, put_model
@@ -66,7 +67,7 @@ def test_the_pointers_name_the_chosen_checkpoint_on_one_line(mover):
     assert index.startswith(b'{"last_checkpoint": {"name": "3_Step-300.ckpt", "avg_eval_metric": 9')
     entry = json.loads(index)["best_checkpoint"]
     assert (entry["name"], entry["avg_comp_pct"]) == ("3_Step-300.ckpt", 90.0)
-    scores = read_scores(mover.there, TARGET)
+    scores = read_scores(ModelStore(mover.there, TARGET))
     assert scores is not None
     assert scores.best_checkpoint.avg_eval_metric == 90.0
 
@@ -280,7 +281,9 @@ def test_a_damaged_optimizer_state_stays_behind(mover, names):
     mover.upload()
 
     assert not [n for n in names(mover.there, TARGET) if "optimizer" in n]
-    assert CheckpointStore(mover.there, TARGET).record("5_Step-500.ckpt").optimizer is None
+    assert (
+        CheckpointStore(ModelStore(mover.there, TARGET)).record("5_Step-500.ckpt").optimizer is None
+    )
 
 
 @pytest.mark.parametrize("bucket", ["", "not-defined"])
@@ -342,7 +345,7 @@ def test_a_bucket_of_the_same_name_elsewhere_is_another_one(mover):
 
 
 def test_a_model_that_is_being_trained_is_refused_as_a_target(mover):
-    lease.take(mover.here, TARGET, "theirs")
+    lease.take(ModelStore(mover.here, TARGET), "theirs")
 
     with pytest.raises(SettingsError, match="model-1 is being trained by process"):
         mover.upload(local=True)

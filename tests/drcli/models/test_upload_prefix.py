@@ -4,6 +4,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.model import lease
+from drcli.model.model_store import ModelStore
 from drcli.transfer.upload import make_upload_increment, plan_upload_increment
 
 from .conftest import put_model
@@ -104,7 +105,7 @@ def test_our_own_model_is_not_wiped(mover, increment):
 
 
 def test_a_model_that_is_being_trained_is_not_wiped(mover, increment):
-    lease.take(mover.there, "team/model-2", "theirs")
+    lease.take(ModelStore(mover.there, "team/model-2"), "theirs")
 
     with pytest.raises(SettingsError, match="is being trained"):
         increment(wiping=True)

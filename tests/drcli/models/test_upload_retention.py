@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from drcli.base.errors import SettingsError
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.transfer.upload import Retention, delete_surplus_archives, surplus
 from memory_bucket import MemoryBucket
@@ -103,7 +104,7 @@ def numbers_there(mover, prefix="team/model-1"):
 def upload_numbers(mover, *numbers, **options):
     report = None
     for number in numbers:
-        store = CheckpointStore(mover.here, "team/model")
+        store = CheckpointStore(ModelStore(mover.here, "team/model"))
         store.save(number, 100 * number, b"weights %d" % number)
         report = mover.upload(choice=number, **options)
     return report
@@ -167,7 +168,11 @@ def test_archives_follow_the_same_rules_and_others_stay():
         bucket.put(key, b"archive")
 
     deleted = delete_surplus_archives(
-        bucket, "up", ["model.tar.gz"], Retention.of("last,best", 0), "3_Step-300.ckpt", 12
+        ModelStore(bucket, "up"),
+        ["model.tar.gz"],
+        Retention.of("last,best", 0),
+        "3_Step-300.ckpt",
+        12,
     )
 
     assert deleted == ["model-chk7.tar.gz"]

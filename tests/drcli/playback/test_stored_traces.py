@@ -5,6 +5,7 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.episode_metrics import encode_metrics_file
 from drcli.records.iteration import encode_history
 from drcli.view.playback.stored_traces import (
@@ -43,7 +44,7 @@ def test_traces_of_all_layouts_are_found_with_what_is_known_about_them(make_reco
     ]
     bucket.put(keys.evaluation_metrics("m/metrics", STAMP), encode_metrics_file(trials))
 
-    found = stored_traces(bucket, CONFIG, "m")
+    found = stored_traces(ModelStore(bucket, "m"), CONFIG)
 
     assert [(each.kind, each.worker, each.iteration) for each in found.traces] == [
         ("training", 0, 1),
@@ -71,10 +72,12 @@ def test_traces_of_a_model_inside_of_another_one_are_its_own():
     bucket.put("team/1/training-simtrace/5-iteration.csv", b"x")
     bucket.put("team/1/model/model_metadata.json", b"{}")
 
-    names = [each.name for each in stored_traces(bucket, CONFIG, "team").traces]
+    names = [each.name for each in stored_traces(ModelStore(bucket, "team"), CONFIG).traces]
 
     assert names == ["training-simtrace/0-iteration.csv"]
-    assert [each.iteration for each in stored_traces(bucket, CONFIG, "team/1").traces] == [5]
+    assert [
+        each.iteration for each in stored_traces(ModelStore(bucket, "team/1"), CONFIG).traces
+    ] == [5]
 
 
 def test_folders_with_traces_alone_are_models_too():
@@ -100,7 +103,7 @@ def test_damaged_metrics_are_told_and_the_traces_shown():
     bucket.put(keys.evaluation_metrics("m/metrics", STAMP), b'{"metrics": [{}]}')
     bucket.put(keys.history("m"), b"nonsense")
 
-    found = stored_traces(bucket, CONFIG, "m")
+    found = stored_traces(ModelStore(bucket, "m"), CONFIG)
 
     assert len(found.traces) == 1
     assert any("history.json" in note for note in found.notes)
@@ -142,6 +145,6 @@ def test_a_key_is_below_the_model():
 
 def test_a_model_that_does_not_exist_is_told():
     with pytest.raises(SettingsError, match="There is no model m in"):
-        stored_traces(MemoryBucket(), CONFIG, "m")
+        stored_traces(ModelStore(MemoryBucket(), "m"), CONFIG)
     with pytest.raises(SettingsError, match="no name of a model"):
-        stored_traces(MemoryBucket(), CONFIG, "../m")
+        stored_traces(ModelStore(MemoryBucket(), "../m"), CONFIG)

@@ -6,6 +6,7 @@ from drcli.base.errors import SettingsError
 from drcli.model import keys, race_keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_list import list_models
+from drcli.model.model_store import ModelStore
 from drcli.model.traces import models_in
 from drcli.races.organise import close_race, show_race
 from drcli.races.stored_race import read_race
@@ -47,7 +48,7 @@ def test_copies_in_a_race_are_no_models_that_commands_list_or_delete(home):
 
 
 def test_an_older_checkpoint_can_be_submitted(home):
-    CheckpointStore(home.bucket, "ann").save(6, 600, b"newer")
+    CheckpointStore(ModelStore(home.bucket, "ann")).save(6, 600, b"newer")
     home.race()
 
     home.submit("ann", checkpoint="5")

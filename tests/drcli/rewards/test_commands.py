@@ -14,7 +14,7 @@ BAD = "def reward_function(params):\n    return params['sped']\n"
 @pytest.fixture
 def racer(working_folder, course, monkeypatch):
     """A working folder whose drive has been driven already."""
-    for module in ("check", "plot", "compare"):
+    for module in ("check", "pictures", "compare"):
         monkeypatch.setattr(f"drcli.rewards.{module}.drive", lambda settings: course.drive)
     (working_folder / "custom_files").mkdir()
     (working_folder / "custom_files" / "reward_function.py").write_text(GOOD)

@@ -9,7 +9,7 @@ from removable_models import OTHERS, MortalBucket, put_all
 def bucket(working_folder, monkeypatch):
     bucket = MortalBucket()
     for module in ("model_removal", "tidy"):
-        monkeypatch.setattr(f"drcli.run.{module}.open_bucket", lambda *_, **__: bucket)
+        monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: bucket)
     (working_folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model-1\n")
     (working_folder / "system.env").write_text("")
     for prefix in ("model-1", *OTHERS):

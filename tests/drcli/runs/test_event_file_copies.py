@@ -5,6 +5,7 @@ import pytest
 from drcli.base.errors import StorageError
 from drcli.config.loading import load_settings
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.run import run_logs, tensorboard_server
 from drcli.run.run_logs import LogUpload
 from drcli.run.timed_uploads import EventFileCopies, fetch_event_files
@@ -49,14 +50,14 @@ def folder(tmp_path):
 
 def test_only_files_that_have_grown_are_uploaded(bucket, folder):
     (folder / FIRST).write_bytes(b"abc")
-    copies = EventFileCopies(bucket, "m", folder, MOST)
+    copies = EventFileCopies(ModelStore(bucket, "m"), folder, MOST)
 
     copies.update()
     copies.update()
     (folder / SECOND).write_bytes(b"de")
     assert copies.left_bytes() == 2
     copies.update()
-    EventFileCopies(bucket, "m", folder, MOST).update()  # a later start
+    EventFileCopies(ModelStore(bucket, "m"), folder, MOST).update()  # a later start
 
     assert bucket.written == [keys.event_file("m", FIRST), keys.event_file("m", SECOND)]
     assert copies.left_bytes() == 0
@@ -71,7 +72,7 @@ def test_the_oldest_files_go_when_there_is_too_much(bucket, folder):
     (folder / SECOND).write_bytes(b"x" * 600)
     (folder / THIRD).write_bytes(b"x" * 300)
 
-    EventFileCopies(bucket, "m", folder, MOST).update()
+    EventFileCopies(ModelStore(bucket, "m"), folder, MOST).update()
 
     assert bucket.names() == [SECOND, THIRD]
 
@@ -79,7 +80,7 @@ def test_the_oldest_files_go_when_there_is_too_much(bucket, folder):
 def test_in_a_hurry_the_newest_file_comes_first(bucket, folder):
     for name in (FIRST, SECOND):
         (folder / name).write_bytes(b"x")
-    copies = EventFileCopies(bucket, "m", folder, MOST)
+    copies = EventFileCopies(ModelStore(bucket, "m"), folder, MOST)
 
     copies.update(lambda: bool(bucket.written), hurried=True)
 
@@ -110,12 +111,12 @@ def test_another_machine_gets_them_and_later_what_is_new(bucket, folder):
     bucket.put(keys.event_folder("m") + "../../escape", b"x")
     bucket.put(keys.event_folder("m") + "notes.txt", b"x")
 
-    assert fetch_event_files(bucket, "m", folder, MOST)
-    assert not fetch_event_files(bucket, "m", folder, MOST)
+    assert fetch_event_files(ModelStore(bucket, "m"), folder, MOST)
+    assert not fetch_event_files(ModelStore(bucket, "m"), folder, MOST)
     with (folder / FIRST).open("rb") as read_by_tensorboard:
         bucket.put(keys.event_file("m", FIRST), b"abcdef")
         bucket.put(keys.event_file("m", SECOND), b"g")
-        assert fetch_event_files(bucket, "m", folder, MOST)
+        assert fetch_event_files(ModelStore(bucket, "m"), folder, MOST)
 
         assert read_by_tensorboard.read() == b"abcdef"
     assert sorted(path.name for path in folder.iterdir()) == [FIRST, SECOND]
@@ -126,18 +127,18 @@ def test_what_a_training_writes_here_is_not_touched(bucket, folder):
     bucket.put(keys.event_file("m", SECOND), b"longer")
     bucket.put(keys.event_file("m", FIRST), b"of a machine that is gone")
 
-    assert not fetch_event_files(bucket, "m", folder, MOST)
+    assert not fetch_event_files(ModelStore(bucket, "m"), folder, MOST)
 
     assert [path.name for path in folder.iterdir()] == [SECOND]
 
 
 def test_real_files_replace_those_that_were_made_of_the_history(bucket, folder):
     (folder / MADE_HERE).write_bytes(b"from the history")
-    assert not fetch_event_files(bucket, "m", folder, MOST)
+    assert not fetch_event_files(ModelStore(bucket, "m"), folder, MOST)
     assert (folder / MADE_HERE).exists()
     bucket.put(keys.event_file("m", FIRST), b"abc")
 
-    assert fetch_event_files(bucket, "m", folder, MOST)
+    assert fetch_event_files(ModelStore(bucket, "m"), folder, MOST)
 
     assert [path.name for path in folder.iterdir()] == [FIRST]
 
@@ -146,7 +147,7 @@ def test_files_that_are_too_large_together_are_left_out(bucket, folder):
     bucket.put(keys.event_file("m", FIRST), b"x" * 600)
     bucket.put(keys.event_file("m", SECOND), b"x" * 600)
 
-    assert fetch_event_files(bucket, "m", folder, MOST)
+    assert fetch_event_files(ModelStore(bucket, "m"), folder, MOST)
 
     assert [path.name for path in folder.iterdir()] == [SECOND]
 

@@ -1,6 +1,7 @@
 """Journal and status of a training that goes on after failures."""
 
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import Rollback, Rollbacks, write_rollbacks
 from drcli.records.reward import RewardCounts, RewardErrorEntry, RewardErrorRecord
 from drcli.run.warnings_board import WarningsBoard
@@ -41,7 +42,7 @@ def test_each_distinct_error_and_rollback_is_told_once(tmp_path):
 
     put_errors(bucket, 0, 12)
     put_errors(bucket, 1, 12, 40)
-    write_rollbacks(bucket, "model", Rollbacks([BACK]))
+    write_rollbacks(ModelStore(bucket, "model"), Rollbacks([BACK]))
     look(watch)
     look(watch)
 

@@ -9,6 +9,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.model import lease
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.run.increment import make_increment, plan_increment
 
@@ -162,7 +163,7 @@ def test_a_name_that_is_in_use_is_refused_unless_it_may_be_wiped(trained, increm
 
 
 def test_a_model_that_is_being_trained_elsewhere_is_not_wiped(trained, increment):
-    lease.take(trained.bucket, "model-2", "theirs")
+    lease.take(ModelStore(trained.bucket, "model-2"), "theirs")
     trained.bucket.put("model-2/model/x", b"theirs")
 
     with pytest.raises(SettingsError, match="model-2 is being trained by process"):

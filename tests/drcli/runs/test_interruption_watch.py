@@ -6,6 +6,7 @@ from typing import ClassVar
 import pytest
 
 from drcli.config.loading import load_settings
+from drcli.model.model_store import ModelStore
 from drcli.outside.notices.notice_watch import Announced, Notice
 from drcli.records.job import Job
 from drcli.run import interruption_watch
@@ -120,7 +121,7 @@ def test_a_recommendation_is_noted_once_and_ends_nothing(watch):
 
     bucket = MemoryBucket()
     found.journal.write(bucket)
-    (event,) = read_journal(bucket, "model").events
+    (event,) = read_journal(ModelStore(bucket, "model")).events
     assert (event.kind, event.facts["what"]) == ("notice", "rebalance")
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from drcli.base.errors import StorageError
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import JournalEntry
 from drcli.records.training_record import RunOutcome, TrainingStart
 from drcli.run import journal as journal_module
@@ -57,7 +58,7 @@ def test_urgent_events_are_written_at_once_and_others_later_together(bucket):
     journal.finish(5.0)
 
     assert bucket.puts == 2  # nothing was new at the end
-    texts = [event.text for event in read_journal(bucket, "model").events]
+    texts = [event.text for event in read_journal(ModelStore(bucket, "model")).events]
     assert len(texts) == 52
     assert texts[-1] == "The machine goes."
 
@@ -69,7 +70,7 @@ def test_the_end_writes_what_is_left(bucket):
 
     journal.finish(5.0)
 
-    (event,) = read_journal(bucket, "model").events
+    (event,) = read_journal(ModelStore(bucket, "model")).events
     assert (event.session, event.kind, event.facts) == ("a", "fault", {"worker": "sim-0"})
 
 
@@ -99,7 +100,9 @@ def test_what_could_not_be_written_is_written_with_the_next_events(bucket, monke
     bucket.away = False
     journal.finish(5.0)
 
-    assert [event.text for event in read_journal(bucket, "model").events] == ["It starts."]
+    assert [event.text for event in read_journal(ModelStore(bucket, "model")).events] == [
+        "It starts."
+    ]
 
 
 def test_a_year_of_events_stays_small(bucket):
@@ -108,7 +111,7 @@ def test_a_year_of_events_stays_small(bucket):
         journal.note("upload", f"Upload {number}.")
     journal.write(bucket)
 
-    events = read_journal(bucket, "model").events
+    events = read_journal(ModelStore(bucket, "model")).events
     assert len(events) == journal_module.MOST_KEPT + 1
     assert events[0].text == "Upload 0."
     assert events[-1].text == "Upload 4999."
@@ -131,7 +134,7 @@ def test_facts_that_json_does_not_know_cost_only_themselves(bucket):
     journal.note("fault", "NaN.", value=float("nan"))
     journal.write(bucket)
 
-    assert [event.facts for event in read_journal(bucket, "model").events] == [{}, {}]
+    assert [event.facts for event in read_journal(ModelStore(bucket, "model")).events] == [{}, {}]
 
 
 def test_the_starts_are_in_their_order_whatever_their_clocks_say(bucket):
@@ -140,7 +143,11 @@ def test_the_starts_are_in_their_order_whatever_their_clocks_say(bucket):
         bucket.put(keys.journal("model", term, session), entry.encode_line())
     bucket.put(keys.journal("model-1", 1, "other"), JournalEntry(1.0, "start", "x").encode_line())
 
-    assert [event.text for event in read_journal(bucket, "model").events] == ["a", "b", "c"]
+    assert [event.text for event in read_journal(ModelStore(bucket, "model")).events] == [
+        "a",
+        "b",
+        "c",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -150,7 +157,7 @@ def test_damaged_lines_are_counted_and_left_out(bucket, damage):
     good = JournalEntry(1.0, "start", "Good.\u2028 One line.").encode_line()
     bucket.put(keys.journal("model", 1, "a"), good + damage + b"\n" + good + b"\n")
 
-    report = read_journal(bucket, "model")
+    report = read_journal(ModelStore(bucket, "model"))
 
     assert [event.text for event in report.events] == ["Good.\u2028 One line."] * 2
     assert report.damaged == ["bucket/model/journal/000001-a.jsonl: 1 line cannot be read."]
@@ -159,7 +166,7 @@ def test_damaged_lines_are_counted_and_left_out(bucket, damage):
 def test_other_objects_in_its_folder_are_none_of_ours(bucket):
     bucket.put("model/journal/readme.txt", b"x")
 
-    assert read_journal(bucket, "model").damaged == []
+    assert read_journal(ModelStore(bucket, "model")).damaged == []
 
 
 def start(**changes):

@@ -10,6 +10,7 @@ from drcli.model import keys, lease
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import History
 from drcli.model.lease import Ownership, read_lease, write_lease
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.records.iteration import IterationRecord
 from drcli.records.rollout import Driving, Manifest, session_of_worker
@@ -31,11 +32,11 @@ class Server:
         return self.now_s
 
     def renewal(self, session: str) -> Renewal:
-        taken = lease.take(self.bucket, PREFIX, session)
-        return Renewal(self.bucket, PREFIX, taken, clock=self.clock)
+        taken = lease.take(ModelStore(self.bucket, PREFIX), session)
+        return Renewal(ModelStore(self.bucket, PREFIX), taken, clock=self.clock)
 
     def ownership(self, session: str) -> Ownership:
-        return Ownership(self.bucket, PREFIX, session, clock=self.clock)
+        return Ownership(ModelStore(self.bucket, PREFIX), session, clock=self.clock)
 
 
 @pytest.fixture
@@ -49,7 +50,7 @@ def test_a_renewed_lease_stays_fresh_and_is_not_written_more_often_than_needed(s
     for _ in range(20):
         server.now_s += LOOK_S
         renewal.step()
-        ages.append(lease.holder(server.bucket, PREFIX).age_s)
+        ages.append(lease.holder(ModelStore(server.bucket, PREFIX)).age_s)
 
     assert renewal.lost is None
     assert max(ages) <= RENEW_S
@@ -59,21 +60,21 @@ def test_a_renewed_lease_stays_fresh_and_is_not_written_more_often_than_needed(s
 def test_the_owner_never_writes_over_the_lease_of_another(server):
     renewal = server.renewal("ours")
     server.now_s += 70.0
-    theirs = lease.take(server.bucket, PREFIX, "theirs")
+    theirs = lease.take(ModelStore(server.bucket, PREFIX), "theirs")
 
     renewal.step()
 
     assert renewal.lost is not None
     assert renewal.lost.code == 8
     assert f"process {theirs.pid} on {theirs.host}" in str(renewal.lost)
-    assert lease.holder(server.bucket, PREFIX).session == "theirs"
+    assert lease.holder(ModelStore(server.bucket, PREFIX)).session == "theirs"
 
 
 def test_an_owner_that_slept_while_another_trained_and_ended_goes_no_further(server):
     renewal = server.renewal("ours")
     server.now_s += 70.0
-    lease.take(server.bucket, PREFIX, "theirs")
-    lease.release(server.bucket, PREFIX, "theirs")
+    lease.take(ModelStore(server.bucket, PREFIX), "theirs")
+    lease.release(ModelStore(server.bucket, PREFIX), "theirs")
 
     renewal.step()
 
@@ -88,7 +89,7 @@ def test_a_lease_that_is_lost_by_accident_is_written_again(server):
     renewal.step()
 
     assert renewal.lost is None
-    assert lease.holder(server.bucket, PREFIX).session == "ours"
+    assert lease.holder(ModelStore(server.bucket, PREFIX)).session == "ours"
 
 
 def test_a_lease_that_went_while_the_owner_was_held_up_is_not(server):
@@ -102,18 +103,18 @@ def test_a_lease_that_went_while_the_owner_was_held_up_is_not(server):
 
 
 def test_the_late_writing_of_an_owner_from_before_is_put_right(server):
-    before = lease.take(server.bucket, PREFIX, "theirs")
+    before = lease.take(ModelStore(server.bucket, PREFIX), "theirs")
     server.now_s += 70.0
     renewal, ownership = server.renewal("ours"), server.ownership("ours")
     ownership.check("key")
-    write_lease(server.bucket, PREFIX, before)
+    write_lease(ModelStore(server.bucket, PREFIX), before)
     server.now_s += LOOK_S
 
     ownership.check("key")
     renewal.step()
 
     assert renewal.lost is None
-    assert read_lease(server.bucket, PREFIX).session == "ours"
+    assert read_lease(ModelStore(server.bucket, PREFIX)).session == "ours"
 
 
 def test_an_owner_that_is_held_up_between_reading_and_writing_does_not_write(server):
@@ -121,7 +122,7 @@ def test_an_owner_that_is_held_up_between_reading_and_writing_does_not_write(ser
         def get_with_age(self, key):
             found = super().get_with_age(key)
             server.now_s += 70.0
-            lease.take(server.bucket, PREFIX, "theirs")
+            lease.take(ModelStore(server.bucket, PREFIX), "theirs")
             return found
 
     renewal = server.renewal("ours")
@@ -132,15 +133,15 @@ def test_an_owner_that_is_held_up_between_reading_and_writing_does_not_write(ser
 
     renewal.step()
 
-    assert lease.holder(server.bucket, PREFIX).session == "theirs"
+    assert lease.holder(ModelStore(server.bucket, PREFIX)).session == "theirs"
 
 
 def test_nothing_is_written_below_a_model_that_another_has_taken(server):
-    lease.take(server.bucket, PREFIX, "ours")
+    lease.take(ModelStore(server.bucket, PREFIX), "ours")
     fenced = server.bucket.fenced(server.ownership("ours").check)
     fenced.put("model/before", b"")
     server.now_s += 70.0
-    lease.take(server.bucket, PREFIX, "theirs")
+    lease.take(ModelStore(server.bucket, PREFIX), "theirs")
 
     with pytest.raises(OwnershipLost):
         fenced.put("model/after", b"")
@@ -159,9 +160,9 @@ def test_writes_in_a_row_read_the_lease_once(server):
             return super().get_with_age(key)
 
     bucket = Counting(clock=server.clock)
-    lease.take(bucket, PREFIX, "ours")
+    lease.take(ModelStore(bucket, PREFIX), "ours")
     reads.clear()
-    fenced = bucket.fenced(Ownership(bucket, PREFIX, "ours", clock=server.clock).check)
+    fenced = bucket.fenced(Ownership(ModelStore(bucket, PREFIX), "ours", clock=server.clock).check)
     for number in range(10):
         fenced.put(f"{number}", b"")
 
@@ -169,11 +170,11 @@ def test_writes_in_a_row_read_the_lease_once(server):
 
 
 def test_a_pointer_is_not_written_on_what_was_read_a_while_ago(server):
-    lease.take(server.bucket, PREFIX, "ours")
+    lease.take(ModelStore(server.bucket, PREFIX), "ours")
     fenced = server.bucket.fenced(server.ownership("ours").check)
     fenced.put(keys.checkpoint_tensors(PREFIX, "1_Step-9.ckpt"), b"weights")
     server.now_s += 0.2
-    lease.take(server.bucket, PREFIX, "theirs")
+    lease.take(ModelStore(server.bucket, PREFIX), "theirs")
 
     with pytest.raises(OwnershipLost):
         fenced.put(keys.coach_checkpoint(PREFIX), b"1_Step-9.ckpt")
@@ -185,7 +186,7 @@ def test_a_lease_that_cannot_be_read_stops_the_writing(server):
             raise StorageError("Nothing answers.", remedy="Start it.")
 
     bucket = Broken()
-    fenced = bucket.fenced(Ownership(bucket, PREFIX, "ours").check)
+    fenced = bucket.fenced(Ownership(ModelStore(bucket, PREFIX), "ours").check)
 
     with pytest.raises(StorageError):
         fenced.put("key", b"")
@@ -231,9 +232,9 @@ class Training:
             self.ended_s = self.world.now_s
 
     def train(self) -> Iterator[None]:
-        store = CheckpointStore(self.bucket, PREFIX)
-        history = History(self.bucket, PREFIX)
-        reader = RolloutReader(self.bucket, PREFIX, self.session, pause=lambda _: None)
+        store = CheckpointStore(ModelStore(self.bucket, PREFIX))
+        history = History(ModelStore(self.bucket, PREFIX))
+        reader = RolloutReader(ModelStore(self.bucket, PREFIX), self.session, pause=lambda _: None)
         found = store.load_latest()
         number = 0 if found is None else found.record.number
         if found is None:
@@ -246,7 +247,9 @@ class Training:
             drive += 1
             name = str(store.pointed())
             session = session_of_worker(self.session, 1, drive)
-            writer = RolloutWriter(self.bucket, PREFIX, Manifest(number, 0, name, session))
+            writer = RolloutWriter(
+                ModelStore(self.bucket, PREFIX), Manifest(number, 0, name, session)
+            )
             writer.finish(Driving())
             yield
             self.bucket.put(keys.training_trace(PREFIX, number), f"{self.number}".encode())
@@ -294,7 +297,7 @@ class World:
 
     def try_to_start(self) -> None:
         try:
-            lease.refuse_other_owner(self.server.bucket, PREFIX)
+            lease.refuse_other_owner(ModelStore(self.server.bucket, PREFIX))
         except SettingsError:
             return
         self.trainings.append(Training(self, len(self.trainings)))
@@ -341,7 +344,7 @@ def test_of_two_trainings_the_loser_ends_soon_and_no_iteration_has_two_owners(se
     for loser in losers:
         assert loser.ended_s is not None
         assert loser.ended_s - loser.stopped_until_s <= 15.0
-    records = History(world.server.bucket, PREFIX).records
+    records = History(ModelStore(world.server.bucket, PREFIX)).records
     assert [r.iteration for r in records] == list(range(len(records)))
     for record in records:
         trace = world.server.bucket.get(keys.training_trace(PREFIX, record.iteration))
@@ -352,7 +355,7 @@ def test_of_two_trainings_the_loser_ends_soon_and_no_iteration_has_two_owners(se
 def test_only_the_newest_trainer_of_a_start_may_write(server):
     renewal = server.renewal("ours")
     first, second = (
-        Ownership(server.bucket, PREFIX, "ours", trainer=number, clock=server.clock)
+        Ownership(ModelStore(server.bucket, PREFIX), "ours", trainer=number, clock=server.clock)
         for number in (0, 1)
     )
     worker = server.ownership("ours")
@@ -374,4 +377,4 @@ def test_the_number_of_the_trainer_stays_in_the_lease_when_it_is_renewed(server)
     server.now_s += RENEW_S
     renewal.step()
 
-    assert read_lease(server.bucket, PREFIX).trainer == 2
+    assert read_lease(ModelStore(server.bucket, PREFIX)).trainer == 2

@@ -6,6 +6,7 @@ from drcli.base.errors import StorageError
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.checks.doctor.bucket_health import try_bucket
 from drcli.checks.start_rules import probe
+from drcli.model.model_store import ModelStore
 from racer import Racer
 from refusing_s3 import refusing_server
 
@@ -41,10 +42,10 @@ def test_a_training_starts_with_keys_for_its_own_folders(
 
 
 def test_such_keys_pass_the_checks_and_the_doctor(limited):
-    assert probe(limited, "model-1") == []
+    assert probe(ModelStore(limited, "model-1")) == []
     assert try_bucket(limited, FOLDERS, seconds=5).worked == list(FOLDERS)
 
 
 def test_the_folders_of_another_model_stay_refused(limited):
     with pytest.raises(StorageError, match="lack the permission"):
-        probe(limited, "model-2")
+        probe(ModelStore(limited, "model-2"))

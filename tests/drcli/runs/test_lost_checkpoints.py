@@ -12,6 +12,7 @@ from drcli.config.loading import load_settings
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointsLost, checkpoint_objects
 from drcli.model.history import write_history
+from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import traced_iterations
 from drcli.model.repair_model import find_lost, refuse_lost
 from drcli.records.iteration import IterationRecord
@@ -42,14 +43,14 @@ def trained(racer):
     """A model with five checkpoints, a history, and two traces."""
     for number in range(5):
         racer.store(MODEL).save(number, 100 * number, b"weights", optimizer=b"moments")
-    write_history(racer.bucket, MODEL, [record(n) for n in range(4)])
+    write_history(ModelStore(racer.bucket, MODEL), [record(n) for n in range(4)])
     for iteration in (0, 3):
         racer.bucket.put(keys.training_trace(MODEL, iteration), b"episode,steps\n")
     return racer
 
 
 def empty_checkpoints(bucket):
-    for key in checkpoint_objects(bucket, MODEL):
+    for key in checkpoint_objects(ModelStore(bucket, MODEL)):
         bucket.put(key, b"")
 
 
@@ -61,7 +62,7 @@ def empty_all(bucket):
 
 
 def delete_checkpoints(bucket):
-    bucket.delete(checkpoint_objects(bucket, MODEL))
+    bucket.delete(checkpoint_objects(ModelStore(bucket, MODEL)))
 
 
 def leave_the_pointer(bucket):
@@ -90,7 +91,7 @@ def test_the_refusal_says_what_is_lost_and_what_is_left(trained):
     empty_checkpoints(trained.bucket)
 
     with pytest.raises(CheckpointsLost) as refused:
-        refuse_lost(trained.bucket, MODEL)
+        refuse_lost(ModelStore(trained.bucket, MODEL))
 
     said = str(refused.value)
     assert "trained for 4 iterations" in said
@@ -115,7 +116,7 @@ def test_the_command_of_the_refusal_starts_over_beside_it(trained, metrics):
     assert values["DR_LOCAL_S3_MODEL_PREFIX"] == "model-3"
     there = load_settings(trained.folder, environ=values)
     assert there.metrics_prefix == "model-3/metrics"
-    assert review_prefix("model-3", trained.bucket) == []
+    assert review_prefix(ModelStore(trained.bucket, "model-3")) == []
 
 
 def test_a_prefix_of_the_environment_is_changed_there(trained, monkeypatch):
@@ -131,7 +132,7 @@ def test_a_prefix_of_the_environment_is_changed_there(trained, monkeypatch):
 def test_the_rule_about_the_prefix_says_it_too(trained):
     empty_checkpoints(trained.bucket)
 
-    [problem] = review_prefix(MODEL, trained.bucket)
+    [problem] = review_prefix(ModelStore(trained.bucket, MODEL))
 
     assert "has no checkpoint that can be read" in problem.message
     assert "--resume" not in problem.remedy
@@ -141,23 +142,23 @@ def test_a_trainer_does_not_begin_again_either(trained):
     empty_checkpoints(trained.bucket)
 
     with pytest.raises(CheckpointsLost):
-        refuse_lost(trained.bucket, MODEL)
+        refuse_lost(ModelStore(trained.bucket, MODEL))
 
-    assert len(traced_iterations(trained.bucket, MODEL)) == 2
+    assert len(traced_iterations(ModelStore(trained.bucket, MODEL))) == 2
 
 
 def test_one_readable_checkpoint_is_enough(trained):
-    for key in checkpoint_objects(trained.bucket, MODEL):
+    for key in checkpoint_objects(ModelStore(trained.bucket, MODEL)):
         if "1_Step" not in key:
             trained.bucket.put(key, b"")
 
-    assert find_lost(trained.bucket, MODEL) is None
+    assert find_lost(ModelStore(trained.bucket, MODEL)) is None
 
 
 def test_nothing_is_lost_where_nothing_was_published(racer):
     racer.bucket.put(keys.checkpoint_tensors(MODEL, "0_Step-0.ckpt"), b"")
 
-    assert find_lost(racer.bucket, MODEL) is None
+    assert find_lost(ModelStore(racer.bucket, MODEL)) is None
 
 
 def test_the_new_model_is_refused_nothing_else(trained):

@@ -10,6 +10,7 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.base.processes import started_s
 from drcli.model import keys, lease
 from drcli.model.model_list import list_models
+from drcli.model.model_store import ModelStore
 from drcli.model.training_records import read_files, read_trainings, write_training
 from drcli.records.run_record import EvaluationRecord, RunRecord, claim, log_file, run_folder
 from drcli.records.training_record import TrainingStart
@@ -112,7 +113,7 @@ def below_metrics(name: str) -> bool:
 
 
 def test_a_model_that_trains_anywhere_stays(bucket, settings):
-    lease.take(bucket, "model-1", "session")
+    lease.take(ModelStore(bucket, "model-1"), "session")
     before = objects(bucket)
 
     with pytest.raises(SettingsError, match="is being trained by"):
@@ -145,7 +146,7 @@ def test_a_model_that_is_evaluated_here_stays(bucket, settings, working_folder, 
 
 def test_a_training_that_starts_after_the_question_keeps_its_model(bucket, settings):
     planned = plan_removal(settings(), ["model-1"])
-    lease.take(bucket, "model-1", "session")
+    lease.take(ModelStore(bucket, "model-1"), "session")
     before = objects(bucket)
 
     with pytest.raises(SettingsError, match="is being trained by"):
@@ -167,7 +168,9 @@ def test_a_deletion_that_is_cut_off_leaves_nothing_that_looks_like_a_model(
     bucket.deletes_left = 1_000
     assert "model-1" not in [model.prefix for model in list_models(bucket).models]
     assert not any(key.endswith(".ckpt.json") for key in objects(bucket) if "model-1/m" in key)
-    lease.release(bucket, "model-1", lease.read_lease(bucket, "model-1").session)
+    lease.release(
+        ModelStore(bucket, "model-1"), lease.read_lease(ModelStore(bucket, "model-1")).session
+    )
     remove(settings(), "model-1")
     assert not any(key.startswith(("model-1/m", "runs/model-1/l")) for key in objects(bucket))
 
@@ -215,8 +218,8 @@ def test_a_deletion_that_is_cut_off_anywhere_is_completed_by_the_same_command(
             done = True
         bucket.deletes_left = 1_000
         if not done:
-            if left := lease.read_lease(bucket, "model-1"):
-                lease.release(bucket, "model-1", left.session)
+            if left := lease.read_lease(ModelStore(bucket, "model-1")):
+                lease.release(ModelStore(bucket, "model-1"), left.session)
             remove(settings(), "model-1")
 
         assert not any(
@@ -343,7 +346,7 @@ def test_a_model_without_a_record_gets_one_when_it_is_deleted(bucket, settings):
 
     [record] = read_trainings(bucket, "model-1")[0]
     assert (record.derived, record.gone_at is None) == (True, False)
-    assert read_files(bucket, "model-1", record.id)
+    assert read_files(ModelStore(bucket, "model-1"), record.id)
 
 
 def test_records_go_too_on_request(bucket, settings):

@@ -10,6 +10,7 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks import before_start
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.run_record import RunRecord, log_file, run_folder
 from drcli.run import plan, training
@@ -90,7 +91,7 @@ def test_a_planned_start_keeps_the_prefix_until_its_supervisor_takes_over(racer)
         plan.prepare(racer.settings(), plan.StartOptions(wipe=True))
 
     assert {item.key: racer.bucket.get(item.key) for item in racer.bucket.list("")} == frozen
-    held = lease.holder(racer.bucket, "model-1")
+    held = lease.holder(ModelStore(racer.bucket, "model-1"))
     assert held is not None
     assert held.session == first.job.session
 
@@ -126,7 +127,7 @@ def test_a_start_that_fails_halfway_gives_the_prefix_back(racer, monkeypatch):
     with pytest.raises(StorageError):
         racer.start()
 
-    assert lease.holder(racer.bucket, "model-1") is None
+    assert lease.holder(ModelStore(racer.bucket, "model-1")) is None
 
 
 @pytest.mark.parametrize(("rollouts", "warned"), [((), True), ((9,), True), ((7,), False)])
@@ -135,10 +136,10 @@ def test_a_start_says_that_a_copied_model_of_sac_has_lost_its_replay_buffer(roll
     for iteration in rollouts:
         bucket.put(keys.rollout_part("model-1", iteration, 0, "session", 0), b"steps")
 
-    told = plan._replay_lost(bucket, "model-1", CheckpointName(8, 800))
+    told = plan._replay_lost(ModelStore(bucket, "model-1"), CheckpointName(8, 800))
 
     assert ["empty replay buffer" in text for text in told] == [True] * warned
-    assert plan._replay_lost(bucket, "model-1", CheckpointName(0, 0)) == []
+    assert plan._replay_lost(ModelStore(bucket, "model-1"), CheckpointName(0, 0)) == []
 
 
 def test_a_start_over_begins_new_logs_and_a_resumed_one_goes_on_with_them(trained):
@@ -171,4 +172,4 @@ def test_logs_that_cannot_be_renamed_are_named_and_the_model_is_free_again(racer
     with pytest.raises(SettingsError, match=r"trainer\.log: logs cannot be written there"):
         racer.start()
 
-    assert lease.holder(racer.bucket, "model-1") is None
+    assert lease.holder(ModelStore(racer.bucket, "model-1")) is None

@@ -8,7 +8,7 @@ import pytest
 
 from drcli.base.errors import StorageError
 from drcli.model import keys
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.model.training_records import read_files, read_trainings
 from drcli.model.training_state import write_outcome
 from drcli.records.iteration import encode_history
@@ -44,7 +44,7 @@ class Ended:
 
     def __call__(self, plan, **changes):
         outcome = replace(plan.job.begun, ended_at=plan.job.begun.started_at + 60.0, **changes)
-        write_outcome(self._racer.bucket, plan.job.config.model.prefix, outcome)
+        write_outcome(ModelStore(self._racer.bucket, plan.job.config.model.prefix), outcome)
 
 
 def test_a_start_leaves_a_record_with_everything_that_it_was_made_of(racer):
@@ -74,7 +74,7 @@ def test_a_start_leaves_a_record_with_everything_that_it_was_made_of(racer):
     assert start.settings["DR_WORLD_NAME"] == "Vegas_track"
     assert start.versions["drcli"]
     assert start.machine["processor"]
-    texts = read_files(racer.bucket, record.prefix, record.id)
+    texts = read_files(ModelStore(racer.bucket, record.prefix), record.id)
     assert texts[start.files["reward_function.py"]] == "def reward_function(p): ..."
     assert b"secret-path" not in b"".join(racer.bucket.get(i.key) for i in racer.bucket.list(""))
 
@@ -106,7 +106,7 @@ def test_a_resume_goes_on_with_the_record_and_says_how_the_start_before_ended(ra
     assert (one.state, one.message) == ("stopped", "Stopped by SIGTERM.")
     assert one.ended_at == pytest.approx(first.job.begun.started_at + 60.0)
     assert (other.state, other.resumes) == ("running", "3_Step-300.ckpt")
-    texts = read_files(racer.bucket, record.prefix, record.id)
+    texts = read_files(ModelStore(racer.bucket, record.prefix), record.id)
     rewards = [texts[start.files["reward_function.py"]] for start in record.starts]
     assert rewards == ["def reward_function(p): ...", "def reward_function(q): ..."]
 
@@ -238,7 +238,7 @@ def test_a_clone_names_the_training_of_its_parent(trained):
 
 
 def test_models_that_were_never_trained_here_leave_no_record(racer):
-    settle(Model(racer.bucket, "imported", "imported/metrics"), gone=True)
+    settle(ModelStore(racer.bucket, "imported", "imported/metrics"), gone=True)
 
     assert records(racer) == []
 
@@ -352,7 +352,8 @@ def test_an_outcome_of_another_start_is_not_taken_for_its_own(racer, make_record
     racer.start()
     learned(racer, make_record)
     write_outcome(
-        racer.bucket, "model-1", RunOutcome("another", "vm", 1.0, 2.0, state="finished", code=0)
+        ModelStore(racer.bucket, "model-1"),
+        RunOutcome("another", "vm", 1.0, 2.0, state="finished", code=0),
     )
 
     racer.start(resume=True)

@@ -11,6 +11,7 @@ from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.checks import before_start
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.records.run_record import Lease
 from drcli.records.training_record import RunOutcome
@@ -28,7 +29,7 @@ def again(racer):
     def give(*, wait=False, **options):
         found = prepare_next(racer.settings(), StartOptions(**options), wait=wait)
         if not isinstance(found, NothingToDo):
-            lease.release(racer.bucket, MODEL, found.job.session)
+            lease.release(ModelStore(racer.bucket, MODEL), found.job.session)
         return found
 
     return give
@@ -39,10 +40,10 @@ def ended(racer):
     """Records how the newest start ended."""
 
     def end(state, code, **changes):
-        begun = read_outcome(racer.bucket, MODEL)
+        begun = read_outcome(ModelStore(racer.bucket, MODEL))
         assert begun is not None
         outcome = replace(begun, state=state, code=code, message="It ended.", **changes)
-        write_outcome(racer.bucket, MODEL, outcome)
+        write_outcome(ModelStore(racer.bucket, MODEL), outcome)
 
     return end
 
@@ -57,7 +58,7 @@ def test_an_empty_prefix_starts(again, racer):
     assert isinstance(planned, RunPlan)
     assert planned.resumes is None
     assert planned.job.whole_run
-    outcome = read_outcome(racer.bucket, MODEL)
+    outcome = read_outcome(ModelStore(racer.bucket, MODEL))
     assert (outcome.state, outcome.session) == ("running", planned.job.session)
 
 
@@ -108,7 +109,7 @@ def test_a_run_that_version_0_1_0_has_finished_does_nothing(again, racer, ended,
     )
     again(**options)
     learn(racer)
-    goals = read_outcome(racer.bucket, MODEL).goals
+    goals = read_outcome(ModelStore(racer.bucket, MODEL)).goals
     confirmed = r",? and (then 38 of 40|on 40) laps from other starts( are as good)?"
     ended("finished", 0, goals=re.sub(confirmed, "", goals))
 
@@ -148,7 +149,7 @@ def test_work_left_at_the_end_is_all_that_is_done(again, racer, ended):
     assert found.job.end_work == ("upload", "import")
     assert found.job.begun.message == "It ended."
     assert racer.note(MODEL) == before
-    assert read_outcome(racer.bucket, MODEL).state == "finished"
+    assert read_outcome(ModelStore(racer.bucket, MODEL)).state == "finished"
 
 
 @pytest.mark.parametrize(("state", "code"), [("stopped", 143), ("interrupted", 75)])
@@ -190,9 +191,9 @@ def cut_off(racer, monkeypatch, after):
         patch.setattr(racer.bucket, "put", vanish)
         with pytest.raises(KeyboardInterrupt):
             prepare_next(racer.settings(), StartOptions(), wait=False)
-    held = lease.read_lease(racer.bucket, MODEL)
+    held = lease.read_lease(ModelStore(racer.bucket, MODEL))
     if held is not None:
-        lease.write_lease(racer.bucket, MODEL, replace(held, released=True))
+        lease.write_lease(ModelStore(racer.bucket, MODEL), replace(held, released=True))
 
 
 @pytest.mark.parametrize("after", range(1, 9))
@@ -247,7 +248,7 @@ def test_an_owner_that_lives_here_is_waited_for_or_left_alone(again, racer):
         again()
 
     assert left.value.code == 9
-    held = lease.live_holder(racer.bucket, MODEL)
+    held = lease.live_holder(ModelStore(racer.bucket, MODEL))
     assert held is not None
     assert held.session == first.job.session
 
@@ -258,14 +259,14 @@ def test_another_start_that_was_faster_is_left_alone(again, racer, monkeypatch):
     def slow(*args):
         examined = examine(*args)
         theirs = Lease("theirs", "elsewhere", 1, time.time(), term=1)
-        lease.write_lease(racer.bucket, MODEL, theirs)
+        lease.write_lease(ModelStore(racer.bucket, MODEL), theirs)
         return examined
 
     class Renewed(Exception):
         pass
 
     def looks(self):
-        if lease.live_holder(self.bucket, self.prefix) is not None:
+        if lease.live_holder(ModelStore(self.bucket, self.prefix)) is not None:
             raise Renewed  # the wait has its own tests
 
     monkeypatch.setattr(before_start, "examine", slow)
@@ -274,7 +275,7 @@ def test_another_start_that_was_faster_is_left_alone(again, racer, monkeypatch):
     with pytest.raises(Renewed):
         again()
 
-    assert lease.read_lease(racer.bucket, MODEL).session == "theirs"
+    assert lease.read_lease(ModelStore(racer.bucket, MODEL)).session == "theirs"
 
 
 @pytest.mark.parametrize("also", ["wipe", "resume"])
@@ -303,7 +304,7 @@ def test_time_to_live_counts_from_the_first_start(again, racer, ended):
     assert isinstance(found, RunPlan)
     assert found.job.ends_at == 1_000_000.0 + 3600.0
     assert "1970-01-12 14:46 UTC (DR_TIME_TO_LIVE_MINUTES)" in found.ends
-    assert read_outcome(racer.bucket, MODEL).began_at == 1_000_000.0
+    assert read_outcome(ModelStore(racer.bucket, MODEL)).began_at == 1_000_000.0
 
 
 def test_the_record_is_read_back_as_it_was_written():

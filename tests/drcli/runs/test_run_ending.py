@@ -12,6 +12,7 @@ import pytest
 
 from drcli.config.loading import load_settings
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import RunRecord, StopRequest, log_file
@@ -113,12 +114,12 @@ def run(tmp_path, monkeypatch):
         record = RunRecord(
             0, "start", "bucket", "model", "oval", "starting", os.getpid(), 0.0, time.time()
         )
-        taken = lease.take(bucket, "model", "start")
+        taken = lease.take(ModelStore(bucket, "model"), "start")
         code = Supervisor(
             replace(job, term=taken.term, **changes),
             bucket,
             record,
-            Renewal(bucket, "model", taken),
+            Renewal(ModelStore(bucket, "model"), taken),
             open_bucket=lambda: bucket,
             revive_server=lambda: None,
             restart_server=lambda: None,
@@ -149,8 +150,8 @@ def test_a_notice_with_a_slow_bucket_and_a_large_log(run, tmp_path):
     assert bucket.first(keys.outcome("model")) - began_s < 1.0
     assert 1.0 < duty.left_s < 5.0
     assert any("/logs/" in key for key, _ in bucket.written)
-    assert lease.live_holder(bucket, "model") is None
-    outcome = read_outcome(bucket, "model")
+    assert lease.live_holder(ModelStore(bucket, "model")) is None
+    outcome = read_outcome(ModelStore(bucket, "model"))
     assert (outcome.state, outcome.goals, outcome.began_at) == (
         "interrupted",
         "Ends some day.",
@@ -166,7 +167,7 @@ def test_what_a_successor_needs_is_written_before_the_workers_have_exited(run):
     run(bucket, Ends(interrupted("It goes.", 3.0, continues=False)), script=stubborn)
 
     assert bucket.first(keys.outcome("model")) - began_s < 0.9  # they get a third of the time
-    assert read_outcome(bucket, "model").stays_ended
+    assert read_outcome(ModelStore(bucket, "model")).stays_ended
 
 
 def test_the_journal_tells_how_it_ended(run):
@@ -174,7 +175,7 @@ def test_the_journal_tells_how_it_ended(run):
 
     run(bucket, Ends(interrupted("It goes.", 5.0, continues=True)))
 
-    (event,) = [e for e in read_journal(bucket, "model").events if e.kind == "end"]
+    (event,) = [e for e in read_journal(ModelStore(bucket, "model")).events if e.kind == "end"]
     assert event.text.startswith("It goes. Continue with")
     assert event.facts == {"state": "interrupted", "code": 75}
 
@@ -189,7 +190,7 @@ def test_sigterm_of_a_scheduler_interrupts_a_run_that_any_machine_may_continue(r
     code, record, _ = run(bucket, during=send(signal.SIGTERM), whole_run=True)
 
     assert (code, record.state) == (75, "interrupted")
-    assert not read_outcome(bucket, "model").stays_ended
+    assert not read_outcome(ModelStore(bucket, "model")).stays_ended
 
 
 def test_sigterm_of_a_plain_start_stops_it_and_the_next_start_may_go_on(run):
@@ -198,7 +199,7 @@ def test_sigterm_of_a_plain_start_stops_it_and_the_next_start_may_go_on(run):
     code, record, _ = run(bucket, during=send(signal.SIGTERM))
 
     assert (code, record.state) == (143, "stopped")
-    assert not read_outcome(bucket, "model").stays_ended
+    assert not read_outcome(ModelStore(bucket, "model")).stays_ended
 
 
 @pytest.mark.parametrize("whole_run", [True, False])
@@ -212,7 +213,7 @@ def test_dr_stop_training_is_no_scheduler(run, whole_run):
     code, record, _ = run(bucket, during=stop, whole_run=whole_run)
 
     assert (code, record.state) == (143, "stopped")
-    assert read_outcome(bucket, "model").stays_ended
+    assert read_outcome(ModelStore(bucket, "model")).stays_ended
 
 
 def test_a_request_to_stop_an_earlier_start_means_nothing(run):
@@ -229,7 +230,7 @@ def test_ctrl_c_is_a_person(run):
     code, _, _ = run(bucket, during=send(signal.SIGINT), whole_run=True)
 
     assert code == 130
-    assert read_outcome(bucket, "model").stays_ended
+    assert read_outcome(ModelStore(bucket, "model")).stays_ended
 
 
 DONE = WorkerExit("Training is complete.", "", 0)
@@ -241,14 +242,16 @@ def test_work_at_the_end_is_named_before_it_is_done_and_forgotten_after(run):
 
     class Upload(Ends):
         def finish(self, ending):
-            seen.append((read_outcome(bucket, "model").left, RunRecord.read(run.folder).ending))
+            seen.append(
+                (read_outcome(ModelStore(bucket, "model")).left, RunRecord.read(run.folder).ending)
+            )
             super().finish(ending)
 
     code, record, _ = run(bucket, Upload(None, ("upload",)), script=DONE)
 
     assert (code, record.ending) == (0, False)
     assert seen == [(("upload",), True)]  # no worker is missed meanwhile
-    outcome = read_outcome(bucket, "model")
+    outcome = read_outcome(ModelStore(bucket, "model"))
     assert (outcome.state, outcome.left, outcome.message) == ("finished", (), DONE.message)
 
 
@@ -257,7 +260,7 @@ def test_work_at_the_end_that_failed_stays_named(run):
 
     run(bucket, Ends(None, ("upload",), fails=True), script=DONE)
 
-    assert read_outcome(bucket, "model").left == ("upload",)
+    assert read_outcome(ModelStore(bucket, "model")).left == ("upload",)
 
 
 def test_only_the_work_that_was_left_is_done_and_no_worker_starts(run):
@@ -268,7 +271,7 @@ def test_only_the_work_that_was_left_is_done_and_no_worker_starts(run):
 
     assert (code, started, record.workers) == (0, [], [])
     assert duty.only == ("upload",)
-    outcome = read_outcome(bucket, "model")
+    outcome = read_outcome(ModelStore(bucket, "model"))
     assert (outcome.state, outcome.left, outcome.message) == ("finished", (), "It is over.")
 
 
@@ -284,7 +287,7 @@ def test_work_at_the_end_is_told_when_it_is_done_and_an_error_when_it_failed(
         last = Ends(None)
         code, record, _ = run(bucket, duty, last, end_work=end_work, script=DONE)
         assert (last.at_the_end.code, last.at_the_end.message) == (code, record.message)
-        return code, record, read_outcome(bucket, "model")
+        return code, record, read_outcome(ModelStore(bucket, "model"))
 
     code, record, outcome = at_the_end_of(CommandEnd(0, {"site": "d.example.com", "model_id": "a"}))
     assert (code, record.state, outcome.left) == (0, "finished", ())
@@ -308,12 +311,12 @@ def test_the_lease_is_renewed_until_the_end(run, monkeypatch):
     class Long(Ends):
         def finish(self, ending):
             time.sleep(0.3)
-            ages.append(lease.read_lease(bucket, "model").age_s)
+            ages.append(lease.read_lease(ModelStore(bucket, "model")).age_s)
 
     run(bucket, Long(interrupted("It goes.", 5.0, continues=True)))
 
     assert ages[0] < 0.25
-    assert lease.read_lease(bucket, "model").released
+    assert lease.read_lease(ModelStore(bucket, "model")).released
 
 
 def test_deaths_of_workers_and_what_was_done_are_in_the_journal(run):
@@ -325,7 +328,7 @@ def test_deaths_of_workers_and_what_was_done_are_in_the_journal(run):
 
     run(bucket, Once(None), script="import sys; sys.exit(1)")
 
-    events = read_journal(bucket, "model").events
+    events = read_journal(ModelStore(bucket, "model")).events
     assert {event.kind for event in events} >= {"fault", "recovery", "end"}
     fault = next(event for event in events if event.kind == "fault")
     assert "ended with exit code 1 after" in fault.text

@@ -6,7 +6,7 @@ import pytest
 
 from drcli.model import keys
 from drcli.model.lease import write_lease
-from drcli.model.repair import Model
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import ActivityRecord, Lease
 from drcli.records.trace import CSV_HEADER
 from drcli.run.seen_in_bucket import MOST_LINES, SeenRun, distant_run, lap_lines, read_lap_lines
@@ -27,12 +27,14 @@ def trace(*rows):
 @pytest.fixture
 def run():
     bucket = MemoryBucket()
-    return SeenRun(Model(bucket, "model", "model/metrics"), "model", "reinvent_base", alive=False)
+    return SeenRun(
+        ModelStore(bucket, "model", "model/metrics"), "model", "reinvent_base", alive=False
+    )
 
 
 def test_a_training_on_another_machine_is_told_with_its_workers(run):
     now, bucket = time.time(), run.model.bucket
-    write_lease(bucket, "model", Lease("s", "tower", 7, now, machine="another"))
+    write_lease(ModelStore(bucket, "model"), Lease("s", "tower", 7, now, machine="another"))
     for name in ("sim-1", "trainer", "sim-0"):
         does = ActivityRecord(f"{name} drives", now, 8, "tower")
         bucket.put(keys.status("model", name), does.encode())
@@ -48,7 +50,7 @@ def test_a_training_on_another_machine_is_told_with_its_workers(run):
 def test_nobody_trains_after_the_end_or_without_a_bucket(run):
     assert distant_run(run).host is None
     lease = Lease("s", "tower", 7, time.time(), machine="another", released=True)
-    write_lease(run.model.bucket, "model", lease)
+    write_lease(ModelStore(run.model.bucket, "model"), lease)
     assert distant_run(run).host is None
     assert distant_run(SeenRun(None, "model", "bean", alive=False)).world == "bean"
 
@@ -69,10 +71,10 @@ def test_each_worker_has_its_trace_also_where_there_are_several(run):
     bucket = run.model.bucket
     one, many = trace(row(0, 0, 1.0), row(0, 1, 1.5)), trace(row(0, 0, 5.0), row(0, 1, 5.5))
     bucket.put(keys.training_trace("model", 3), one)
-    assert read_lap_lines(bucket, "model", 3, 0)[0].x == [1.0, 1.5]
-    assert read_lap_lines(bucket, "model", 3, 1) == []
+    assert read_lap_lines(ModelStore(bucket, "model"), 3, 0)[0].x == [1.0, 1.5]
+    assert read_lap_lines(ModelStore(bucket, "model"), 3, 1) == []
     bucket.put(keys.training_trace("model", 4, worker=1, workers=2), many)
-    assert read_lap_lines(bucket, "model", 4, 1)[0].x == [5.0, 5.5]
+    assert read_lap_lines(ModelStore(bucket, "model"), 4, 1)[0].x == [5.0, 5.5]
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\0", b"a,b\n1,2\n", CSV_HEADER.encode()])

@@ -10,6 +10,7 @@ from drcli.base.clock import elapsed_s
 from drcli.model import keys
 from drcli.model.best_checkpoint import write_evaluation
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.records import run_record
 from drcli.records.heartbeat import WatchRecord, open_pulse_file
 from drcli.records.run_record import Lease, StorageRecord, WorkerRecord, run_folder
@@ -84,7 +85,7 @@ def test_a_bucket_that_does_not_answer_is_said(racer, running):
 
 def test_a_model_whose_index_is_lost_still_has_its_checkpoints(racer, running, monkeypatch):
     bucket = MemoryBucket()
-    CheckpointStore(bucket, running.prefix).save(4, 100, b"weights")
+    CheckpointStore(ModelStore(bucket, running.prefix)).save(4, 100, b"weights")
     bucket.delete([keys.deepracer_checkpoints(running.prefix)])
     monkeypatch.setattr("drcli.run.status.open_running_bucket", lambda _: bucket)
 
@@ -203,7 +204,7 @@ def test_laps_of_the_best_are_of_the_training_track_whichever_track_chose_it(
     store.save(3, 300, b"weights")
     second = SecondEvaluation([100.0] * 2, [1.0] * 2, [7.0, 7.1], "oval")
     driven = EvaluationResult("3_Step-300.ckpt", [50.0, 100.0], [1.0] * 2, [9.0], second=second)
-    write_evaluation(racer.bucket, running.prefix, 3, driven)
+    write_evaluation(ModelStore(racer.bucket, running.prefix), 3, driven)
     store.record_evaluation(driven, "progress", "both")
 
     laps = inspect(racer.settings().run).best_laps

@@ -19,6 +19,7 @@ from drcli.base.log import LogFile
 from drcli.base.processes import STOPS
 from drcli.config.loading import load_settings
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import RunRecord, log_file
 from drcli.run import run_ending, seen_pulses, stall_watch, supervisor
@@ -81,7 +82,9 @@ class Stage:
 
     def start_process(self, job, name, module, *arguments, gpus=""):
         if job.trainer is not None:
-            self.trainers.append((job.trainer, lease.read_lease(self.bucket, "model").trainer))
+            self.trainers.append(
+                (job.trainer, lease.read_lease(ModelStore(self.bucket, "model")).trainer)
+            )
         script = self.scripts[name].pop(0)
         if isinstance(script, Stuck):
             script.leave(log_file(job.directory, job.config.model.prefix, name))
@@ -109,12 +112,12 @@ class Stage:
             pid_started=0.0,
             started_at=time.time(),
         )
-        taken = lease.take(self.bucket, "model", "start")
+        taken = lease.take(ModelStore(self.bucket, "model"), "start")
         return Supervisor(
             self.job,
             self.bucket,
             record,
-            Renewal(self.bucket, "model", taken),
+            Renewal(ModelStore(self.bucket, "model"), taken),
             open_bucket=MemoryBucket,
             revive_server=self.revive_server,
             restart_server=self.restart_server,
@@ -241,7 +244,7 @@ def test_a_training_that_lost_its_model_ends_at_once_and_leaves_the_bucket_alone
 
     def start_process(job, name, *rest, **options):
         if name == "sim-0":
-            lease.take(stage.bucket, "model", "theirs")
+            lease.take(ModelStore(stage.bucket, "model"), "theirs")
         return start(job, name, *rest, **options)
 
     monkeypatch.setattr(supervisor, "start_process", start_process)
@@ -253,7 +256,7 @@ def test_a_training_that_lost_its_model_ends_at_once_and_leaves_the_bucket_alone
     record = RunRecord.read(stage.job.folder)
     assert "took over" in record.message
     assert [info.key for info in stage.bucket.list("")] == [keys.lease("model")]
-    assert lease.holder(stage.bucket, "model").session == "theirs"
+    assert lease.holder(ModelStore(stage.bucket, "model")).session == "theirs"
 
 
 class Silent(MemoryBucket):
@@ -338,7 +341,7 @@ def test_the_trainer_leaves_after_the_simulation_so_that_it_can_score_what_was_e
 
     assert order.read_text().split() == ["sim-0", "trainer"]
     assert RunRecord.read(stage.job.folder).message == f"Stopped by {number.name}."
-    assert lease.holder(stage.bucket, "model") is None
+    assert lease.holder(ModelStore(stage.bucket, "model")) is None
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full disk to try it on")
@@ -355,7 +358,7 @@ def test_a_full_disk_costs_lines_of_the_log_and_not_the_end(stage, monkeypatch):
         assert stage.run() == 0
     finally:
         log.end()
-    assert lease.holder(stage.bucket, "model") is None
+    assert lease.holder(ModelStore(stage.bucket, "model")) is None
 
 
 def test_a_worker_that_crashes_again_and_again_ends_the_run_and_names_the_fault(stage):

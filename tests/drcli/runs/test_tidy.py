@@ -8,6 +8,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import log_file
 from drcli.transfer.tidy import TidyOptions, checked_rules, find_surplus, read_kinds, tidy
 from removable_models import objects, put_all, put_checkpoints
@@ -57,7 +58,7 @@ def test_tidy_leaves_models_of_other_systems_without_a_pointer_alone(bucket, set
 
 
 def test_tidy_leaves_a_model_that_trains_alone(bucket, settings):
-    lease.take(bucket, "model-1", "session")
+    lease.take(ModelStore(bucket, "model-1"), "session")
 
     found = find_surplus(settings(), TidyOptions(models=["model-1"]))
 

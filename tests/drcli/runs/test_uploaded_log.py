@@ -6,6 +6,7 @@ import pytest
 
 from drcli.base.errors import StorageError
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import log_file
 from drcli.run import read_logs, run_logs
 from drcli.run.read_logs import UploadedTail, find_uploaded
@@ -31,7 +32,7 @@ def put(bucket, *parts, newest):
 
 
 def found(bucket):
-    return find_uploaded(bucket, "model", "sim-0", "sim-0.log")
+    return find_uploaded(ModelStore(bucket, "model"), "sim-0", "sim-0.log")
 
 
 def test_a_log_that_was_uploaded_is_read_as_it_was_written(bucket, tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError, TrainedElsewhere
 from drcli.base.processes import started_s
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import Lease, RunRecord, WaitingStart
 from drcli.run.take_model import OwnerWait
 from memory_bucket import MemoryBucket
@@ -69,7 +70,7 @@ def test_nobody_is_waited_for(waiting, time, said):
 def test_the_lease_of_a_dead_machine_expires_within_a_minute_and_that_is_said_once(
     waiting, bucket, time, said
 ):
-    lease.write_lease(bucket, "model", THEIRS)
+    lease.write_lease(ModelStore(bucket, "model"), THEIRS)
     began = time.now
 
     waiting(wait=False).until_free()
@@ -84,9 +85,11 @@ def renewing(bucket, time, until_s):
 
     def renew():
         if time.now >= until_s:
-            lease.write_lease(bucket, "model", replace(THEIRS, renewed=time.now, released=True))
+            lease.write_lease(
+                ModelStore(bucket, "model"), replace(THEIRS, renewed=time.now, released=True)
+            )
             return
-        lease.write_lease(bucket, "model", replace(THEIRS, renewed=time.now))
+        lease.write_lease(ModelStore(bucket, "model"), replace(THEIRS, renewed=time.now))
         time.events.append((time.now + 10.0, renew))
 
     renew()
@@ -115,7 +118,7 @@ def test_without_waiting_a_living_owner_is_known_within_seconds(waiting, bucket,
 
 def test_an_owner_on_this_machine_is_known_to_live_at_once(waiting, bucket, time, said):
     began = time.now
-    lease.take(bucket, "model", "a start here")
+    lease.take(ModelStore(bucket, "model"), "a start here")
 
     with pytest.raises(TrainedElsewhere):
         waiting(wait=False).until_free()
@@ -170,7 +173,7 @@ def test_a_newer_drcli_is_not_waited_for(waiting, bucket):
 
 
 def test_those_that_wait_can_be_found_and_leave_nothing_behind(waiting, bucket, time, tmp_path):
-    lease.write_lease(bucket, "model", THEIRS)
+    lease.write_lease(ModelStore(bucket, "model"), THEIRS)
     found: list[WaitingStart] = []
     time.events.append((time.now + 5.0, lambda: found.extend(WaitingStart.all(tmp_path))))
 

@@ -12,6 +12,7 @@ from drcli.base.errors import SettingsError
 from drcli.config.loading import load_settings
 from drcli.convert.build_network import weights_of
 from drcli.convert.frozen_graph import encode_policy
+from drcli.model.model_store import ModelStore
 from drcli.view.saliency import explain_model
 from drcli.view.saliency import explain_model as saliency_page
 from drcli.view.saliency.explained_episode import explain_episode
@@ -43,7 +44,7 @@ def home(tmp_path_factory):
 def explain(home, question=QUICK, prefix="model-1", **settings):
     folder, bucket = home
     loaded = load_settings(folder, flags=settings)
-    return explain_model.explain_checkpoint(loaded, bucket, prefix, "last", question)
+    return explain_model.explain_checkpoint(loaded, ModelStore(bucket, prefix), "last", question)
 
 
 @pytest.fixture(scope="module")

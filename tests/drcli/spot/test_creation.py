@@ -13,6 +13,7 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.cli.views import spot_view
 from drcli.config.loading import load_settings
 from drcli.model import keys, lease
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.outside.aws import creation, instance_types, stack_end
 from drcli.outside.aws.creation import Wishes
@@ -145,7 +146,7 @@ def test_a_price_that_no_machine_has_is_refused(amazon, settings, wishes):
 
 def test_a_model_that_another_machine_trains_is_refused(amazon, settings, wishes):
     owner = Lease("s", "elsewhere", 1, time.time(), machine="other")
-    lease.write_lease(amazon.bucket("models"), settings.model_prefix, owner)
+    lease.write_lease(ModelStore(amazon.bucket("models"), settings.model_prefix), owner)
 
     with pytest.raises(SettingsError, match="is being trained by process 1 on elsewhere"):
         creation.prepare(amazon, settings, wishes, WHEEL)
@@ -168,14 +169,14 @@ def test_a_training_that_was_stopped_is_continued(amazon, settings, wishes, stac
     bucket, prefix = amazon.bucket("models"), settings.model_prefix
     bucket.put(keys.checkpoint_record(prefix, "3_Step-30.ckpt"), b"{}")
     stopped = RunOutcome("one", "host", 1.0, 2.0, "stopped", code=143, stays_ended=True)
-    write_outcome(bucket, prefix, stopped)
+    write_outcome(ModelStore(bucket, prefix), stopped)
 
     plan = creation.prepare(amazon, settings, wishes, WHEEL)
     monkeypatch.setattr(creation, "create_stack", lambda *args, **named: stack)
     creation.carry_out(amazon, plan)
 
     assert any("it is continued now" in note for note in plan.notes)
-    assert read_outcome(bucket, prefix) == replace(stopped, stays_ended=False)
+    assert read_outcome(ModelStore(bucket, prefix)) == replace(stopped, stays_ended=False)
 
 
 def test_a_stack_that_cannot_be_made_leaves_no_files(amazon, settings, wishes, monkeypatch):
@@ -248,7 +249,7 @@ def test_a_stop_waits_for_the_machine_and_checks_the_model(amazon, stack):
     instance = machines_of(amazon, stack, [])[0].instance
     write_mark(amazon, stack, "training", instance)
     owner = Lease("s", "machine", 1, time.time(), machine="other")
-    lease.write_lease(amazon.bucket("models"), stack.model, owner)
+    lease.write_lease(ModelStore(amazon.bucket("models"), stack.model), owner)
     waits: list[float] = []
 
     def end_meanwhile(seconds: float) -> None:
@@ -261,7 +262,7 @@ def test_a_stop_waits_for_the_machine_and_checks_the_model(amazon, stack):
     assert len(waits) == 2
     with pytest.raises(StorageError, match="still being trained"):
         stack_end.verified_checkpoint(amazon, stack)
-    lease.release(amazon.bucket("models"), stack.model, "s")
+    lease.release(ModelStore(amazon.bucket("models"), stack.model), "s")
     assert stack_end.verified_checkpoint(amazon, stack) == ""
 
 
@@ -269,7 +270,7 @@ def test_a_stop_that_takes_too_long_deletes_nothing(amazon, stack):
     instance = machines_of(amazon, stack, [])[0].instance
     write_mark(amazon, stack, "training", instance)
     owner = Lease("s", "machine", 1, time.time(), machine="other")
-    lease.write_lease(amazon.bucket("models"), stack.model, owner)
+    lease.write_lease(ModelStore(amazon.bucket("models"), stack.model), owner)
     now = [0.0]
 
     def later(seconds: float) -> None:

@@ -8,6 +8,7 @@ from drcli.base.errors import StorageError
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.checks.doctor.bucket_health import try_bucket
 from drcli.model.model_prefix import is_used
+from drcli.model.model_store import ModelStore
 from refusing_s3 import contents, refusing_server
 
 FOLDERS = ["model/", "runs/model/", "rollouts/model/"]
@@ -87,7 +88,7 @@ def test_where_nothing_can_be_deleted_one_object_stays_and_is_no_model(bucket, r
 
     assert first.left == second.left == sorted(contents(bucket), key=first.left.index)
     assert len(first.left) == len(FOLDERS)
-    assert not is_used(bucket, "model")
+    assert not is_used(ModelStore(bucket, "model"))
 
 
 def test_a_server_that_overwrites_late_is_found(bucket, monkeypatch):

@@ -12,6 +12,7 @@ from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.model import keys
 from drcli.model.best_checkpoint import forget_scores, is_better, is_hopeful, score_of
 from drcli.model.checkpoints import KEEP, CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName, Counters
 from drcli.records.scores import EvaluationEpisodes, EvaluationResult, Score, Scores, encode_single
 from evaluations import evaluated
@@ -38,7 +39,7 @@ class MortalBucket(MemoryBucket):
 
 @pytest.fixture
 def store(memory: MemoryBucket) -> CheckpointStore:
-    return CheckpointStore(memory, PREFIX)
+    return CheckpointStore(ModelStore(memory, PREFIX))
 
 
 def names(bucket: MemoryBucket) -> list[str]:
@@ -92,7 +93,7 @@ def test_the_pointer_is_the_plain_name_and_the_scores_are_one_line(store, memory
 @pytest.mark.parametrize("writes", range(3))
 def test_a_trainer_killed_before_the_pointer_leaves_the_checkpoint_before(writes):
     bucket = MortalBucket()
-    store = CheckpointStore(bucket, PREFIX)
+    store = CheckpointStore(ModelStore(bucket, PREFIX))
     store.save(8, 100, b"before", optimizer=b"m")
     bucket.writes_left = writes
 
@@ -256,10 +257,10 @@ def test_the_graph_of_a_lost_checkpoint_does_not_outlive_the_next_of_its_number(
 
 
 def test_a_neighbour_with_a_longer_name_is_never_pruned(memory):
-    CheckpointStore(memory, "model-10").save(0, 0, b"theirs")
+    CheckpointStore(ModelStore(memory, "model-10")).save(0, 0, b"theirs")
 
     for number in range(6):
-        CheckpointStore(memory, "model-1").save(number, 0, b"ours")
+        CheckpointStore(ModelStore(memory, "model-1")).save(number, 0, b"ours")
 
     assert memory.exists("model-10/model/0_Step-0.ckpt.safetensors")
 
@@ -408,7 +409,7 @@ def test_forgotten_scores_are_beaten_by_the_next_evaluation(store, memory):
     store.save(1, 1, b"weights")
     store.record_evaluation(evaluated("0_Step-0.ckpt", 99.0, 1.0), "progress")
 
-    forget_scores(memory, PREFIX)
+    forget_scores(ModelStore(memory, PREFIX))
 
     assert store.best_name() == "0_Step-0.ckpt"
     assert store.record_evaluation(evaluated("1_Step-1.ckpt", 1.0, 2.0), "progress")
@@ -419,7 +420,7 @@ def test_forgotten_scores_are_beaten_by_the_next_evaluation(store, memory):
 )
 def test_whatever_is_evaluated_when_the_last_and_the_best_can_always_be_loaded(evaluations):
     bucket = MemoryBucket()
-    store = CheckpointStore(bucket, PREFIX)
+    store = CheckpointStore(ModelStore(bucket, PREFIX))
     means: dict[str, float] = {}
 
     for number, (age, mean) in enumerate(evaluations):
@@ -508,7 +509,7 @@ def test_a_pointer_that_somebody_else_has_moved_on_is_left_alone(store):
 
 
 def test_rollouts_come_from_the_newest_checkpoint_or_one_of_those_before(memory):
-    store = CheckpointStore(memory, "model")
+    store = CheckpointStore(ModelStore(memory, "model"))
     for number in range(3):
         store.save(number, 100 * number, b"weights")
 
@@ -519,7 +520,7 @@ def test_rollouts_come_from_the_newest_checkpoint_or_one_of_those_before(memory)
 
 
 def test_more_of_the_newest_checkpoints_stay_where_more_may_have_driven(memory):
-    store = CheckpointStore(memory, "model", keep=KEEP + 2)
+    store = CheckpointStore(ModelStore(memory, "model"), keep=KEEP + 2)
     for number in range(12):
         store.save(number, 100 * number, b"weights")
 
@@ -531,11 +532,11 @@ def test_a_first_checkpoint_that_was_only_begun_is_none(memory):
     """Its trainer was killed between weights and record; the next one begins anew."""
     memory.put(keys.checkpoint_tensors("model", "0_Step-0.ckpt"), b"weights")
 
-    assert CheckpointStore(memory, "model").load_latest() is None
+    assert CheckpointStore(ModelStore(memory, "model")).load_latest() is None
 
 
 def test_a_best_checkpoint_whose_weights_are_damaged_is_forgotten(bucket):
-    store = CheckpointStore(bucket, PREFIX)
+    store = CheckpointStore(ModelStore(bucket, PREFIX))
     store.save(1, 100, b"first")
     store.record_evaluation(evaluated("1_Step-100.ckpt", 90.0), "progress")
     store.save(2, 200, b"second")

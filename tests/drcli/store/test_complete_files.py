@@ -10,6 +10,7 @@ from drcli.bucket.bucket import ObjectMissing
 from drcli.model import growing_file, keys
 from drcli.model.growing_file import list_parts, read_complete
 from drcli.model.history import History
+from drcli.model.model_store import ModelStore
 from drcli.train.learner_metrics import LearnerMetrics, row_of
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
@@ -22,7 +23,10 @@ def running(monkeypatch) -> MemoryBucket:
     """A training of 100 iterations whose files have parts."""
     monkeypatch.setattr(growing_file, "SMALL_BYTES", 2000)
     bucket = MemoryBucket()
-    history, metrics = History(bucket, "model"), LearnerMetrics(bucket, "model")
+    history, metrics = (
+        History(ModelStore(bucket, "model")),
+        LearnerMetrics(ModelStore(bucket, "model")),
+    )
     for iteration in range(100):
         history.add(iteration_record(iteration))
         metrics.add(row_of(iteration_record(iteration)))

@@ -13,6 +13,7 @@ from drcli.bucket.server import server
 from drcli.config.run_config import StorageConfig
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def test_a_checkpoint_is_on_the_disk_before_the_pointer_names_it(local, tmp_path
     folder = tmp_path / "s3" / "races" / "model-1" / "model"
     before = []
 
-    CheckpointStore(local, "model-1").save(
+    CheckpointStore(ModelStore(local, "model-1")).save(
         1, 10, b"weights", optimizer=b"moments", on_pointed=lambda: before.extend(flushed)
     )
     local.flush()
@@ -64,7 +65,7 @@ def test_rollouts_and_activities_are_not_flushed(local, flushed):
 
 @pytest.mark.parametrize(("code", "kind"), [(errno.EIO, StorageError), (errno.ENOSPC, DiskFull)])
 def test_a_checkpoint_that_the_disk_refuses_is_not_pointed_to(local, monkeypatch, code, kind):
-    store = CheckpointStore(local, "model-1")
+    store = CheckpointStore(ModelStore(local, "model-1"))
     store.save(1, 10, b"weights")
     local.flush()
 

@@ -8,6 +8,7 @@ from drcli.base.json_record import Fingerprint
 from drcli.model import keys
 from drcli.model.growing_file import list_parts
 from drcli.model.history import REMEMBERED, History, HistoryReader, collapse, read_history
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointRecord, Counters
 from evaluations import evaluated
 from iterations import iteration_record
@@ -16,7 +17,7 @@ from memory_bucket import MemoryBucket
 
 @pytest.fixture
 def history() -> History:
-    history = History(MemoryBucket(), "model")
+    history = History(ModelStore(MemoryBucket(), "model"))
     for iteration in range(3):
         history.add(iteration_record(iteration))
     return history
@@ -37,9 +38,9 @@ def test_a_record_that_died_with_its_trainer_comes_back_with_the_checkpoint(hist
 def test_what_comes_back_is_published():
     bucket = MemoryBucket()
 
-    History(bucket, "model").restore(1, iteration_record(0))
+    History(ModelStore(bucket, "model")).restore(1, iteration_record(0))
 
-    assert read_history(bucket, "model") == [iteration_record(0)]
+    assert read_history(ModelStore(bucket, "model")) == [iteration_record(0)]
 
 
 def test_numbers_that_are_unknown_travel_in_a_checkpoint_too(history):
@@ -62,7 +63,7 @@ def test_the_first_checkpoint_has_no_iteration_before_it(history):
 @pytest.fixture
 def long() -> tuple[MemoryBucket, History]:
     bucket = MemoryBucket()
-    history = History(bucket, "model")
+    history = History(ModelStore(bucket, "model"))
     for iteration in range(700):
         history.add(iteration_record(iteration))
     return bucket, history
@@ -73,7 +74,7 @@ def test_a_long_history_is_read_back_while_it_is_written(long):
     history.add_evaluation(699, evaluated("699_Step-1.ckpt", 50.0))
     history.add_evaluation(10, evaluated("10_Step-1.ckpt", 60.0))
 
-    found = read_history(bucket, "model")
+    found = read_history(ModelStore(bucket, "model"))
 
     assert list_parts(bucket, keys.history("model"))
     assert [r.iteration for r in found] == list(range(700))
@@ -92,11 +93,11 @@ def test_after_its_end_other_programs_find_everything_in_one_object(long):
 def test_a_killed_trainer_loses_no_iteration_and_repeats_none(long):
     bucket, _ = long
 
-    second = History(bucket, "model")
+    second = History(ModelStore(bucket, "model"))
     second.restore(650, iteration_record(649))
     second.add(iteration_record(650, mean_reward=9.0))
 
-    found = read_history(bucket, "model")
+    found = read_history(ModelStore(bucket, "model"))
     assert [r.iteration for r in found] == list(range(651))
     assert found[650].mean_reward == 9.0
 
@@ -117,7 +118,7 @@ def test_a_reader_that_looks_again_reads_only_what_has_changed(long, monkeypatch
 
 
 def test_the_memory_of_old_iterations_is_freed_but_goals_and_collapse_still_know_them():
-    history = History(MemoryBucket(), "model")
+    history = History(ModelStore(MemoryBucket(), "model"))
     records = [
         iteration_record(n, mean_progress=90.0 if n < 5 else 20.0) for n in range(3 * REMEMBERED)
     ]

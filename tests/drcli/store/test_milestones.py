@@ -18,7 +18,8 @@ from drcli.model.milestones import (
     readable_milestones,
     with_history,
 )
-from drcli.model.repair import Model, find_damage, repair
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import find_damage, repair
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.scores import EvaluationResult, SecondEvaluation
 from iterations import iteration_record
@@ -63,9 +64,9 @@ LAPS = {6: (30.0,), 8: (28.0, 27.0, 29.0), 11: (20.0,), 15: (25.0, 25.0, 25.0)}
 
 
 def test_first_lap_three_laps_and_fastest_lap_stay_besides_the_newest_four_and_the_best(memory):
-    train(CheckpointStore(memory, PREFIX), *range(25), laps=LAPS)
+    train(CheckpointStore(ModelStore(memory, PREFIX)), *range(25), laps=LAPS)
 
-    found = read_milestones(memory, PREFIX)
+    found = read_milestones(ModelStore(memory, PREFIX))
     assert found is not None
     assert {kind: each.name.number for kind, each in found.reached()} == {
         "first-lap": 6,
@@ -81,7 +82,7 @@ def test_a_milestone_is_the_checkpoint_that_was_evaluated_also_if_an_older_one_d
     )
     driven_ahead = replace(driven_ahead, evaluation_progress=[100.0])
 
-    found, _ = readable_milestones(memory, PREFIX, [driven_ahead])
+    found, _ = readable_milestones(ModelStore(memory, PREFIX), [driven_ahead])
 
     assert found.first_lap is not None
     assert found.first_lap.checkpoint == "4_Step-400.ckpt"
@@ -91,20 +92,20 @@ def test_a_milestone_is_the_checkpoint_that_was_evaluated_also_if_an_older_one_d
 def test_milestones_are_laps_of_the_training_track_whatever_track_decides_about_the_best(
     memory, world
 ):
-    store = CheckpointStore(memory, PREFIX)
+    store = CheckpointStore(ModelStore(memory, PREFIX))
     store.save(0, 0, b"weights")
     second = SecondEvaluation([100.0], [1.0], [5.0], "oval")
 
     store.record_evaluation(replace(result(0, 30.0), second=second), "progress", world)
 
-    found = read_milestones(memory, PREFIX)
+    found = read_milestones(ModelStore(memory, PREFIX))
     assert found is not None
     assert found.best_lap is not None
     assert found.best_lap.best_lap_s == 30.0
 
 
 def test_a_faster_lap_frees_the_checkpoint_of_the_one_before(memory):
-    store = CheckpointStore(memory, PREFIX)
+    store = CheckpointStore(ModelStore(memory, PREFIX))
     train(store, *range(12), laps={2: (30.0,), 5: (20.0,)})
     assert numbers(memory) == [2, 5, 8, 9, 10, 11]
 
@@ -114,9 +115,13 @@ def test_a_faster_lap_frees_the_checkpoint_of_the_one_before(memory):
 
 
 def test_milestones_that_are_not_kept_are_still_known(memory):
-    train(CheckpointStore(memory, PREFIX, KeepRules(milestones=False)), *range(20), laps=LAPS)
+    train(
+        CheckpointStore(ModelStore(memory, PREFIX), KeepRules(milestones=False)),
+        *range(20),
+        laps=LAPS,
+    )
 
-    found = read_milestones(memory, PREFIX)
+    found = read_milestones(ModelStore(memory, PREFIX))
     assert found is not None
     assert found.first_lap is not None
     assert found.first_lap.name.number == 6
@@ -124,10 +129,10 @@ def test_milestones_that_are_not_kept_are_still_known(memory):
 
 
 def test_every_nth_stays_also_after_the_setting_was_changed(memory):
-    train(CheckpointStore(memory, PREFIX, KeepRules(every=5)), *range(13))
+    train(CheckpointStore(ModelStore(memory, PREFIX), KeepRules(every=5)), *range(13))
     assert numbers(memory) == [0, 5, 9, 10, 11, 12][numbers(memory)[0] :]  # 0 may be the best
 
-    train(CheckpointStore(memory, PREFIX, KeepRules(every=0)), *range(13, 20))
+    train(CheckpointStore(ModelStore(memory, PREFIX), KeepRules(every=0)), *range(13, 20))
 
     assert {5, 10} <= set(numbers(memory))
     assert 15 not in numbers(memory)
@@ -190,12 +195,12 @@ def test_the_order_in_which_evaluations_arrive_does_not_matter(order):
 def test_a_trainer_killed_before_it_recorded_a_milestone_finds_it_in_the_learning_curve(
     memory, make_record
 ):
-    train(CheckpointStore(memory, PREFIX), *range(6))
+    train(CheckpointStore(ModelStore(memory, PREFIX)), *range(6))
     lap = make_record(
         4, checkpoint="4_Step-400.ckpt", evaluation_progress=[100.0], evaluation_lap_s=[21.0]
     )
 
-    store = CheckpointStore(memory, PREFIX)
+    store = CheckpointStore(ModelStore(memory, PREFIX))
     store.restore_milestones(CheckpointName(5, 500), [lap])
     train(store, *range(6, 12))
 
@@ -204,12 +209,12 @@ def test_a_trainer_killed_before_it_recorded_a_milestone_finds_it_in_the_learnin
 
 @pytest.mark.parametrize("place", ["stage", "world"])
 def test_the_fastest_lap_of_a_stage_is_on_its_own_track(memory, make_record, place):
-    store = CheckpointStore(memory, PREFIX)
+    store = CheckpointStore(ModelStore(memory, PREFIX))
     train(store, *range(5), laps={2: (10.0,)})
     store.begin_stage(4)
     train(store, 5, 6, laps={5: (30.0,)})
 
-    found = read_milestones(memory, PREFIX)
+    found = read_milestones(ModelStore(memory, PREFIX))
     assert found is not None
     assert [(kind, each.name.number) for kind, each in found.reached()] == [
         ("first-lap", 2),
@@ -232,11 +237,11 @@ def test_the_fastest_lap_of_a_stage_is_on_its_own_track(memory, make_record, pla
 
 
 def test_a_trainer_that_goes_back_forgets_the_milestones_of_later_checkpoints(memory):
-    train(CheckpointStore(memory, PREFIX), *range(8), laps={2: (30.0,), 6: (20.0,)})
+    train(CheckpointStore(ModelStore(memory, PREFIX)), *range(8), laps={2: (30.0,), 6: (20.0,)})
 
-    CheckpointStore(memory, PREFIX).restore_milestones(CheckpointName(5, 500), [])
+    CheckpointStore(ModelStore(memory, PREFIX)).restore_milestones(CheckpointName(5, 500), [])
 
-    found = read_milestones(memory, PREFIX)
+    found = read_milestones(ModelStore(memory, PREFIX))
     assert found is not None
     assert found.best_lap is not None
     assert found.best_lap.name.number == 2
@@ -244,11 +249,10 @@ def test_a_trainer_that_goes_back_forgets_the_milestones_of_later_checkpoints(me
 
 @pytest.mark.parametrize("damage", [b"", b"{", b'{"first_lap": 3}', None])
 def test_a_lost_record_is_reconstructed_and_no_kept_checkpoint_is_lost(memory, make_record, damage):
-    train(CheckpointStore(memory, PREFIX, KeepRules(every=3)), *range(14), laps=LAPS)
+    train(CheckpointStore(ModelStore(memory, PREFIX), KeepRules(every=3)), *range(14), laps=LAPS)
     before = numbers(memory)
     write_history(
-        memory,
-        PREFIX,
+        ModelStore(memory, PREFIX),
         [
             make_record(
                 n,
@@ -259,21 +263,21 @@ def test_a_lost_record_is_reconstructed_and_no_kept_checkpoint_is_lost(memory, m
             for n in range(13)
         ],
     )
-    model = Model(memory, PREFIX, keys.metrics_prefix(PREFIX))
+    model = ModelStore(memory, PREFIX, keys.metrics_prefix(PREFIX))
     if damage is None:
         memory.delete([keys.milestones(PREFIX)])
     else:
         memory.put(keys.milestones(PREFIX), damage)
         assert any("milestones.json is damaged" in text for text in find_damage(model))
         with pytest.raises(ObjectDamaged):
-            read_milestones(memory, PREFIX)
+            read_milestones(ModelStore(memory, PREFIX))
 
     repair(model)
-    store = CheckpointStore(memory, PREFIX)
+    store = CheckpointStore(ModelStore(memory, PREFIX))
     store.restore_milestones(CheckpointName(13, 1300), [])
     store.save(14, 1400, b"weights")
 
-    found, damaged = readable_milestones(memory, PREFIX, [])
+    found, damaged = readable_milestones(ModelStore(memory, PREFIX), [])
     assert damaged == []
     assert set(before) - {10} <= set(numbers(memory))
     if damage is not None:
@@ -286,7 +290,7 @@ def test_a_model_of_version_0_1_0_has_milestones_from_its_learning_curve(memory,
         7, checkpoint="7_Step-700.ckpt", evaluation_progress=[100.0], evaluation_lap_s=[12.5]
     )
 
-    found, damaged = readable_milestones(memory, PREFIX, [record])
+    found, damaged = readable_milestones(ModelStore(memory, PREFIX), [record])
 
     assert damaged == []
     assert found.first_lap is not None

@@ -3,6 +3,7 @@
 import pytest
 
 from drcli.model.model_prefix import import_command, kind_of, model_kind, what_helps
+from drcli.model.model_store import ModelStore
 from memory_bucket import MemoryBucket
 
 FILES = ["reward_function.py", "model/model_metadata.json", "ip/hyperparameters.json"]
@@ -47,7 +48,7 @@ def test_the_advice_is_one_command_that_works_and_never_to_delete(names, says):
     for name in names:
         bucket.put(f"team/m/{name}", b"")
 
-    told = what_helps(bucket, "team/m", setting="SETTING")
+    told = what_helps(ModelStore(bucket, "team/m"), setting="SETTING")
 
     assert says in told
     assert "-w" not in told
@@ -59,11 +60,14 @@ def test_an_import_goes_to_a_name_that_is_free():
     bucket.put("m/model/model_3.pb", b"")
     bucket.put("m-imported/reward_function.py", b"")
 
-    assert import_command(bucket, "m", local=True) == "dr-import -L s3://bucket/m -t m-imported-2"
+    assert (
+        import_command(ModelStore(bucket, "m"), local=True)
+        == "dr-import -L s3://bucket/m -t m-imported-2"
+    )
 
 
 def test_a_test_object_of_the_doctor_is_no_model():
     bucket = MemoryBucket("bucket")
     bucket.put("m/.drcli-test-1/x", b"")
 
-    assert model_kind(bucket, "m") == "nothing"
+    assert model_kind(ModelStore(bucket, "m")) == "nothing"

@@ -11,6 +11,7 @@ from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import AccessRefused
 from drcli.checks.start_rules import probe
+from drcli.model.model_store import ModelStore
 from metadata_server import MetadataServer
 from refusing_s3 import Refusals, refusing_server
 
@@ -83,7 +84,7 @@ def test_a_trial_that_is_denied_names_all_folders_of_the_model_and_none_of_its_o
     refusals.actions = {"s3:PutObject"}
 
     with pytest.raises(AccessRefused) as failure:
-        probe(bucket, "team/model")
+        probe(ModelStore(bucket, "team/model"))
 
     arn = "arn:aws:s3:::bucket/"
     folders = f"{arn}team/model/*, {arn}runs/team/model/*, {arn}rollouts/team/model/*"

@@ -10,8 +10,9 @@ from drcli.model import keys
 from drcli.model.best_checkpoint import write_evaluation
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import write_history
+from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import reconstruct_scores
-from drcli.model.repair import Model, find_damage, repair, set_aside
+from drcli.model.repair import find_damage, repair, set_aside
 from drcli.records.checkpoint import CheckpointRecord
 from drcli.records.scores import EvaluationResult
 from iterations import iteration_record
@@ -49,7 +50,7 @@ def contents(bucket: MemoryBucket) -> dict[str, bytes]:
 
 
 def test_records_of_a_newer_version_are_no_damage_and_stay(bucket):
-    model, before = Model(bucket, "model", "metrics/model"), contents(bucket)
+    model, before = ModelStore(bucket, "model", "metrics/model"), contents(bucket)
 
     assert find_damage(model) == []
     assert repair(model) == []
@@ -58,7 +59,7 @@ def test_records_of_a_newer_version_are_no_damage_and_stay(bucket):
 
 def test_nothing_is_reconstructed_from_records_that_cannot_be_read(bucket):
     bucket.put(keys.history("model"), b"{")
-    model, before = Model(bucket, "model", "metrics/model"), contents(bucket)
+    model, before = ModelStore(bucket, "model", "metrics/model"), contents(bucket)
 
     with pytest.raises(ObjectNewer, match="newer version of drcli"):
         repair(model)
@@ -73,7 +74,7 @@ def test_a_damaged_object_is_kept_as_it_was(bucket):
     bucket.put(status, b"{")
     bucket.reads.clear()
 
-    [told] = repair(Model(bucket, "model", "metrics/model"))
+    [told] = repair(ModelStore(bucket, "model", "metrics/model"))
 
     assert f"{status} is damaged: it is not JSON" in told
     kept = [data for key, data in contents(bucket).items() if "/damaged/" in key]
@@ -88,7 +89,7 @@ def test_of_many_damaged_objects_the_newest_are_kept(monkeypatch):
     for number in range(20):
         key = keys.evaluation_result("model", number)
         bucket.put(key, b"damaged")
-        set_aside(bucket, "model", key)
+        set_aside(ModelStore(bucket, "model"), key)
 
     kept = sorted(info.key.split("/")[-1].split(".")[0] for info in bucket.list("runs/"))
     assert kept == ["15", "16", "17", "18", "19"]
@@ -99,18 +100,20 @@ def test_of_many_damaged_objects_the_newest_are_kept(monkeypatch):
 )
 def test_reconstructed_scores_compare_only_laps_of_the_newest_track(last, best):
     bucket = MemoryBucket()
-    store = CheckpointStore(bucket, "model")
+    store = CheckpointStore(ModelStore(bucket, "model"))
     for number, world in enumerate(("short", "short", last)):
         store.save(number, 100 * number, b"weights")
         laps = [8.0] * 5 if number == 1 else [20.0]
         progress = [100.0] * len(laps) + [50.0] * (5 - len(laps))
         name = f"{number}_Step-{100 * number}.ckpt"
-        write_evaluation(bucket, "model", number, EvaluationResult(name, progress, [1.0] * 5, laps))
+        write_evaluation(
+            ModelStore(bucket, "model"), number, EvaluationResult(name, progress, [1.0] * 5, laps)
+        )
         store.save(number + 1, 100 * number + 100, b"weights")
         curve = [iteration_record(n, world="short") for n in range(number)]
-        write_history(bucket, "model", [*curve, iteration_record(number, world=world)])
+        write_history(ModelStore(bucket, "model"), [*curve, iteration_record(number, world=world)])
 
-    scores = reconstruct_scores(bucket, "model", "progress")
+    scores = reconstruct_scores(ModelStore(bucket, "model"), "progress")
 
     assert scores is not None
     assert scores.best_checkpoint.name == best

@@ -13,6 +13,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_prefix import delete_unlearned
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import MemberReader
 from drcli.records.job import MemberRecord
 from drcli.records.rollout import Driving, Episodes, Manifest
@@ -47,7 +48,9 @@ def played(steps: int, number: int = 0) -> Episodes:
 
 
 def writer(bucket, worker=0, *, session="s1", checkpoint=CHECKPOINT, iteration=3) -> RolloutWriter:
-    return RolloutWriter(bucket, PREFIX, Manifest(iteration, worker, checkpoint, session))
+    return RolloutWriter(
+        ModelStore(bucket, PREFIX), Manifest(iteration, worker, checkpoint, session)
+    )
 
 
 def hand_in(bucket, worker=0, **kind) -> Manifest:
@@ -81,7 +84,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def reader(memory, clock):
-    reader = RolloutReader(memory, PREFIX, clock=clock, pause=clock.pause)
+    reader = RolloutReader(ModelStore(memory, PREFIX), clock=clock, pause=clock.pause)
     yield reader
     reader.close()
 
@@ -91,7 +94,7 @@ def wait(reader, workers, *, patience_s=100.0, **kind):
 
 
 def test_what_a_worker_played_arrives_part_by_part(bucket):
-    reader = RolloutReader(bucket, PREFIX)
+    reader = RolloutReader(ModelStore(bucket, PREFIX))
     manifest = hand_in(bucket)
 
     arrived = wait(reader, [0])
@@ -107,8 +110,8 @@ def test_a_manifest_comes_back_from_its_bytes(memory):
     manifest = hand_in(memory, 2)
 
     assert Manifest.decode(manifest.encode()) == manifest
-    assert find_manifest(memory, PREFIX, 3, 2) == manifest
-    assert find_manifest(memory, PREFIX, 4, 2) is None
+    assert find_manifest(ModelStore(memory, PREFIX), 3, 2) == manifest
+    assert find_manifest(ModelStore(memory, PREFIX), 4, 2) is None
 
 
 @pytest.mark.parametrize("data", [b"", b"[]", b"{}", b'{"parts": [{}]}'])
@@ -117,7 +120,7 @@ def test_other_bytes_are_not_a_manifest(memory, data):
 
     with pytest.raises(RecordError, match=r"empty|instead of an object|is missing"):
         Manifest.decode(data)
-    assert find_manifest(memory, PREFIX, 3, 0) is None
+    assert find_manifest(ModelStore(memory, PREFIX), 3, 0) is None
 
 
 def test_a_failed_upload_surfaces_at_the_end_and_nothing_counts():
@@ -132,7 +135,7 @@ def test_a_failed_upload_surfaces_at_the_end_and_nothing_counts():
     with pytest.raises(StorageError, match="disk is full"):
         sending.finish(Driving())
 
-    assert find_manifest(bucket, PREFIX, 3, 0) is None
+    assert find_manifest(ModelStore(bucket, PREFIX), 3, 0) is None
 
 
 def test_an_abandoned_rollout_has_no_manifest(memory):
@@ -141,7 +144,7 @@ def test_an_abandoned_rollout_has_no_manifest(memory):
 
     sending.abandon()
 
-    assert find_manifest(memory, PREFIX, 3, 0) is None
+    assert find_manifest(ModelStore(memory, PREFIX), 3, 0) is None
 
 
 def test_a_restarted_worker_overwrites_no_part_of_its_former_self(memory, reader):
@@ -163,7 +166,7 @@ def test_a_manifest_of_another_checkpoint_counts_as_missing(memory, reader, cloc
 
 
 def test_a_manifest_of_another_start_counts_as_missing_and_its_parts_are_left(memory, clock):
-    reader = RolloutReader(memory, PREFIX, "ours", clock=clock, pause=clock.pause)
+    reader = RolloutReader(ModelStore(memory, PREFIX), "ours", clock=clock, pause=clock.pause)
     hand_in(memory, 0, session="theirs-7-1")
     hand_in(memory, 1, session="ours-7-1")
 
@@ -203,7 +206,7 @@ def test_parts_are_fetched_before_their_manifest_comes(memory, clock):
             return super().get(key)
 
     bucket = WatchedBucket()
-    reader = RolloutReader(bucket, PREFIX, clock=clock, pause=clock.pause)
+    reader = RolloutReader(ModelStore(bucket, PREFIX), clock=clock, pause=clock.pause)
     sending = writer(bucket)
     sending.add(played(5))
     sending._uploads[0].result()
@@ -262,7 +265,7 @@ def test_what_was_learned_is_deleted_and_nothing_else(memory, reader):
     hand_in(memory, iteration=2)
     hand_in(memory, iteration=3)
     hand_in(memory, iteration=10)
-    neighbour = RolloutWriter(memory, f"{PREFIX}/3", Manifest(0, 0, CHECKPOINT, "s"))
+    neighbour = RolloutWriter(ModelStore(memory, f"{PREFIX}/3"), Manifest(0, 0, CHECKPOINT, "s"))
     neighbour.add(played(5))
     neighbour.finish(Driving())
 
@@ -308,7 +311,9 @@ def test_a_bucket_elsewhere_is_listed_less_often_and_hardly_later(drive_s):
     looks, ends = [], []
     for frugal in (False, True):
         bucket, clock = Listed(), Clock()
-        reader = RolloutReader(bucket, PREFIX, frugal=frugal, clock=clock, pause=clock.pause)
+        reader = RolloutReader(
+            ModelStore(bucket, PREFIX), frugal=frugal, clock=clock, pause=clock.pause
+        )
         for _ in range(4):
             bucket.looks = bucket.misses = 0
             bucket.delete([info.key for info in MemoryBucket.list(bucket, "")])
@@ -331,7 +336,9 @@ def test_a_reader_that_is_woken_looks_at_once(memory, clock, frugal):
         hand_in(memory)
         return True
 
-    reader = RolloutReader(memory, PREFIX, frugal=frugal, clock=clock, pause=pause, first_look_s=30)
+    reader = RolloutReader(
+        ModelStore(memory, PREFIX), frugal=frugal, clock=clock, pause=pause, first_look_s=30
+    )
     reader._waits_s.extend([60.0, 60.0])
 
     assert list(wait(reader, [0])) == [0]
@@ -340,7 +347,7 @@ def test_a_reader_that_is_woken_looks_at_once(memory, clock, frugal):
 
 
 def test_a_frugal_reader_notices_within_a_second_that_it_should_stop(memory, clock):
-    reader = RolloutReader(memory, PREFIX, frugal=True, clock=clock, pause=clock.pause)
+    reader = RolloutReader(ModelStore(memory, PREFIX), frugal=True, clock=clock, pause=clock.pause)
     reader._waits_s.extend([60.0, 60.0])
 
     assert wait(reader, [0], should_stop=lambda: clock.now_s >= 3.0) == {}
@@ -352,14 +359,18 @@ def test_what_was_driven_ahead_of_the_last_update_is_deleted_at_the_end():
     bucket = MemoryBucket()
     hand_in(bucket, iteration=2)
     hand_in(bucket, iteration=3)
-    delete_unlearned(bucket, PREFIX)
-    assert find_manifest(bucket, PREFIX, 3, 0) is not None  # no checkpoint says what is learned
+    delete_unlearned(ModelStore(bucket, PREFIX))
+    assert (
+        find_manifest(ModelStore(bucket, PREFIX), 3, 0) is not None
+    )  # no checkpoint says what is learned
 
-    CheckpointStore(bucket, PREFIX).save(3, 900, b"weights")
-    delete_unlearned(bucket, PREFIX)
+    CheckpointStore(ModelStore(bucket, PREFIX)).save(3, 900, b"weights")
+    delete_unlearned(ModelStore(bucket, PREFIX))
 
-    assert find_manifest(bucket, PREFIX, 2, 0) is not None  # a replay buffer may need it
-    assert find_manifest(bucket, PREFIX, 3, 0) is None
+    assert (
+        find_manifest(ModelStore(bucket, PREFIX), 2, 0) is not None
+    )  # a replay buffer may need it
+    assert find_manifest(ModelStore(bucket, PREFIX), 3, 0) is None
 
 
 class MeetingBucket(MemoryBucket):
@@ -379,7 +390,7 @@ def test_manifests_of_a_far_bucket_are_read_at_the_same_time(clock):
     bucket = MeetingBucket("manifest.json")
     for worker in range(4):
         hand_in(bucket, worker)
-    reader = RolloutReader(bucket, PREFIX, frugal=True, clock=clock, pause=clock.pause)
+    reader = RolloutReader(ModelStore(bucket, PREFIX), frugal=True, clock=clock, pause=clock.pause)
 
     arrived = wait(reader, range(4))
     reader.close()
@@ -393,6 +404,6 @@ def test_records_of_workers_are_read_at_the_same_time():
         record = MemberRecord(f"joined-{number}", "ours", "far", 1)
         bucket.put(keys.member(PREFIX, record.member), record.encode())
 
-    members = MemberReader(bucket, PREFIX, "ours").read()
+    members = MemberReader(ModelStore(bucket, PREFIX), "ours").read()
 
     assert sorted(members) == ["joined-0", "joined-1", "joined-2", "joined-3"]

@@ -19,6 +19,7 @@ from drcli.bucket.bucket import ObjectMissing
 from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.checks.start_rules import probe
+from drcli.model.model_store import ModelStore
 from refusing_s3 import refusing_server
 
 LOCAL = Endpoint("http://127.0.0.1:1", "AKkey", "secret", engine="rclone")
@@ -392,7 +393,7 @@ def test_a_probe_of_a_missing_bucket_names_it(moto_endpoint):
     bucket = S3Bucket(moto_endpoint, "another", patience_s=0)
 
     with pytest.raises(StorageError, match="bucket 'another' does not exist"):
-        probe(bucket, "model")
+        probe(ModelStore(bucket, "model"))
 
 
 def test_a_write_during_an_outage_takes_no_longer_because_the_server_may_need_a_folder(

@@ -30,6 +30,7 @@ from drcli.bucket.server import server, server_process
 from drcli.bucket.server import server_process as server_state
 from drcli.checks.start_rules import probe
 from drcli.config.run_config import StorageConfig
+from drcli.model.model_store import ModelStore
 
 FIND = """
 import sys
@@ -51,7 +52,7 @@ def kill(endpoint: Endpoint) -> None:
 
 def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
     with closing(open_bucket(local)) as bucket:
-        probe(bucket, "model")
+        probe(ModelStore(bucket, "model"))
         bucket.put("model/x/y", b"content")
         _, age_s = bucket.get_with_age("model/x/y")
 
@@ -65,7 +66,7 @@ def test_buckets_with_dots_are_served(local):
     dotted = replace(local, bucket="my.bucket.1")
 
     with closing(open_bucket(dotted)) as bucket:
-        probe(bucket, "model")
+        probe(ModelStore(bucket, "model"))
         bucket.put("model/x", b"content")
 
     assert (local.data_dir / "my.bucket.1" / "model" / "x").read_bytes() == b"content"
@@ -405,7 +406,7 @@ def test_stopping_writes_nothing_where_no_server_ever_was(local):
 
 def test_moto_serves_throw_away_runs_and_does_not_end_by_itself_and_forget_them(local):
     with closing(open_bucket(replace(local, engine="moto"))) as bucket:
-        probe(bucket, "model")
+        probe(ModelStore(bucket, "model"))
 
     assert json.loads((local.data_dir / ".server.json").read_text())["watcher"] is None
 

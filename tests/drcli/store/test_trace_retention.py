@@ -5,6 +5,7 @@ from itertools import pairwise
 import pytest
 
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.model.traces import MOST_ITERATIONS, NEWEST, TraceRetention, chosen
 from memory_bucket import MemoryBucket
 
@@ -28,7 +29,7 @@ def test_below_the_limit_every_trace_stays():
     bucket = MemoryBucket()
     drive(bucket, range(100))
 
-    assert TraceRetention(bucket, "model", 1, 100 * KB).apply(99) is None
+    assert TraceRetention(ModelStore(bucket, "model"), 1, 100 * KB).apply(99) is None
     assert left(bucket) == list(range(100))
 
 
@@ -36,13 +37,13 @@ def test_without_a_limit_every_trace_stays():
     bucket = MemoryBucket()
     drive(bucket, range(30))
 
-    assert TraceRetention(bucket, "model", 1, 0).apply(29) is None
+    assert TraceRetention(ModelStore(bucket, "model"), 1, 0).apply(29) is None
     assert left(bucket) == list(range(30))
 
 
 def test_of_a_long_training_the_first_and_the_newest_stay_and_the_others_evenly():
     bucket = MemoryBucket()
-    retention = TraceRetention(bucket, "model", 1, 100 * KB)
+    retention = TraceRetention(ModelStore(bucket, "model"), 1, 100 * KB)
     for iteration in range(2000):
         drive(bucket, range(iteration, iteration + 1))
         retention.apply(iteration)
@@ -61,7 +62,7 @@ def test_the_limit_counts_the_traces_of_all_workers_and_takes_whole_iterations()
     bucket = MemoryBucket()
     drive(bucket, range(100), workers=3)
 
-    thinned = TraceRetention(bucket, "model", 3, 150 * KB).apply(99)
+    thinned = TraceRetention(ModelStore(bucket, "model"), 3, 150 * KB).apply(99)
 
     assert thinned is not None
     assert thinned.left * 3 <= 150
@@ -94,7 +95,7 @@ def test_far_below_the_limit_the_bucket_is_hardly_asked(monkeypatch):
     asked = []
     real = bucket.list
     monkeypatch.setattr(bucket, "list", lambda folder: asked.append(folder) or real(folder))
-    retention = TraceRetention(bucket, "model", 1, 10**9)
+    retention = TraceRetention(ModelStore(bucket, "model"), 1, 10**9)
 
     for iteration in range(5, 505):
         retention.apply(iteration)
@@ -106,7 +107,7 @@ def test_traces_of_those_who_joined_and_of_the_first_worker_beside_them_count():
     bucket = MemoryBucket()
     drive(bucket, range(20))
     drive(bucket, range(20, 40), workers=3)
-    retention = TraceRetention(bucket, "model", 1, 0)
+    retention = TraceRetention(ModelStore(bucket, "model"), 1, 0)
 
     retention.cover(2)
     retention.cover(1)

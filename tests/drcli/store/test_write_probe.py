@@ -9,6 +9,7 @@ from drcli.base.errors import StorageError
 from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import AccessRefused
+from drcli.model.model_store import ModelStore
 from drcli.model.write_probe import NAME, prove_writing
 from refusing_s3 import Refusals, contents, refusing_server
 
@@ -57,7 +58,7 @@ def warnings(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def test_a_bucket_that_can_be_written_is_left_as_it_was(bucket, warnings):
     bucket.put("team/model-1/model/a", b"old")
 
-    prove_writing(bucket, "team/model-1", deletes=True)
+    prove_writing(ModelStore(bucket, "team/model-1"), deletes=True)
 
     assert contents(bucket) == {"team/model-1/model/a": b"old"}
     assert warnings == []
@@ -76,7 +77,7 @@ def test_a_missing_permission_is_named_with_bucket_prefix_and_what_to_add(
     refusals.actions = {action}
 
     with pytest.raises(AccessRefused) as refusal:
-        prove_writing(bucket, "team/model-1", deletes=False)
+        prove_writing(ModelStore(bucket, "team/model-1"), deletes=False)
 
     refusals.actions = set()
     assert contents(bucket) == {}
@@ -90,8 +91,8 @@ def test_a_missing_permission_is_named_with_bucket_prefix_and_what_to_add(
 def test_without_the_permission_to_delete_the_one_test_object_stays(bucket, refusals, warnings):
     refusals.actions = {"s3:DeleteObject"}
 
-    prove_writing(bucket, "team/model-1", deletes=False)
-    prove_writing(bucket, "team/model-1", deletes=False)
+    prove_writing(ModelStore(bucket, "team/model-1"), deletes=False)
+    prove_writing(ModelStore(bucket, "team/model-1"), deletes=False)
 
     assert list(contents(bucket)) == [f"team/model-1/{NAME}"]
     assert "lack the permission s3:DeleteObject" in warnings[0]
@@ -102,7 +103,7 @@ def test_a_caller_that_deletes_needs_that_permission(bucket, refusals, warnings)
     refusals.actions = {"s3:DeleteObject"}
 
     with pytest.raises(AccessRefused, match=r"cannot delete .* s3:DeleteObject") as refusal:
-        prove_writing(bucket, "team/model-1", deletes=True)
+        prove_writing(ModelStore(bucket, "team/model-1"), deletes=True)
 
     assert "Add s3:DeleteObject on arn:aws:s3:::uploads/team/model-1/*" in refusal.value.remedy
     assert warnings == []
@@ -137,7 +138,7 @@ def test_every_other_refusal_is_one_sentence_with_its_own_remedy(
     refusals.status, refusals.code, refusals.message = status, code, message
 
     with pytest.raises(StorageError) as refusal:
-        prove_writing(bucket, "team/model-1", deletes=True)
+        prove_writing(ModelStore(bucket, "team/model-1"), deletes=True)
 
     refusals.actions = set()
     assert sentence in str(refusal.value)
@@ -150,7 +151,7 @@ def test_a_server_that_alters_objects_is_refused(bucket, monkeypatch):
     monkeypatch.setattr(bucket, "get", lambda key: b"other")
 
     with pytest.raises(StorageError, match="other data than was written below s3://uploads/m"):
-        prove_writing(bucket, "m", deletes=True)
+        prove_writing(ModelStore(bucket, "m"), deletes=True)
 
     assert [info.key for info in bucket.list("")] == []
 
@@ -159,7 +160,7 @@ def test_another_upload_that_has_just_deleted_the_test_object_is_no_matter(bucke
     written = bucket.put
     monkeypatch.setattr(bucket, "put", lambda key, data: (written(key, data), bucket.delete([key])))
 
-    prove_writing(bucket, "m", deletes=True)
+    prove_writing(ModelStore(bucket, "m"), deletes=True)
 
     assert contents(bucket) == {}
 
@@ -167,7 +168,7 @@ def test_another_upload_that_has_just_deleted_the_test_object_is_no_matter(bucke
 def test_keys_for_one_prefix_are_enough(bucket, refusals):
     refusals.actions, refusals.below = {"s3:PutObject"}, "other"
 
-    prove_writing(bucket, "team/model-1", deletes=True)
+    prove_writing(ModelStore(bucket, "team/model-1"), deletes=True)
 
     with pytest.raises(AccessRefused):
-        prove_writing(bucket, "other/model-1", deletes=True)
+        prove_writing(ModelStore(bucket, "other/model-1"), deletes=True)

@@ -12,6 +12,7 @@ from drcli.base.errors import SettingsError
 from drcli.config.run_config import ModelConfig
 from drcli.config.value_types import shell_color
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.evaluation_task import RaceRecording, RecordedObjects
 from drcli.view.video import encode, overlay
 from drcli.view.video.make_video import Wish, chosen_laps, frames_of, refuse_file
@@ -50,8 +51,8 @@ def defaults(tmp_path):
 
 
 def test_the_newest_evaluation_is_filmed_unless_another_one_is_named(bucket):
-    newest = trace_of_evaluation(bucket, "m", None)
-    named = trace_of_evaluation(bucket, "m", STAMPS[0])
+    newest = trace_of_evaluation(ModelStore(bucket, "m"), None)
+    named = trace_of_evaluation(ModelStore(bucket, "m"), STAMPS[0])
 
     assert STAMPS[1] in newest.origin
     assert newest.laps[0].speed_mps[0] == 2.0
@@ -61,18 +62,18 @@ def test_the_newest_evaluation_is_filmed_unless_another_one_is_named(bucket):
 def test_a_model_without_that_trace_is_told_what_there_is(bucket):
     bucket.put("other/model/model_metadata.json", b"{}")
     with pytest.raises(SettingsError, match="no stored evaluation") as refused:
-        trace_of_evaluation(bucket, "other", None)
+        trace_of_evaluation(ModelStore(bucket, "other"), None)
     assert "--checkpoint" in refused.value.remedy
     with pytest.raises(SettingsError, match="no evaluation 20260909090909") as refused:
-        trace_of_evaluation(bucket, "m", "20260909090909")
+        trace_of_evaluation(ModelStore(bucket, "m"), "20260909090909")
     assert STAMPS[1] in refused.value.remedy
     with pytest.raises(SettingsError, match="no trace of iteration 3"):
-        trace_of_iteration(bucket, "m", 3, 0)
+        trace_of_iteration(ModelStore(bucket, "m"), 3, 0)
 
 
 def test_an_unknown_model_is_no_model_without_an_evaluation(bucket):
     with pytest.raises(SettingsError, match="There is no model another in s3://") as refused:
-        trace_of_evaluation(bucket, "another", None)
+        trace_of_evaluation(ModelStore(bucket, "another"), None)
     assert "dr-list-models" in refused.value.remedy
 
 
@@ -82,20 +83,20 @@ def test_the_last_race_as_an_opponent_is_found(bucket):
     bucket.put(keys.recording_of(rival), recording().encode())
     bucket.put(keys.opponent_trace("m"), trace_csv(trace_rows(TRACK, rows=9)))
 
-    only = trace_of_evaluation(bucket, "rival", None)
-    named = trace_of_evaluation(bucket, "m", "opponent")
+    only = trace_of_evaluation(ModelStore(bucket, "rival"), None)
+    named = trace_of_evaluation(ModelStore(bucket, "m"), "opponent")
 
     assert (only.origin, only.stem) == ("the last race as the opponent", "rival-opponent")
     assert only.recording == recording()
     assert (len(only.laps[0].time_s), len(named.laps[0].time_s)) == (6, 9)
-    assert STAMPS[1] in trace_of_evaluation(bucket, "m", None).origin
+    assert STAMPS[1] in trace_of_evaluation(ModelStore(bucket, "m"), None).origin
 
 
 def test_a_model_that_was_no_opponent_is_told_so(bucket):
     with pytest.raises(SettingsError, match="has not raced as an opponent"):
-        trace_of_evaluation(bucket, "m", "opponent")
+        trace_of_evaluation(ModelStore(bucket, "m"), "opponent")
     with pytest.raises(SettingsError, match="There is no model another"):
-        trace_of_evaluation(bucket, "another", "opponent")
+        trace_of_evaluation(ModelStore(bucket, "another"), "opponent")
 
 
 def test_a_film_of_a_file_in_a_parent_folder_has_no_dots_in_its_name(tmp_path, monkeypatch):
@@ -107,17 +108,17 @@ def test_a_film_of_a_file_in_a_parent_folder_has_no_dots_in_its_name(tmp_path, m
 
 
 def test_an_iteration_of_any_worker_is_found(bucket):
-    assert len(trace_of_iteration(bucket, "m", 4, 0).laps[0].time_s) == 5
-    assert len(trace_of_iteration(bucket, "w", 0, 1).laps[0].time_s) == 7
+    assert len(trace_of_iteration(ModelStore(bucket, "m"), 4, 0).laps[0].time_s) == 5
+    assert len(trace_of_iteration(ModelStore(bucket, "w"), 0, 1).laps[0].time_s) == 7
     with pytest.raises(SettingsError, match="of worker 2"):
-        trace_of_iteration(bucket, "w", 0, 2)
+        trace_of_iteration(ModelStore(bucket, "w"), 0, 2)
 
 
 def test_what_was_recorded_beside_a_trace_is_used(bucket):
     trace = keys.evaluation_trace("m", STAMPS[1])
     bucket.put(keys.recording_of(trace), recording().encode())
 
-    found = trace_of_evaluation(bucket, "m", None)
+    found = trace_of_evaluation(ModelStore(bucket, "m"), None)
 
     assert found.recording == recording()
     assert found.laps[0].objects.shape == (31, 1, 3)
@@ -127,7 +128,7 @@ def test_a_damaged_recording_is_told_and_the_rest_shown(bucket):
     trace = keys.evaluation_trace("m", STAMPS[1])
     bucket.put(keys.recording_of(trace), b'{"world": 7}')
 
-    found = trace_of_evaluation(bucket, "m", None)
+    found = trace_of_evaluation(ModelStore(bucket, "m"), None)
 
     assert found.recording is None
     assert "recording.json is damaged" in found.notes[0]
@@ -311,7 +312,7 @@ def test_a_film_ends_at_its_limit_and_says_so(tmp_path, defaults, monkeypatch, m
 
 
 def test_an_explanation_needs_a_policy(bucket, defaults, tmp_path):
-    trace = trace_of_evaluation(bucket, "m", None)
+    trace = trace_of_evaluation(ModelStore(bucket, "m"), None)
 
     with pytest.raises(SettingsError, match="No policy is known"):
         make_video(
@@ -330,7 +331,7 @@ def test_the_last_key_of_an_evaluations_videos_is_the_one_with_everything(bucket
     for view, path in files.items():
         path.write_text(view)
 
-    put = put_videos(bucket, "m", stamp, files)
+    put = put_videos(ModelStore(bucket, "m"), stamp, files)
 
     assert len(put) == 3 + bool(stamp)
     assert bucket.get(put[-1]) == b"film"

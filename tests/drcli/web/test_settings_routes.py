@@ -13,6 +13,7 @@ from drcli.bucket.server import server
 from drcli.config.loading import load_settings
 from drcli.config.new_folder import plan_folder, write
 from drcli.model.model_prefix import newest_checkpoint
+from drcli.model.model_store import ModelStore
 from drcli.web.console_app import build_app
 
 PAGE = "http://127.0.0.1:8100"
@@ -78,7 +79,7 @@ def test_an_empty_folder_gets_a_trained_model_as_from_dr_init(client, folder):
     assert answer.status_code == 200, answer.text
     assert answer.json()["model"] == "s3://bucket/mine"
     bucket = FolderBucket(folder / "data" / "s3" / "bucket")
-    assert newest_checkpoint(bucket, "mine") is not None
+    assert newest_checkpoint(ModelStore(bucket, "mine")) is not None
     assert load_settings(folder).model_prefix == "mine"
 
 

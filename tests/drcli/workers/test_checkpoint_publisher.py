@@ -14,6 +14,7 @@ from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import Design
+from drcli.model.model_store import ModelStore
 from drcli.model.traces import TraceRetention
 from drcli.records.checkpoint import CheckpointName, Counters
 from drcli.train import checkpoint_publisher
@@ -35,7 +36,7 @@ def bucket():
 
 @pytest.fixture
 def store(bucket):
-    return CheckpointStore(bucket, "model")
+    return CheckpointStore(ModelStore(bucket, "model"))
 
 
 @pytest.fixture
@@ -54,9 +55,9 @@ def publisher(bucket, store):
     made = []
 
     def make(*, ending: bool = False) -> CheckpointPublisher:
-        metadata = Design.of_model(bucket, "model").metadata
+        metadata = Design.of_model(ModelStore(bucket, "model")).metadata
         graphs = GraphWriter(store, PolicySpec(4, network=COMPACT), metadata, enabled=False)
-        traces = TraceRetention(bucket, "model", 1, 0)
+        traces = TraceRetention(ModelStore(bucket, "model"), 1, 0)
         made.append(CheckpointPublisher(store, graphs, traces, lambda: ending))
         return made[-1]
 

@@ -5,6 +5,7 @@ import pytest
 
 from drcli.learn.rollout_buffer import Rollout
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.job import WorkerShare
 from drcli.records.rollout import Driving, Episodes, Manifest
 from drcli.train.collect_rollouts import (
@@ -52,14 +53,14 @@ def bucket() -> MemoryBucket:
 
 @pytest.fixture
 def reader(bucket, clock):
-    reader = RolloutReader(bucket, PREFIX, clock=clock, pause=clock.pause)
+    reader = RolloutReader(ModelStore(bucket, PREFIX), clock=clock, pause=clock.pause)
     yield reader
     reader.close()
 
 
 def hand_in(bucket, worker: int, iteration: int = 0, lengths=(3, 2), drive_s=4.0) -> None:
     manifest = Manifest(iteration, worker, f"{iteration}_Step-9.ckpt", "s")
-    writer = RolloutWriter(bucket, PREFIX, manifest)
+    writer = RolloutWriter(ModelStore(bucket, PREFIX), manifest)
     steps, episodes = sum(lengths), len(lengths)
     writer.add(
         Episodes(
@@ -119,7 +120,7 @@ def test_an_iteration_with_lost_parts_is_handed_back_to_its_workers(bucket, read
     collector = Collector(reader, 1_000)
 
     assert collector.collect(0, ["0_Step-9.ckpt"], ONE, lambda: False) is None
-    assert find_manifest(bucket, PREFIX, 0, 0) is None
+    assert find_manifest(ModelStore(bucket, PREFIX), 0, 0) is None
 
     hand_in(bucket, 0)
     assert collector.collect(0, ["0_Step-9.ckpt"], ONE, lambda: False) is not None
@@ -177,7 +178,7 @@ def test_an_older_iteration_with_a_bad_part_is_not_remembered_and_said(
     bucket, reader, data, logged
 ):
     hand_in(bucket, 0, iteration=4)
-    part = find_manifest(bucket, PREFIX, 4, 0).parts[0].key
+    part = find_manifest(ModelStore(bucket, PREFIX), 4, 0).parts[0].key
     bucket.delete([part])
     if data is not None:
         bucket.put(part, data)
@@ -220,7 +221,7 @@ def test_a_small_part_is_not_waited_for_when_the_last_large_one_has_come(bucket,
         if 60.0 <= clock.now_s < 60.0 + seconds:
             hand_in(bucket, 2, lengths=(2,) * 8, drive_s=160.0)
 
-    reader = RolloutReader(bucket, PREFIX, clock=clock, pause=pause)
+    reader = RolloutReader(ModelStore(bucket, PREFIX), clock=clock, pause=pause)
     got = Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], shares, lambda: False)
     reader.close()
 
@@ -309,7 +310,7 @@ def test_a_worker_that_was_late_once_does_not_take_the_place_of_another(bucket, 
     looks = iter([False] * 3)
 
     def arrives_later() -> bool:
-        if next(looks, None) is None and find_manifest(bucket, PREFIX, 1, 0) is None:
+        if next(looks, None) is None and find_manifest(ModelStore(bucket, PREFIX), 1, 0) is None:
             hand_in(bucket, 0, 1)
         return False
 

@@ -7,6 +7,7 @@ import pytest
 from drcli.drive.driving import Driver
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.train import sim
 from drcli.train.sim import SimWorker
 from training_in_memory import PREFIX, TrainingInMemory
@@ -24,7 +25,7 @@ def test_evaluations_keep_to_their_share_whatever_ends_the_training(
 
     training.train(**options)
 
-    history = read_history(training.bucket, PREFIX)
+    history = read_history(ModelStore(training.bucket, PREFIX))
     assert len(history) == ITERATIONS
     assert [r.iteration for r in history if r.evaluation_progress] == [0, 2]
 
@@ -62,9 +63,9 @@ def test_a_checkpoint_that_completes_its_laps_by_luck_does_not_end_the_training(
 
     training.train(until_laps=2)
 
-    history = read_history(training.bucket, PREFIX)[:4]
+    history = read_history(ModelStore(training.bucket, PREFIX))[:4]
     assert [len(r.evaluation_progress) for r in history] == [2, 2, 2, 2]
     assert [len(r.confirmation_lap_s) for r in history] == [0, 0, 37, 38]
     assert [len(r.confirmation_progress) for r in history] == [40, 2, 40, 40]  # 1 may be the best
     assert len(set.union(*starts)) == 122  # no start is driven twice
-    assert CheckpointStore(training.bucket, PREFIX).best_name() == history[3].checkpoint
+    assert CheckpointStore(ModelStore(training.bucket, PREFIX)).best_name() == history[3].checkpoint

@@ -15,6 +15,7 @@ from drcli.convert.build_network import build_policy
 from drcli.model.checkpoints import CheckpointStore, checkpoint_objects
 from drcli.model.files.network_shape import Design
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters, checkpoint_name
 from drcli.train.collect_rollouts import Collector
 from drcli.train.rollouts import find_manifest
@@ -42,10 +43,10 @@ class Worker:
 
     def __init__(self, training: TrainingInMemory) -> None:
         self.bucket = training.bucket
-        self.store = CheckpointStore(self.bucket, PREFIX)
+        self.store = CheckpointStore(ModelStore(self.bucket, PREFIX))
         self.job = training.planned()
         self.waits: Queue[str] = Queue()
-        design = Design.of_model(self.bucket, PREFIX)
+        design = Design.of_model(ModelStore(self.bucket, PREFIX))
         weights = build_policy(design.metadata, design.parameters).state_dict()
         self._tensors = save_tensors({name: t.contiguous() for name, t in weights.items()})
 
@@ -60,7 +61,7 @@ class Worker:
 
     def drivers(self, iterations: range) -> list[int | None]:
         """Which checkpoint drove each of these iterations; None for none."""
-        found = [find_manifest(self.bucket, PREFIX, each, 0) for each in iterations]
+        found = [find_manifest(ModelStore(self.bucket, PREFIX), each, 0) for each in iterations]
         return [None if each is None else checkpoint_name(each.checkpoint).number for each in found]
 
 
@@ -117,7 +118,9 @@ def test_the_trainer_learns_from_what_was_driven_ahead_and_from_nothing_older(
         """A trainer for which the worker is always as far ahead as it may be."""
         last = iteration + LAG
         with written:
-            assert written.wait_for(lambda: find_manifest(training.bucket, PREFIX, last, 0), 60.0)
+            assert written.wait_for(
+                lambda: find_manifest(ModelStore(training.bucket, PREFIX), last, 0), 60.0
+            )
         return collect(self, iteration, *arguments)
 
     monkeypatch.setattr(training.bucket, "put", noted_put)
@@ -125,9 +128,14 @@ def test_the_trainer_learns_from_what_was_driven_ahead_and_from_nothing_older(
 
     training.train()
 
-    drove = [checkpoint_name(r.checkpoint).number for r in read_history(training.bucket, PREFIX)]
+    drove = [
+        checkpoint_name(r.checkpoint).number
+        for r in read_history(ModelStore(training.bucket, PREFIX))
+    ]
     assert drove == [max(0, iteration - LAG) for iteration in range(ITERATIONS)]
-    kept = {name.number for name in checkpoint_objects(training.bucket, PREFIX).values()}
+    kept = {
+        name.number for name in checkpoint_objects(ModelStore(training.bucket, PREFIX)).values()
+    }
     assert kept >= set(range(ITERATIONS - LAG, ITERATIONS + 1))  # those that may have driven
 
 

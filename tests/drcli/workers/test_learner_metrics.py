@@ -9,6 +9,7 @@ import pytest
 from drcli.base.errors import StorageError
 from drcli.learn.update_result import PPOStats, SACStats
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.train.learner_metrics import LearnerMetrics, line_of, row_of
 from memory_bucket import MemoryBucket
 
@@ -29,7 +30,7 @@ def table(bucket) -> list[dict[str, str]]:
 
 
 def written(bucket, *rows) -> None:
-    metrics = LearnerMetrics(bucket, "model")
+    metrics = LearnerMetrics(ModelStore(bucket, "model"))
     for row in rows:
         metrics.add(row)
 
@@ -93,7 +94,7 @@ def test_before_anything_is_learned_the_losses_are_empty(bucket, make_record):
 def test_a_resumed_training_goes_on_with_the_rows_that_still_count(bucket, make_record):
     written(bucket, *(row_of(make_record(n), PPO_STATS) for n in range(4)))
 
-    metrics = LearnerMetrics(bucket, "model")
+    metrics = LearnerMetrics(ModelStore(bucket, "model"))
     problem = metrics.restore([make_record(0), make_record(1)])
     metrics.add(row_of(make_record(2), PPO_STATS))
     metrics.finish()
@@ -107,7 +108,7 @@ def test_a_resumed_training_goes_on_with_the_rows_that_still_count(bucket, make_
 def test_what_the_file_lacks_comes_from_the_history(bucket, make_record):
     written(bucket, row_of(make_record(1), PPO_STATS))
 
-    metrics = LearnerMetrics(bucket, "model")
+    metrics = LearnerMetrics(ModelStore(bucket, "model"))
     metrics.restore([make_record(0), make_record(1)])
     metrics.finish()
 
@@ -133,7 +134,7 @@ def test_what_the_file_lacks_comes_from_the_history(bucket, make_record):
 def test_a_file_of_something_else_is_written_anew_and_said(bucket, make_record, content):
     bucket.put(KEY, content)
 
-    metrics = LearnerMetrics(bucket, "model")
+    metrics = LearnerMetrics(ModelStore(bucket, "model"))
     problem = metrics.restore([make_record(0)])
     metrics.finish()
 
@@ -146,7 +147,7 @@ def test_damaged_cells_are_left_out(bucket, make_record):
     text += f"{'1' * 400},5\n1,{'2' * 400}\n1,2,3\n"
     bucket.put(KEY, text.encode())
 
-    metrics = LearnerMetrics(bucket, "model")
+    metrics = LearnerMetrics(ModelStore(bucket, "model"))
     assert metrics.restore([make_record(0), make_record(1)]) is None
     metrics.finish()
 

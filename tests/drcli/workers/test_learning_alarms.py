@@ -4,6 +4,7 @@ import logging
 
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import History
+from drcli.model.model_store import ModelStore
 from drcli.train import training_progress
 from drcli.train.training_progress import LearningAlarms
 from iterations import iteration_record
@@ -13,8 +14,8 @@ from memory_bucket import MemoryBucket
 def test_a_collapse_is_named_once_until_the_car_drives_well_again(monkeypatch, caplog):
     monkeypatch.setattr(training_progress, "_logger", logging.getLogger("alarms"))
     bucket = MemoryBucket()
-    history = History(bucket, "model")
-    alarms = LearningAlarms(history, CheckpointStore(bucket, "model"))
+    history = History(ModelStore(bucket, "model"))
+    alarms = LearningAlarms(history, CheckpointStore(ModelStore(bucket, "model")))
     found = []
 
     for n, progress in enumerate([98.0] * 3 + [10.0] * 4 + [98.0] * 3 + [10.0] * 3):

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.job import Shares, WorkerShare
 from drcli.train.rollouts import find_manifest
@@ -59,6 +60,6 @@ def test_a_worker_that_nobody_waits_for_goes_on_to_the_next_checkpoint(
 
     assert place.seen == [-1, 1]
     assert place.driven == [1, -1]
-    delivered = find_manifest(training.bucket, PREFIX, 1, 0)
+    delivered = find_manifest(ModelStore(training.bucket, PREFIX), 1, 0)
     assert (delivered is None) == over
     assert ("went on without this worker's iteration 1" in logged()) == over

@@ -9,6 +9,7 @@ import pytest
 from drcli.base.errors import OwnershipLost
 from drcli.model import keys
 from drcli.model.lease import STALE_S, write_lease
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.job import MemberRecord, Shares, SharesRecord, WorkerShare
 from drcli.records.run_record import Lease
@@ -27,12 +28,12 @@ class Away:
     def __init__(self) -> None:
         self.age_s = 0.0
         self.bucket = MemoryBucket()
-        write_lease(self.bucket, PREFIX, LEASE)
+        write_lease(ModelStore(self.bucket, PREFIX), LEASE)
         self.lifeline = JoinedLifeline(os.getppid())
         self.written = threading.Event()
         watched = self.bucket.fenced(self._note)
         self.membership = Membership(
-            watched, PREFIX, "now", NAME, self.lifeline, pause=lambda _: None
+            ModelStore(watched, PREFIX), "now", NAME, self.lifeline, pause=lambda _: None
         )
 
     def _note(self, key: str) -> None:
@@ -147,7 +148,7 @@ def test_a_worker_whose_share_has_ended_does_not_drive_the_open_iteration_again(
     ],
 )
 def test_it_ends_with_the_training(away, lease, reason):
-    write_lease(away.bucket, PREFIX, lease)
+    write_lease(ModelStore(away.bucket, PREFIX), lease)
 
     with pytest.raises(StopRequested):
         away.membership.wait_for_number()

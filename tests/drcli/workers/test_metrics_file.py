@@ -7,7 +7,8 @@ import pytest
 
 from drcli.model import growing_file, keys
 from drcli.model.growing_file import list_parts
-from drcli.model.repair import Model, read_all_metrics, repair_metrics
+from drcli.model.model_store import ModelStore
+from drcli.model.repair import read_all_metrics, repair_metrics
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.records.trace import Episode, Row, csv_text, schedule
 from drcli.train.drive_results import TrainingMetrics
@@ -188,7 +189,7 @@ def test_a_damaged_part_is_set_aside_and_its_training_episodes_come_from_the_tra
     bucket.put(KEY, encode_metrics(kept, "progress"))
     bucket.put(damaged, json.dumps(lost).encode()[:-100])
 
-    [sentence] = repair_metrics(Model(bucket, "model", PREFIX))
+    [sentence] = repair_metrics(ModelStore(bucket, "model", PREFIX))
 
     assert damaged in sentence
     assert [(r.iteration, r.trial, r.reward_score) for r in read_all_metrics(bucket, KEY)] == [

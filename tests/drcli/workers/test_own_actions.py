@@ -12,6 +12,7 @@ from drcli.model import keys
 from drcli.model.best_checkpoint import evaluated_numbers, read_scores
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import Design
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters, checkpoint_name
 from drcli.records.scores import EvaluationResult
 from drcli.transfer.export_model import Selection, read_export_source
@@ -66,7 +67,7 @@ def test_a_start_that_learns_nothing_leaves_the_actions_and_the_reward_of_the_mo
     training.write("run.env", (training.folder / "run.env").read_text() + "DR_CAR_COLOR=Blue\n")
     before = training.bucket.get(keys.parameter_file(PREFIX, "training_params.yaml"))
     job = training.planned(resume=True)
-    name = str(CheckpointStore(training.bucket, PREFIX).pointed())
+    name = str(CheckpointStore(ModelStore(training.bucket, PREFIX)).pointed())
 
     assert exported(training, 1) == model_file(training) == {TRAINED}
     racer, _ = enter(training.bucket, Entry(PREFIX, name, "trace", "metrics"), job.config)
@@ -86,8 +87,8 @@ def test_new_actions_become_the_models_with_the_first_checkpoint_that_learned_wi
     assert model_file(training) == exported(training, 2) == {NEW}
     assert exported(training, 1) == {TRAINED}
     # While it drove with the new actions, checkpoint 1 got no score for that.
-    assert 1 not in evaluated_numbers(training.bucket, PREFIX)
-    assert 2 in evaluated_numbers(training.bucket, PREFIX)
+    assert 1 not in evaluated_numbers(ModelStore(training.bucket, PREFIX))
+    assert 2 in evaluated_numbers(ModelStore(training.bucket, PREFIX))
 
 
 def test_a_trainer_that_learns_nothing_leaves_the_reward_and_the_world_of_the_model(training):
@@ -116,7 +117,7 @@ def test_on_another_track_the_best_stays_without_its_score_until_another_is_eval
 ):
     allow_iterations(training, 2)
     training.train(resume=True)
-    store = CheckpointStore(training.bucket, PREFIX)
+    store = CheckpointStore(ModelStore(training.bucket, PREFIX))
     store.record_evaluation(EvaluationResult("0_Step-0.ckpt", [100.0], [1.0], [0.1]), "progress")
     assert store.best_name() == "0_Step-0.ckpt"
     path = training.folder / "run.env"
@@ -125,7 +126,7 @@ def test_on_another_track_the_best_stays_without_its_score_until_another_is_eval
 
     training.train(resume=True)
 
-    best = read_scores(training.bucket, PREFIX).best_checkpoint
+    best = read_scores(ModelStore(training.bucket, PREFIX)).best_checkpoint
     if iterations == 1:
         assert (best.name, best.avg_eval_metric) == ("0_Step-0.ckpt", None)
         assert store.load(best.name)
@@ -138,13 +139,21 @@ def test_an_error_in_a_parameter_file_names_the_place_where_it_was_read():
     bucket, wrong = MemoryBucket(), {"model_metadata.json": "{", "hyperparameters.json": "{}"}
     bucket.put(keys.model_metadata(PREFIX), b"{")
     bucket.put(keys.hyperparameters(PREFIX), b"{}")
-    record = CheckpointStore(bucket, PREFIX).save(1, 100, b"", counters=Counters(inputs=wrong))
+    record = CheckpointStore(ModelStore(bucket, PREFIX)).save(
+        1, 100, b"", counters=Counters(inputs=wrong)
+    )
 
     for read, place in (
-        (lambda: Design.of_model(bucket, PREFIX), f"bucket/{keys.model_metadata(PREFIX)}"),
-        (lambda: Design.of_model(bucket, PREFIX, wrong), "model_metadata.json of this start"),
         (
-            lambda: Design.of_checkpoint(bucket, PREFIX, record.name),
+            lambda: Design.of_model(ModelStore(bucket, PREFIX)),
+            f"bucket/{keys.model_metadata(PREFIX)}",
+        ),
+        (
+            lambda: Design.of_model(ModelStore(bucket, PREFIX), wrong),
+            "model_metadata.json of this start",
+        ),
+        (
+            lambda: Design.of_checkpoint(ModelStore(bucket, PREFIX), record.name),
             f"model_metadata.json in bucket/{keys.checkpoint_record(PREFIX, record.name)}",
         ),
     ):

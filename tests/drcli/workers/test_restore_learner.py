@@ -13,6 +13,7 @@ from drcli.model import keys
 from drcli.model.best_checkpoint import read_evaluation, write_evaluation
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.records.scores import EvaluationResult
 from drcli.train.build_learner import build_learner
@@ -26,14 +27,14 @@ def test_results_of_checkpoints_that_do_not_count_are_forgotten_and_others_stay(
         bucket.put(keys.checkpoint_tensors("model", f"{number}_Step-{number}00.ckpt"), b"weights")
     for number in (1, 2, 3):
         result = EvaluationResult(f"{number}_Step-{number}00.ckpt", [50.0], [1.0], [])
-        write_evaluation(bucket, "model", number, result)
+        write_evaluation(ModelStore(bucket, "model"), number, result)
 
-    forget_evaluations(bucket, "model", newest=2)
+    forget_evaluations(ModelStore(bucket, "model"), newest=2)
 
-    assert read_evaluation(bucket, "model", 2).checkpoint == "2_Step-200.ckpt"
+    assert read_evaluation(ModelStore(bucket, "model"), 2).checkpoint == "2_Step-200.ckpt"
     for number in (1, 3):
         with pytest.raises(ObjectMissing):
-            read_evaluation(bucket, "model", number)
+            read_evaluation(ModelStore(bucket, "model"), number)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 
 from drcli.model import keys
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.model.repair import read_all_metrics
 from drcli.model.training_state import read_reward_errors
 from drcli.records.reward import MOST_ERRORS, RewardErrorRecord, sum_of
@@ -163,7 +164,7 @@ def test_counts_survive_a_kill_and_an_iteration_that_is_driven_again_counts_once
     other.count_calls(20)
     other.save()
 
-    total = sum_of(record.total for record in read_reward_errors(bucket, PREFIX))
+    total = sum_of(record.total for record in read_reward_errors(ModelStore(bucket, PREFIX)))
     assert (total.calls, total.failed, total.discarded) == (50, 4, 1)
     assert [(e.kind, e.count, e.first_iteration) for e in total.errors] == [
         ("raises", 4, 0),
@@ -195,7 +196,7 @@ def test_damaged_counts_start_over(caplog):
     counting.restore(bucket, PREFIX)
 
     assert counting.record == RewardErrorRecord(0)
-    assert read_reward_errors(bucket, PREFIX) == []
+    assert read_reward_errors(ModelStore(bucket, PREFIX)) == []
 
 
 def test_a_training_counts_failures_and_leaves_broken_episodes_out(working_folder, monkeypatch):
@@ -216,8 +217,8 @@ def test_a_training_counts_failures_and_leaves_broken_episodes_out(working_folde
     training.train()
 
     bucket = training.bucket
-    [record] = read_reward_errors(bucket, PREFIX)
-    total, history = record.total, read_history(bucket, PREFIX)
+    [record] = read_reward_errors(ModelStore(bucket, PREFIX))
+    total, history = record.total, read_history(ModelStore(bucket, PREFIX))
     assert {e.kind for e in total.errors} >= {"raises", "type"}
     assert {e.line for e in total.errors if e.kind == "raises"} == {7}
     assert all("speed" in e.params for e in total.errors)
@@ -256,7 +257,7 @@ def test_by_default_a_failure_once_in_a_while_costs_its_step_and_nothing_else(
     training.train()
 
     unknown = [(~rollout.learned).sum() for rollout in learned]
-    counted = [each.reward_errors for each in read_history(training.bucket, PREFIX)]
+    counted = [each.reward_errors for each in read_history(ModelStore(training.bucket, PREFIX))]
     assert len(counted) == 2
     assert 0 < sum(unknown) <= sum(counted)  # those of evaluations are counted, too
     assert all((rollout.rewards[~rollout.learned] == 0.001).all() for rollout in learned)
@@ -280,8 +281,8 @@ def test_failures_are_counted_in_every_stage(working_folder, monkeypatch):
     training.train()
 
     bucket = training.bucket
-    history = read_history(bucket, PREFIX)
-    [record] = read_reward_errors(bucket, PREFIX)
+    history = read_history(ModelStore(bucket, PREFIX))
+    [record] = read_reward_errors(ModelStore(bucket, PREFIX))
     assert [r.stage for r in history] == ["wide", "wide", "narrow"]
     assert all(r.reward_errors > 0 for r in history)
     driven = sum(r.steps for r in history)
@@ -300,4 +301,4 @@ def test_a_function_that_breaks_every_episode_ends_the_training(working_folder, 
     with pytest.raises(AllEpisodesDiscarded, match=r"all 2 episodes of iteration 0 broken.*line 5"):
         training.train()
 
-    assert read_history(training.bucket, PREFIX) == []
+    assert read_history(ModelStore(training.bucket, PREFIX)) == []

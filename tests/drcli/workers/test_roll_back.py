@@ -15,6 +15,7 @@ from drcli.model import keys
 from drcli.model.best_checkpoint import write_evaluation
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.model.repair import read_all_metrics
 from drcli.model.training_state import Rollback, Rollbacks, read_rollbacks
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters
@@ -82,7 +83,7 @@ def sick(monkeypatch):
 
 
 def numbers(bucket) -> list[int]:
-    return [record.iteration for record in read_history(bucket, PREFIX)]
+    return [record.iteration for record in read_history(ModelStore(bucket, PREFIX))]
 
 
 def test_a_training_goes_back_and_on_and_says_so(working_folder, monkeypatch, sick):  # 001-32
@@ -93,7 +94,7 @@ def test_a_training_goes_back_and_on_and_says_so(working_folder, monkeypatch, si
     training.train()
 
     bucket = training.bucket
-    [rollback] = read_rollbacks(bucket, PREFIX).entries
+    [rollback] = read_rollbacks(ModelStore(bucket, PREFIX)).entries
     assert rollback.reason == "nan"
     assert CheckpointName.parse(rollback.left).number == SICK
     assert rollback.factor == pytest.approx(1.0 / 3.0)
@@ -106,7 +107,7 @@ def test_a_training_goes_back_and_on_and_says_so(working_folder, monkeypatch, si
     assert driven == [(n, trial) for n in range(ITERATIONS) for trial in (1, 2)]
     for iteration in range(ITERATIONS):
         assert read_csv(bucket.get(keys.training_trace(PREFIX, iteration)))
-    last = CheckpointStore(bucket, PREFIX).load_latest().record
+    last = CheckpointStore(ModelStore(bucket, PREFIX)).load_latest().record
     assert last.counters.rollbacks == 1
     assert last.counters.elapsed_s >= rollback.elapsed_s, "time that was given up counts, too"
 
@@ -118,7 +119,7 @@ def test_without_the_setting_nan_ends_the_training_as_ever(working_folder, monke
         training.train()
 
     assert "Lower `lr` to a third" in failed.value.remedy
-    assert read_rollbacks(training.bucket, PREFIX).entries == []
+    assert read_rollbacks(ModelStore(training.bucket, PREFIX)).entries == []
     assert numbers(training.bucket) == list(range(SICK))
 
 
@@ -145,14 +146,16 @@ def offline(working_folder, monkeypatch, sick):
 
 
 def results(bucket) -> tuple[Any, ...]:
-    history = [(r.iteration, r.checkpoint, r.steps) for r in read_history(bucket, PREFIX)]
+    history = [
+        (r.iteration, r.checkpoint, r.steps) for r in read_history(ModelStore(bucket, PREFIX))
+    ]
     rows = csv.DictReader(io.StringIO(bucket.get(keys.learner_metrics(PREFIX)).decode()))
-    rollbacks = read_rollbacks(bucket, PREFIX).entries
+    rollbacks = read_rollbacks(ModelStore(bucket, PREFIX)).entries
     return (
         history,
         [row["iteration"] for row in rows],
         [(r.reason, r.left, r.target, round(r.factor, 6)) for r in rollbacks],
-        str(CheckpointStore(bucket, PREFIX).pointed()),
+        str(CheckpointStore(ModelStore(bucket, PREFIX)).pointed()),
     )
 
 
@@ -194,7 +197,7 @@ def test_the_limit_counts_all_rollbacks_of_a_run(offline, sick):
     with pytest.raises(TrainingFailed):
         run(start)  # resumed: none is left
 
-    assert read_rollbacks(start, PREFIX).count == 2
+    assert read_rollbacks(ModelStore(start, PREFIX)).count == 2
     assert len(sick[1]) == 4
 
 
@@ -208,7 +211,7 @@ def test_a_collapse_goes_back_to_the_best_checkpoint(offline, sick, monkeypatch)
         evaluates = None
         if driven == [0, 1, 2]:
             found = EvaluationResult(checkpoints[-1], [90.0], [1.0], [])
-            write_evaluation(training.bucket, PREFIX, 2, found)
+            write_evaluation(ModelStore(training.bucket, PREFIX), 2, found)
             evaluates = 2
         progress = 60.0 if iteration < 3 or 2 in driven[3:] else 10.0
         return Collected(MadeUp(), [progress], [1.0], [], 1.0, 0.1, checkpoints[-1], evaluates)
@@ -218,13 +221,13 @@ def test_a_collapse_goes_back_to_the_best_checkpoint(offline, sick, monkeypatch)
     training.bucket.copy_to(bucket)
     run(bucket, iterations=8)
 
-    [rollback] = read_rollbacks(bucket, PREFIX).entries
+    [rollback] = read_rollbacks(ModelStore(bucket, PREFIX)).entries
     assert rollback.reason == "collapse"
     assert rollback.text == "Completion fell from 60 % to 27 %; best is 2"
     assert CheckpointName.parse(rollback.target).number == 2
     assert driven == [0, 1, 2, 3, 4, 2, 3, 4, 5, 6, 7]
     assert numbers(bucket) == list(range(8))
-    assert {r.mean_progress for r in read_history(bucket, PREFIX)} == {60.0}
+    assert {r.mean_progress for r in read_history(ModelStore(bucket, PREFIX))} == {60.0}
 
 
 @pytest.mark.parametrize(("first", "target"), [(0, 4), (5, 5), (6, 6)])
@@ -232,7 +235,7 @@ def test_a_rollback_stays_in_its_stage(working_folder, monkeypatch, first, targe
     limit = {"DR_TRAIN_MAX_ROLLBACKS": 1}
     training = TrainingInMemory(working_folder, monkeypatch, **limit)
     job = training.planned()
-    store = CheckpointStore(training.bucket, PREFIX)
+    store = CheckpointStore(ModelStore(training.bucket, PREFIX))
     for number in range(7):
         store.save(number, 10 * number, b"weights")
     store.record_evaluation(EvaluationResult("3_Step-30.ckpt", [90.0], [1.0], []), "progress")
@@ -274,4 +277,4 @@ def test_a_damaged_record_of_rollbacks_is_said_and_the_training_goes_on(offline,
     run(start)
 
     assert numbers(start) == list(range(ITERATIONS))
-    assert read_rollbacks(start, PREFIX).count == 1
+    assert read_rollbacks(ModelStore(start, PREFIX)).count == 1

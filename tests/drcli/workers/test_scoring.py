@@ -7,6 +7,7 @@ import pytest
 from drcli.model.best_checkpoint import read_scores, write_evaluation
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import History
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.scores import EvaluationEpisodes, EvaluationResult, SecondEvaluation
 from drcli.train import scoring
@@ -23,8 +24,8 @@ class Model:
 
     def __init__(self, checkpoints: int) -> None:
         self.bucket = MemoryBucket()
-        self.store = CheckpointStore(self.bucket, PREFIX)
-        self.history = History(self.bucket, PREFIX)
+        self.store = CheckpointStore(ModelStore(self.bucket, PREFIX))
+        self.history = History(ModelStore(self.bucket, PREFIX))
         for number in range(checkpoints):
             self.store.save(number, 100 * number, b"weights")
             if number:
@@ -33,7 +34,9 @@ class Model:
         self.scoring = self.new_scoring()
 
     def new_scoring(self, *args, **options) -> Scoring:
-        return Scoring(self.bucket, PREFIX, self.store, self.history, "progress", *args, **options)
+        return Scoring(
+            ModelStore(self.bucket, PREFIX), self.store, self.history, "progress", *args, **options
+        )
 
     def evaluate(
         self,
@@ -53,7 +56,7 @@ class Model:
             else SecondEvaluation([second] * 5, [1.0] * 5, [], "oval"),
             **changes,
         )
-        write_evaluation(self.bucket, PREFIX, number, result)
+        write_evaluation(ModelStore(self.bucket, PREFIX), number, result)
 
     @property
     def best(self) -> str | None:
@@ -247,7 +250,7 @@ def test_on_another_track_late_laps_and_the_best_score_count_only_if_they_were_n
     model.evaluate(2, 100.0, second=80.0)
     scoring.score(model.newest)
 
-    best = read_scores(model.bucket, PREFIX).best_checkpoint
+    best = read_scores(ModelStore(model.bucket, PREFIX)).best_checkpoint
     assert (best.name, best.avg_eval_metric) == ("1_Step-100.ckpt", score)
     model.evaluate(3, 10.0, second=10.0)
     scoring.score_all(model.newest)

@@ -8,6 +8,7 @@ import pytest
 from drcli.base.errors import StorageError
 from drcli.bucket.bucket import Listing
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.model.training_state import FORGOTTEN_S, GONE_S, MISSED_S, RENEWED_S, read_shares
 from drcli.records.job import MemberRecord, SharesRecord, WorkerShare
 from drcli.train.episode_share import AssignedShare, Share
@@ -58,7 +59,9 @@ class Machines:
         self.bucket.put(keys.member(PREFIX, name), self.records[name].encode())
 
     def keeper(self, workers: int, episodes: int = 8, **options: object) -> ShareKeeper:
-        keeper = ShareKeeper(self.bucket, PREFIX, SESSION, workers, clock=self.clock, **options)
+        keeper = ShareKeeper(
+            ModelStore(self.bucket, PREFIX), SESSION, workers, clock=self.clock, **options
+        )
         keeper.begin_stage(episodes, 0)
         return keeper
 
@@ -105,7 +108,7 @@ def test_a_worker_that_joins_shares_the_episodes_from_the_next_checkpoint_on(mac
     assert keeper.version_for(5) == 1
     assert who(keeper, 4) == [(0, "", 8)]
     assert who(keeper, 5) == [(0, "", 4), (1, "far", 4)]
-    assert read_shares(machines.bucket, PREFIX, SESSION, 5).workers == keeper.at(5)
+    assert read_shares(ModelStore(machines.bucket, PREFIX), SESSION, 5).workers == keeper.at(5)
     assert keeper.version_for(6) == 1  # nothing has changed
     assert keeper.at(6) == keeper.at(5)
 
@@ -123,7 +126,7 @@ def test_no_two_episodes_of_a_worker_have_the_same_number(machines):
         if version is None:
             driven[0] += Share(0, 1, 8).numbers(checkpoint)
             continue
-        shares = read_shares(machines.bucket, PREFIX, SESSION, checkpoint)
+        shares = read_shares(ModelStore(machines.bucket, PREFIX), SESSION, checkpoint)
         for share in shares.workers:
             driven[share.worker] += AssignedShare(shares, share).numbers(checkpoint)
 
@@ -139,7 +142,7 @@ def test_equal_parts_are_those_of_workers_that_were_there_from_the_beginning(mac
     machines.let_pass(5.0, keeper)
     keeper.version_for(0)
 
-    shares = read_shares(machines.bucket, PREFIX, SESSION, 0)
+    shares = read_shares(ModelStore(machines.bucket, PREFIX), SESSION, 0)
     for share in shares.workers:
         fixed, assigned = Share(share.worker, 3, 7), AssignedShare(shares, share)
         for iteration in (0, 5):
@@ -488,7 +491,7 @@ def test_shares_change_with_the_first_iteration_that_nobody_can_have_begun(machi
     assert [len(who(keeper, iteration)) for iteration in (7, 8, 9)] == [1, 2, 3]
     # Workers that are ahead and workers that are behind find the same.
     for iteration in (8, 9):
-        shares = read_shares(machines.bucket, PREFIX, SESSION, iteration)
+        shares = read_shares(ModelStore(machines.bucket, PREFIX), SESSION, iteration)
         assert shares.workers == keeper.at(iteration)
 
 
@@ -500,7 +503,7 @@ def test_what_changes_each_time_is_known_for_all_iterations_that_are_driven(mach
         machines.join(name)
         machines.let_pass(5.0, keeper)
         keeper.version_for(checkpoint)
-        shares = read_shares(machines.bucket, PREFIX, SESSION, checkpoint)
+        shares = read_shares(ModelStore(machines.bucket, PREFIX), SESSION, checkpoint)
         if shares is None:
             driven += Share(0, 1, 8).numbers(checkpoint)
         else:

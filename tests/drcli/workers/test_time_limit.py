@@ -4,6 +4,7 @@ import json
 
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import read_history
+from drcli.model.model_store import ModelStore
 from drcli.records.job import WorkerExit
 from drcli.train import trainer
 from drcli.train.goals import Goals
@@ -28,8 +29,8 @@ def test_an_update_without_end_is_saved_when_the_time_is_over(tmp_path, monkeypa
 
     training.train(max_minutes=1.0)
 
-    assert len(read_history(training.bucket, PREFIX)) == 1
-    found = CheckpointStore(training.bucket, PREFIX).load_latest(with_optimizer=True)
+    assert len(read_history(ModelStore(training.bucket, PREFIX))) == 1
+    found = CheckpointStore(ModelStore(training.bucket, PREFIX)).load_latest(with_optimizer=True)
     assert (found.record.number, found.record.counters.learned.iteration) == (1, 0)
     assert found.optimizer is not None
     ended = WorkerExit.read(training.planned(resume=True).folder, "trainer")

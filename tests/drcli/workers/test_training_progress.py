@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from drcli.model.history import History
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName, Counters
 from drcli.records.stage import Stage, StageGoal
 from drcli.train import training_progress
@@ -15,7 +16,7 @@ from memory_bucket import MemoryBucket
 
 @pytest.fixture
 def history():
-    return History(MemoryBucket(), "model")
+    return History(ModelStore(MemoryBucket(), "model"))
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@ import pytest
 
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.records.rollout import Manifest
 from drcli.records.run_record import TrainingEnd
@@ -23,10 +24,9 @@ class World:
         self.stops = False
         self.wakes_s: float | None = None
         self.bucket = MemoryBucket()
-        self.store = CheckpointStore(self.bucket, PREFIX)
+        self.store = CheckpointStore(ModelStore(self.bucket, PREFIX))
         self.waiter = CheckpointWaiter(
-            self.bucket,
-            PREFIX,
+            ModelStore(self.bucket, PREFIX),
             SESSION,
             0,
             frugal=frugal,

@@ -8,6 +8,7 @@ from drcli.convert.frozen_graph import compare_graph
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import Design
+from drcli.model.model_store import ModelStore
 from drcli.train.write_graph import GraphWriter
 from memory_bucket import MemoryBucket
 from observations import camera_only
@@ -18,7 +19,10 @@ from small_model import put_small_model
 def test_the_graph_computes_what_the_checkpoint_does(enabled):
     bucket = MemoryBucket()
     put_small_model(bucket, "model")
-    store, design = CheckpointStore(bucket, "model"), Design.of_model(bucket, "model")
+    store, design = (
+        CheckpointStore(ModelStore(bucket, "model")),
+        Design.of_model(ModelStore(bucket, "model")),
+    )
     spec = policy_spec(design.metadata, design.parameters)
     found = store.load("5_Step-500.ckpt")
 

@@ -415,17 +415,17 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files = [f"a-folder/a-file-with-a-long-name-{k}.data-00000-of-00001" for k in range(3)]
     source = {"source": URL, "checkpoint": "8_Step-4000.ckpt", "copied": files}
     plan = {"source_url": URL, "target_url": URL, "used": 0, "chosen": SimpleNamespace(line="c")}
-    answer("models.upload.plan_upload", SimpleNamespace(**plan))
+    answer("transfer.upload.plan_upload", SimpleNamespace(**plan))
     answer(
-        "models.upload.upload",
+        "transfer.upload.upload",
         UploadReport(**source, target=URL, choice="last", metric=1.0, older=files, deleted=files),
     )
-    answer("remote.message_channels.open_channels", [object()])
+    answer("outside.messages.open_channels", [object()])
     topic = "the SNS topic arn:aws:sns:us-east-1:123456789012:a-topic-with-a-long-name"
-    answer("remote.message_channels.try_channels", {topic: None})
+    answer("outside.messages.try_channels", {topic: None})
     options = SimpleNamespace(prefix="model")
-    answer("models.download.plan_download", SimpleNamespace(**plan, options=options))
-    answer("models.download.download", DownloadReport(**source, target=URL, custom_files=files))
+    answer("transfer.download.plan_download", SimpleNamespace(**plan, options=options))
+    answer("transfer.download.download", DownloadReport(**source, target=URL, custom_files=files))
     imported = ImportedModel(
         **source,
         target=URL,
@@ -443,14 +443,14 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         custom_files=files,
     )
     planned = SimpleNamespace(report=imported, used=3, options=options)
-    answer("models.import_model.plan_import", planned)
-    answer("models.import_model.import_model", imported)
+    answer("transfer.import_model.plan_import", planned)
+    answer("transfer.import_model.import_model", imported)
     cars = [
         CarTrial("release-6", 0, 16, 12.345, []),
         CarTrial("low-grip", 16, 16, 100.0, [7.123, 8.0]),
     ]
-    answer("runs.car_trials.settings_of_model", None)
-    answer("runs.car_trials.try_cars", CarTrials(TRACK, cars, "low-grip", "release-6"))
+    answer("run.car_trials.settings_of_model", None)
+    answer("run.car_trials.try_cars", CarTrials(TRACK, cars, "low-grip", "release-6"))
     exported = SimpleNamespace(source=SimpleNamespace(chosen=SimpleNamespace(line="c")))
     export = ExportReport(
         **{"source": URL, "checkpoint": "8_Step-4000.ckpt", "target": URL, "files": files},
@@ -469,9 +469,9 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         same_actions=1.0,
         greatest_difference=2e-7,
     )
-    answer("models.export_forms.plan_form", exported)
-    answer("models.export_forms.export_form", form)
-    answer("models.write_export.export_target", ExportTarget(f"{folder}/out", folder / "out"))
+    answer("transfer.export_forms.plan_form", exported)
+    answer("transfer.export_forms.export_form", form)
+    answer("transfer.export_model.export_target", ExportTarget(f"{folder}/out", folder / "out"))
     for module, read, write in (
         # First the one that imports the other: it would keep an answer that is there already.
         ("export_droa", "read_droa_export", "export_droa"),
@@ -480,25 +480,25 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         answer(f"models.{module}.{read}", exported)
         answer(f"models.{module}.{write}", export)
     custom = CustomFilesReport(f"{folder}/custom_files", URL, files, files, [])
-    answer("models.copy_custom_files.upload_custom_files", custom)
-    answer("models.copy_custom_files.download_custom_files", custom)
+    answer("transfer.copy_custom_files.upload_custom_files", custom)
+    answer("transfer.copy_custom_files.download_custom_files", custom)
     upload_step = UploadIncrement(f"{folder}/run.env", f"{folder}/run.env.bak", MODEL, MODEL)
-    answer("models.upload_prefix.plan_upload_increment", SimpleNamespace(step=upload_step))
-    answer("models.upload_prefix.make_upload_increment", None)
+    answer("transfer.upload.plan_upload_increment", SimpleNamespace(step=upload_step))
+    answer("transfer.upload.make_upload_increment", None)
     weights = Pretrained(MODEL, "best", "8_Step-4000.ckpt", 1.0, "0")
     step = Increment("run.env", "run.env.bak", "bucket", MODEL, MODEL, weights, wipes=False)
-    answer("runs.increment.plan_increment", SimpleNamespace(step=step))
-    answer("runs.increment.make_increment", step)
+    answer("run.increment.plan_increment", SimpleNamespace(step=step))
+    answer("run.increment.make_increment", step)
     score = CheckpointEntry("8_Step-4000.ckpt", 87.54321)
     model = ModelEntry(MODEL, 4, score, score, 99, 123_456_789, "2026-01-02T03:04:05", True)
-    answer("models.transfer_buckets.bucket_to_look_at", SimpleNamespace(name="bucket"))
-    answer("models.model_list.list_models", ModelList("bucket", "", [model]))
+    answer("transfer.transfer_buckets.bucket_to_look_at", SimpleNamespace(name="bucket"))
+    answer("model.model_list.list_models", ModelList("bucket", "", [model]))
     listed = ListedCheckpoint(
         8, "8_Step-4000.ckpt", ["last", "best", "first-lap"], True, 5, 2, 87.5, 12.34, 4_900_000
     )
     reached = MilestoneEntry("first-lap", "8_Step-4000.ckpt", 2, 5, 12.34, kept=False)
     answer(
-        "models.checkpoint_list.list_checkpoints",
+        "model.checkpoint_list.list_checkpoints",
         CheckpointList(URL, [listed], [reached], ["three-laps"], 4_900_000),
     )
     text = "A note about wider kerbs that is longer than a narrow terminal has columns."
@@ -510,17 +510,17 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         answer(f"models.model_notes.{function}", NoteList(URL, notes))
     removed = RemovedModel(MODEL, 4, 99, 123_456_789, "2026-01-02T03:04:05", ["/logs/a.log"], 999)
     removal = RemovalReport("bucket", [removed], dry_run=False, size_bytes=123_456_789)
-    answer("runs.model_removal.plan_removal", PlannedRemoval(removal, (SimpleNamespace(),)))
-    answer("runs.model_removal.remove_models", removal)
+    answer("transfer.model_removal.plan_removal", PlannedRemoval(removal, (SimpleNamespace(),)))
+    answer("transfer.model_removal.remove_models", removal)
     left = TidyItem("traces", MODEL, 12, 123_456, ["a"])
     tidied = TidyReport("bucket", [left], [MODEL], dry_run=False, size_bytes=123_456)
-    answer("runs.tidy.find_surplus", tidied)
-    answer("runs.tidy.tidy", tidied)
+    answer("transfer.tidy.find_surplus", tidied)
+    answer("transfer.tidy.tidy", tidied)
     worker = Process("trainer", 4243, True, "/logs/trainer.log")
-    answer("runs.process_list.trainers", [worker])
+    answer("run.worker_processes.trainers", [worker])
     text = "sim-0 was started again (restart 1), after a fault that takes a long sentence to tell."
     event = JournalEvent("abc", 1_000_000.0, "recovery", text, {"worker": "sim-0"})
-    answer("runs.journal_reader.journal_of", JournalReport(URL, [event], []))
+    answer("run.journal.journal_of", JournalReport(URL, [event], []))
     for function in (
         "analysis.read_run.read_run",
         "analysis.read_run.read_runs",
@@ -535,28 +535,28 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clone = child(0x2FF, f"{MODEL}-2", first, hyperparameters={"batch_size": 512}, usd=12.5)
     clone = replace(clone, starts=(replace(clone.newest, settings=settings),))
     known = KnownTrainings("bucket", (first, clone), frozenset({clone.id}), frozenset())
-    answer("models.training_list.known_trainings", known)
+    answer("transfer.training_list.known_trainings", known)
     races = race_bucket()
-    answer("store.connect.open_running_bucket", races)
-    answer("store.connect.open_bucket", races)
+    answer("bucket.connect.open_running_bucket", races)
+    answer("bucket.connect.open_bucket", races)
     answer(
         "races.submissions.submit",
         SubmissionReport("cup", "000000aa", TRACK, MODEL, "8_Step-4000.ckpt", 2, 1, queue=False),
     )
     answer("races.race_queue.run_queue", show_race(races, "cup"))
     log = f"{folder}/data/logs/races/cup.log"
-    answer("races.rules_change.change_rules", show_race(race_bucket(), "cup"))
+    answer("races.organise.change_rules", show_race(race_bucket(), "cup"))
     answer("races.queue_process.launch_queue", QueueStarted("cup", 4242, log))
     answer("races.queue_process.stop_queue", QueueStopped("cup", 4242))
     text = "EC2 announces that it will terminate this instance in 120 s."
     notice = WatchReport("aws", "interruption", "terminate", 120.0, text, 0)
-    answer("spot.cloud_notices.cloud_of_machine", "aws")
-    answer("runs.foreign_watch.ForeignWatch.once", notice)
-    answer("runs.process_list.simulations", [worker])
-    answer("runs.process_list.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
+    answer("outside.notices.notice_watch.cloud_of_machine", "aws")
+    answer("cli.commands.spot_watch.ForeignWatch.once", notice)
+    answer("run.worker_processes.simulations", [worker])
+    answer("run.worker_processes.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
     stopped = Stopped("evaluation", 0, URL, 4243)
-    answer("runs.stopping.stop_all", StopReport([stopped], server=True))
-    answer("runs.stopping.stop_evaluations", [stopped])
+    answer("run.stopping.stop_all", StopReport([stopped], server=True))
+    answer("run.stopping.stop_evaluations", [stopped])
     size = {"length_m": 17.7, "width_m": 1.07, "least_width_m": 0.5, "greatest_width_m": 1.1}
     facts = TrackFacts(
         **{"name": TRACK, **size, "closed": True, "direction": "counterclockwise"},
@@ -582,12 +582,12 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         actions=[CarAction(None, -17.25, 3.125, -0.575, 0.8125)],
     )
     chosen = SimpleNamespace(file_name="model", url=URL, chosen=SimpleNamespace(line="c"))
-    answer("models.export_model.read_export_source", chosen)
-    answer("models.export_car.export_car", None)
-    answer("models.export_car.plan_car_upload", SimpleNamespace(url=URL))
-    answer("models.export_car.upload_names", files)
-    answer("models.export_car.write_archive", archive)
-    answer("models.export_car.upload_archive", archive)
+    answer("transfer.export_model.read_export_source", chosen)
+    answer("transfer.export_car.export_car", None)
+    answer("transfer.export_car.plan_car_upload", SimpleNamespace(url=URL))
+    answer("transfer.export_car.upload_names", files)
+    answer("transfer.export_car.write_archive", archive)
+    answer("transfer.export_car.upload_archive", archive)
     answer("tracks.track_list.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
     answer("tracks.tracks_folder.add_track", facts)
     answer("tracks.community.fetch_track", facts)
@@ -605,7 +605,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("checks.validate.validate", Report("", False, (broken,), (broken,), (skipped,)))
     answer("rewards.check.check", _reward_report())
     _answer_with_explanations(folder, answer)
-    answer("rewards.plot.plot", PlotReport("a.py", TRACK, TRACK, True, 0, 1, {"steady": 99.0}))
+    answer("rewards.pictures.plot", PlotReport("a.py", TRACK, TRACK, True, 0, 1, {"steady": 99.0}))
     answer("rewards.compare.compare", _comparison())
 
 
@@ -628,9 +628,9 @@ def _answer_with_explanations(folder: Path, answer: Callable[[str, object], None
         lap={"step": [1, 2], "value": [0.5, 0.25]},
         notes=["A sentence about it."],
     )
-    answer("saliency.explain_model.explain_checkpoint", (None, "8_Step-4000.ckpt"))
-    answer("saliency.explain_model.write_page", None)
-    answer("saliency.explain_model.report_of", explained)
+    answer("view.saliency.explain_model.explain_checkpoint", (None, "8_Step-4000.ckpt"))
+    answer("view.saliency.explain_model.write_page", None)
+    answer("view.saliency.explain_model.report_of", explained)
     tools = [
         Tool("TensorBoard", "DR_TENSORBOARD", f"{folder}/data/tensorboard"),
         Tool("Grafana", "DR_TELEGRAF_HOST", ""),
@@ -638,10 +638,10 @@ def _answer_with_explanations(folder: Path, answer: Callable[[str, object], None
     metrics = MetricsReport(
         "http://127.0.0.1:6006/", 4243, f"{folder}/data", [MODEL], tools, [MODEL]
     )
-    answer("runs.tensorboard_server.fetch_events", [MODEL])
-    answer("runs.tensorboard_server.write_histories", [MODEL])
-    answer("runs.tensorboard_server.start_tensorboard", metrics)
-    answer("runs.tensorboard_server.stop_tensorboard", ServerRecord(4243, 1.0, 6006))
+    answer("run.tensorboard_server.fetch_events", [MODEL])
+    answer("run.tensorboard_server.write_histories", [MODEL])
+    answer("run.tensorboard_server.start_tensorboard", metrics)
+    answer("run.tensorboard_server.stop_tensorboard", ServerRecord(4243, 1.0, 6006))
     viewer = ViewerReport("http://127.0.0.1:8100/", 4243, "127.0.0.1", 8100, False, True)
     answer("web.viewer_process.start_viewer", viewer)
     answer("web.viewer_process.stop_viewer", ViewerRecord(4243, 1.0, "127.0.0.1", 8100))
@@ -656,20 +656,20 @@ def _answer_as_car(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str, objec
         CarModel("scan", False, "its sensor (LiDAR) is not connected", sensors=["LiDAR"]),
     ]
     page = SimpleNamespace(address=CarAddress("10.0.0.5"))
-    answer("remote.car_web.first_login", (CarLogin("fingerprint", "ab" * 32), True))
-    answer("remote.car_web.CarWeb.log_in", None)
-    answer("remote.car_web.CarWeb.opened", page)
-    answer("remote.car_file.check_file", SimpleNamespace(name="a-file"))
-    answer("remote.car_models.list_models", CarModels("10.0.0.5", models))
-    answer("remote.car_models.upload_model", CarUpload("10.0.0.5", name, 3_200_000, True, ""))
-    answer("remote.car_models.load_model", CarLoad("10.0.0.5", name, 12.3))
-    answer("remote.car_driving.refuse_without_model", None)
-    answer("remote.car_driving.drive", CarDrive("10.0.0.5", False, 12.3))
-    answer("remote.car_driving.stop", CarDrive("10.0.0.5", False))
-    answer("remote.car_driving.set_speed", CarSpeed("10.0.0.5", 30))
+    answer("outside.car.car_web.first_login", (CarLogin("fingerprint", "ab" * 32), True))
+    answer("outside.car.car_web.CarWeb.log_in", None)
+    answer("outside.car.car_web.CarWeb.opened", page)
+    answer("outside.car.car_models.check_file", SimpleNamespace(name="a-file"))
+    answer("outside.car.car_models.list_models", CarModels("10.0.0.5", models))
+    answer("outside.car.car_models.upload_model", CarUpload("10.0.0.5", name, 3_200_000, True, ""))
+    answer("outside.car.car_models.load_model", CarLoad("10.0.0.5", name, 12.3))
+    answer("outside.car.car_driving.refuse_without_model", None)
+    answer("outside.car.car_driving.drive", CarDrive("10.0.0.5", False, 12.3))
+    answer("outside.car.car_driving.stop", CarDrive("10.0.0.5", False))
+    answer("outside.car.car_driving.set_speed", CarSpeed("10.0.0.5", 30))
     sensors, metrics = {"camera": "connected", "lidar": "not_connected"}, {"fps_mean": 29.97}
     status = CarStatus("10.0.0.5", "community", "2.1", "R2", 9, sensors, "loaded", metrics)
-    answer("remote.car_status.read_status", status)
+    answer("outside.car.car_driving.read_status", status)
 
 
 def _answer_as_amazon(
@@ -683,10 +683,10 @@ def _answer_as_amazon(
         answer(f"cli.commands.spot_{module}.account", ours)
     tags = {"drcli:kind": "training", "drcli:model": MODEL, "drcli:bucket": bucket}
     stack = Stack("my-run", "CREATE_COMPLETE", 1.79e9, tags, {"Topic": topic})
-    answer("spot.stacks.need_stack", stack)
-    answer("spot.stacks.refuse_existing", None)
+    answer("outside.aws.stacks.need_stack", stack)
+    answer("outside.aws.stacks.refuse_existing", None)
     made = SimpleNamespace(bucket=bucket, outputs={"Topic": topic})
-    answer("spot.stacks.create_stack", made)
+    answer("outside.aws.stacks.create_stack", made)
     kinds = ("c7i-flex.12xlarge", "m6id.metal")
     plan = SimpleNamespace(
         wishes=Wishes("my-run", bucket, kinds),
@@ -698,16 +698,16 @@ def _answer_as_amazon(
         resumes="8_Step-4000.ckpt",
         notes=("The model is there already; the training goes on.",),
     )
-    answer("spot.install_source.find_source", plan.source)
+    answer("outside.aws.racer_files.find_source", plan.source)
     # Its checks would find what stands here for the report of `dr validate`.
     monkeypatch.setattr("drcli.cli.commands.spot._checked", lambda *given: given[-1])
-    answer("spot.creation.prepare", plan)
+    answer("outside.aws.creation.prepare", plan)
     created = CreatedStack(
         "my-run", region, bucket, MODEL, kinds, "spot", 0.61, 8.74, 1.79e9, topic
     )
-    answer("spot.creation.carry_out", created)
-    answer("spot.stack_access.subscribe", None)
-    answer("spot.stack_access.add_access", "203.0.113.7/32")
+    answer("outside.aws.creation.carry_out", created)
+    answer("outside.aws.stacks.subscribe", None)
+    answer("outside.aws.stacks.add_access", "203.0.113.7/32")
     names = ("i-0123456789abcdef0", "i-0fedcba9876543210")
     machines = (
         Machine(names[0], kinds[0], f"{region}a", "spot", "gone", "", "", 1.79e9, 1.790007e9, 0.61),
@@ -718,28 +718,28 @@ def _answer_as_amazon(
     base = StackReport(
         *("racing", "base", "CREATE_COMPLETE", "ready", "", "", bucket, "", (), None, 1.78e9, 0)
     )
-    answer("spot.stacks.our_stacks", [stack, stack])
+    answer("outside.aws.stacks.our_stacks", [stack, stack])
     reports = iter((StackReport("my-run", *state, MODEL, bucket, *running), base))
     monkeypatch.setattr("drcli.outside.aws.stack_report.report_on", lambda *_: next(reports))
-    answer("spot.spot_advisor.read_advisor", None)
-    answer("spot.instance_types.find_types", [])
+    answer("outside.aws.prices.read_advisor", None)
+    answer("outside.aws.instance_types.find_types", [])
     offers = [
         Offer(kinds[0], region, f"{region}a", 0.6123, 14, "<5%"),
         Offer(kinds[1], region, f"{region}b", 12.3456, 40),
     ]
-    answer("spot.prices.offers_of", offers)
-    answer("spot.machine_marks.read_marks", [])
-    answer("spot.machines.machines_of", machines)
+    answer("outside.aws.prices.offers_of", offers)
+    answer("outside.aws.machine_marks.read_marks", [])
+    answer("outside.aws.machines.machines_of", machines)
     costs = [
         MachineCost(names[0], kinds[0], f"{region}a", "spot", 2.0, 0.62, 1.24),
         MachineCost(names[1], kinds[1], f"{region}b", "on-demand", 1.5, None, None),
     ]
     unknown = f"The price of {names[1]} is not known."
-    answer("spot.machine_cost.cost_of", StackCost("my-run", costs, 0.0175, [unknown]))
-    answer("spot.stack_end.stop_training_there", names)
-    answer("spot.stack_end.verified_checkpoint", "8_Step-4000.ckpt")
+    answer("outside.aws.machines.cost_of", StackCost("my-run", costs, 0.0175, [unknown]))
+    answer("outside.aws.stack_end.stop_training_there", names)
+    answer("outside.aws.stack_end.verified_checkpoint", "8_Step-4000.ckpt")
     stopped = StoppedStack("my-run", MODEL, "8_Step-4000.ckpt", names, 12, whole=True)
-    answer("spot.stack_end.remove_training", stopped)
+    answer("outside.aws.stack_end.remove_training", stopped)
 
 
 def _answer_about_machine(folder: Path, answer: Callable[[str, object], None]) -> None:
@@ -779,7 +779,7 @@ def _answer_about_machine(folder: Path, answer: Callable[[str, object], None]) -
         ["The machine is busy."],
         41.0,
     )
-    answer("benchmark.machine_benchmark.measure_machine", report)
+    answer("checks.bench.machine_benchmark.measure_machine", report)
     files = (
         BundledFile("README.txt", 612, 0),
         BundledFile(f"files/data/logs/sagemaker/{MODEL}/trainer.log", 1_048_576, 17),
@@ -788,7 +788,7 @@ def _answer_about_machine(folder: Path, answer: Callable[[str, object], None]) -
     left_out = (f"status.json: {URL} cannot be reached.",)
     target = f"{folder}/drcli-support-20261122-213000.tar.gz"
     bundle = BundleReport(target, 234_567, files, removed, 5, left_out)
-    answer("runs.support_bundle.make_bundle", bundle)
+    answer("run.support_bundle.make_bundle", bundle)
 
 
 def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -825,15 +825,15 @@ def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file.write_bytes(b"logs")
     imported = ImportReport(DROA_SITE, DROA_ID, "car", "READY", 12, 12_000_000, "uploads/models/x")
     answers: dict[str, Callable[..., Any]] = {
-        "cli.droa_options.Connection.refuse_no_site": lambda _: None,
-        "cli.droa_options.Connection.session": lambda _: session,
-        "cli.droa_options.Connection.droa": lambda _: droa,
-        "remote.droa_package.read_package": lambda path: {},
-        "remote.droa_metrics.metrics_summary": lambda *_: means,
-        "remote.droa_import.plan_import": lambda *_, **__: None,
-        "remote.droa_import.import_files": lambda *_, **__: imported,
-        "remote.droa_download.find_asset": lambda *_: "",
-        "remote.droa_download.download": lambda *_, **__: file,
+        "cli.commands.droa.Connection.refuse_no_site": lambda _: None,
+        "cli.commands.droa.Connection.session": lambda _: session,
+        "cli.commands.droa.Connection.droa": lambda _: droa,
+        "outside.droa.droa_package.read_package": lambda path: {},
+        "outside.droa.droa_metrics.metrics_summary": lambda *_: means,
+        "outside.droa.droa_import.plan_import": lambda *_, **__: None,
+        "outside.droa.droa_import.import_files": lambda *_, **__: imported,
+        "outside.droa.droa_download.find_asset": lambda *_: "",
+        "outside.droa.droa_download.download": lambda *_, **__: file,
     }
     for name, answer in answers.items():
         monkeypatch.setattr(f"drcli.{name}", answer)

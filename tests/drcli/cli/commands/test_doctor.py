@@ -11,6 +11,7 @@ from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.checks.doctor import bucket_health, diagnose, libraries, surroundings
 from drcli.checks.doctor.libraries import Libraries
+from drcli.model.model_store import ModelStore
 
 
 @pytest.fixture(autouse=True)
@@ -150,7 +151,7 @@ def test_no_key_is_printed(dr, remote, capsys, monkeypatch):
 def test_the_owner_of_the_model_is_named(dr, remote, capsys, monkeypatch):
     from drcli.model import lease
 
-    lease.take(remote, "model", "session")
+    lease.take(ModelStore(remote, "model"), "session")
 
     _, report, _ = examined(dr, capsys)
 

@@ -7,6 +7,7 @@ import shlex
 import pytest
 
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from memory_bucket import MemoryBucket
 
 
@@ -14,7 +15,7 @@ from memory_bucket import MemoryBucket
 def bucket(working_folder, monkeypatch):
     """A bucket that holds a model with one checkpoint, where run.env expects it."""
     bucket = MemoryBucket()
-    CheckpointStore(bucket, "model").save(4, 900, b"weights")
+    CheckpointStore(ModelStore(bucket, "model")).save(4, 900, b"weights")
     monkeypatch.setattr("drcli.run.increment.open_bucket", lambda *_, **__: bucket)
     return bucket
 

@@ -7,6 +7,7 @@ import pytest
 
 from drcli.base.errors import Problem, SettingsError, refuse
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
 from memory_bucket import MemoryBucket
 
 
@@ -304,7 +305,7 @@ def test_on_a_terminal_nothing_is_deleted_without_a_yes(
 ):
     run.looks = [make_report("finished", 1)]
     bucket = MemoryBucket()
-    CheckpointStore(bucket, "model").save(7, 100, b"weights")
+    CheckpointStore(ModelStore(bucket, "model")).save(7, 100, b"weights")
     monkeypatch.setattr("drcli.bucket.connect.open_bucket", lambda *_, **__: bucket)
     monkeypatch.setattr("drcli.cli.prompts.may_ask", lambda: True)
     monkeypatch.setattr("sys.stdin", io.StringIO(typed))
