@@ -9,7 +9,8 @@ from drcli.base.errors import Problem
 from drcli.bucket.bucket import Bucket
 from drcli.checks.compatibility_rules import review_import
 from drcli.checks.machine_rules import review_disk
-from drcli.checks.parameter_rules import ParametersReview, review_parameters, upload_problems
+from drcli.checks.parameter_rules import ParametersReview, review_parameters
+from drcli.checks.settings_rules import upload_problems
 from drcli.checks.stage_rules import StagesReview
 from drcli.checks.start_rules import review_prefix, review_pretrained
 from drcli.config.settings import Settings

@@ -13,7 +13,8 @@ from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.before_start import Examined, Plans, examine_stages
 from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
 from drcli.checks.machine_rules import review_gpu, review_memory
-from drcli.checks.parameter_rules import SettingsReview, review_parameters, review_settings
+from drcli.checks.parameter_rules import review_parameters
+from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.stage_rules import StagesReview, review_stages
 from drcli.checks.start_rules import probe, review_owner, start_problems
 from drcli.config.settings import Settings
@@ -311,7 +312,7 @@ def check_alone(directory: Path) -> FullCheck:
 
 def with_rules(check: FullCheck) -> FullCheck:
     # Settings are checked without what these load.
-    from drcli.checks.parameter_rules import review_settings
+    from drcli.checks.settings_rules import review_settings
 
     directory = Path(check.directory)
     reviewed = review_settings(directory)

@@ -158,10 +158,10 @@ MOST_CARS = 64
 """More do not make a step faster."""
 
 FRESH_SEEDS = 1 << 32
-"""No training chose a checkpoint by laps from these starts."""
+"""Added to the seed: no training chose a checkpoint by laps from these starts."""
 
 MOST_ENGINE_THREADS = 2
-"""More do not help a few pictures at a time."""
+"""Without PyTorch, more do not help a few pictures at a time."""
 
 
 @dataclass(frozen=True)

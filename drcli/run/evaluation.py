@@ -161,7 +161,7 @@ def places_lost(
 
 EXIT_S = 0.6
 LAUNCHED_EXIT_S = 5.0
-"""It may already have a worker."""
+"""An evaluation that was late may already have a worker."""
 
 STOPPED = "The evaluation was stopped."
 _FAILURES: dict[int, type[DrError]] = {

@@ -12,7 +12,7 @@ from drcli.run.worker_processes import TRAINER, Child
 
 LOOK_S = 2.0
 QUIET_S = 10.0
-"""Then a frozen worker uses no processor time."""
+"""Without a pulse; a frozen worker uses no processor time from then on."""
 
 
 @dataclass

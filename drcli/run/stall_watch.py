@@ -189,10 +189,10 @@ class StallWatch(Duty):
 
 FROZEN_S = 30.0
 STARTING_S = 120.0
-"""It loads libraries, perhaps from a slow disk."""
+"""Before the first pulse it loads libraries, perhaps from a slow disk."""
 
 BUSY_S = 120.0
-"""One operation never lets Python go on."""
+"""It computes, but one operation never lets Python go on."""
 
 USED_S = 0.05
 REMOVAL_S = 10.0

@@ -13,7 +13,7 @@ from drcli.records.job import Job
 from drcli.records.stage import Stage
 
 SCORED_EPISODES = 100
-"""As in the lists of the Gym."""
+"""For the mean reward of a stage, as in the lists of the Gym."""
 
 CONFIRMED = f", and then {CONFIRMING_CLEAN} of {CONFIRMING_LAPS} laps from other starts are as good"
 CONFIRMED_PROGRESS = f", and on {CONFIRMING_LAPS} laps from other starts"

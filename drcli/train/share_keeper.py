@@ -83,7 +83,7 @@ MEASURED_S = 2.0
 """Shortest drive from which a late worker is judged."""
 
 TRIED_AGAIN_S = 60.0
-"""Then one that is too slow gets an episode."""
+"""Then a worker that is too slow for a share gets one episode."""
 
 NEWEST_WEIGHT = 0.2
 

@@ -165,7 +165,7 @@ SURE_SHARE = 0.8
 
 SURE_ITERATIONS = 2
 FOLLOWS = 0.03
-"""It earns less by at most this share."""
+"""A student follows its teacher if it earns less by at most this share."""
 
 SATURATED = 0.04
 """Less improvement of a window ends a phase."""

@@ -7,10 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load, save
-
 from drcli.base.errors import DrError, SettingsError, one_of, shown
 from drcli.base.json_record import Fingerprint, JsonRecord, RecordError
 from drcli.bucket.bucket import Bucket
@@ -29,43 +25,6 @@ from drcli.records.episode_metrics import encode_metrics
 from drcli.records.scores import Score
 from drcli.transfer.put_model import POINTERS, Delivery, Progress, TransferReport
 from drcli.transfer.transfer_buckets import COPY_PATIENCE_S, refuse_nesting, refuse_training
-
-# Weights in half precision, as the ready-made models are shipped.
-
-
-LARGE = 256
-"""Smaller tensors, such as biases, stay exact."""
-
-
-def halved(tensors: bytes) -> bytes:
-    """Large float32 tensors become float16."""
-    found = load(tensors)
-    return save(
-        {
-            name: array.astype(np.float16)
-            if array.dtype == np.float32 and array.size >= LARGE
-            else array
-            for name, array in found.items()
-        }
-    )
-
-
-def restored(data: bytes, origin: str) -> bytes:
-    """Back to float32, which loses nothing; SettingsError if damaged."""
-    try:
-        found = load(data)
-    except SafetensorError as error:
-        raise SettingsError(
-            f"{origin} is damaged: {error}.",
-            remedy="Install drcli again, or get that file again with `git checkout`.",
-        ) from error
-    return save(
-        {
-            name: array.astype(np.float32) if array.dtype == np.float16 else array
-            for name, array in found.items()
-        }
-    )
-
 
 WEIGHTS_FILE, CARD_FILE, TRAINING_FILE = "model.safetensors", "card.json", "training.json"
 
@@ -176,6 +135,8 @@ def read_ready_made(name: str) -> ReadyMadeModel:
         content[file] = _read(_file(name, file))
         if hashlib.sha256(content[file]).hexdigest() != card.sha256.get(file):
             raise _damaged(_file(name, file), f"it is not the one that {CARD_FILE} describes")
+    from drcli.convert.half_weights import restored  # NumPy, which most commands do without
+
     tensors = restored(content[WEIGHTS_FILE], str(_file(name, WEIGHTS_FILE)))
     return ReadyMadeModel(name, recipe, card, {f: content[f] for f in MODEL_FILES}, tensors)
 

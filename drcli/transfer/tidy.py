@@ -37,7 +37,7 @@ USUAL: tuple[TidyKind, ...] = ("remains", "damaged", "rollouts")
 """What nobody misses."""
 
 RECENT_S = 3600.0
-"""They may belong to a copy that is going on."""
+"""Newer remains may belong to a copy that is going on."""
 
 _TRACE = re.compile(r"(?:\d+/)?training-simtrace/\d+-iteration\.csv")
 

@@ -67,7 +67,7 @@ os.kill, os.killpg = guarded(os.kill), guarded(os.killpg)
 """No example leaves the machine, and none sends a signal to a process that is not its own."""
 
 THEN = """
-from drcli.exchange.job import Job
+from drcli.records.job import Job
 
 def spawn(job, command, **options):
     sys.stdout.flush()

@@ -157,7 +157,7 @@ _logger = get_logger(__name__)
 
 LOOK_S = 0.25
 OWN_CORES_S = 10.0
-"""Then it shares a worker's, or would perhaps never start."""
+"""Then it shares those of a worker: workers could have all cores for good."""
 
 SILENT_S = 120.0
 """Without a new pulse, though its node answers."""

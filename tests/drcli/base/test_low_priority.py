@@ -12,7 +12,7 @@ from drcli.base.processes import NICE
 LOWERS = """
 import os, subprocess, sys, threading
 from pathlib import Path
-from drcli.base.low_priority import lower_priority
+from drcli.base.processes import lower_priority
 
 said = [lower_priority(Path(sys.argv[1])) for _ in range(2)]
 child = subprocess.run([sys.executable, "-c", "import os; print(os.nice(0))"], stdout=-1)

@@ -6,7 +6,7 @@ import sys
 PROGRAM = """
 import gc
 import sys
-from drcli.base.garbage import search_as_usual
+from drcli.base.processes import search_as_usual
 
 print(__name__, sys.argv[1:], __file__.endswith("module_to_start.py"))
 print(gc.get_threshold()[0] >= 50_000)

@@ -11,12 +11,11 @@ from typing import Any
 import pytest
 
 from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError
-from drcli.bucket.bucket import ObjectInfo
+from drcli.bucket.bucket import TEST_FOLDER, ObjectInfo
 from drcli.config.loading import load_settings
 from drcli.convert.reference_checkpoint import refuse_other_networks
 from drcli.learn.policy import PolicySpec
 from drcli.model import lease
-from drcli.model.keys import TEST_FOLDER
 from drcli.model.model_store import ModelStore
 from drcli.records.run_record import run_folder
 from drcli.records.training_record import DaySpending, day_of, write_day

@@ -41,7 +41,7 @@ LOOKS = """
 import json, os, sys
 from pathlib import Path
 from drcli.config import secret_environment as withheld
-from drcli.exchange.job import Job
+from drcli.records.job import Job
 job = Job.received()
 with withheld.lent():
     lent = dict(os.environ)
@@ -141,8 +141,8 @@ def test_a_process_that_has_secrets_can_hide_them_from_others_even_of_root():
 
 SIGNALS = """
 import os, signal, subprocess, sys
-from drcli.base import signal_guard as signalguard
-signalguard.install()
+from drcli.base import confinement
+confinement.install()
 try:
     %s
 except PermissionError as error:

@@ -31,8 +31,8 @@ MINUTE_S = 60.0
 USER = """
 import sys
 from pathlib import Path
-from drcli.store.server import server
-from drcli.config.bucket_config import StorageConfig
+from drcli.bucket.server import server
+from drcli.config.run_config import StorageConfig
 print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid, flush=True)
 sys.stdin.read()
 """

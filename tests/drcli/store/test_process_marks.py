@@ -11,7 +11,7 @@ from drcli.bucket.server import server_process
 
 ASKING = """
 import sys
-from drcli.store.server.server_process import is_running
+from drcli.bucket.server.server_process import is_running
 
 print(is_running(int(sys.argv[1]), sys.argv[2]))
 """

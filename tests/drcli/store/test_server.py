@@ -36,8 +36,8 @@ FIND = """
 import sys
 import time
 from pathlib import Path
-from drcli.store.server import server
-from drcli.config.bucket_config import StorageConfig
+from drcli.bucket.server import server
+from drcli.config.run_config import StorageConfig
 print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid)
 """
 

@@ -56,7 +56,7 @@ def reward_function(params):
 WORKER = """
 import sys
 from pathlib import Path
-from drcli.workers import reward_client
+from drcli.drive import reward_client
 process = reward_client.RewardProcess(Path(sys.argv[1]), 1)
 call = {"is_reversed": False, "waypoints": [(0.0, 0.0)]}
 process.rewards([0], [call], 30.0, lambda *_: 0.0)
