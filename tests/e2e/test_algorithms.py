@@ -7,7 +7,7 @@ import pytest
 
 from drcli.model.checkpoints import CheckpointStore
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 METADATA = {
     "action_space": {

@@ -7,7 +7,7 @@ from safetensors.numpy import load
 
 from drcli.model.checkpoints import CheckpointStore
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 
 def test_an_increment_and_a_start_go_on_from_the_models_weights(workspace, trained):

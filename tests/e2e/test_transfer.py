@@ -8,7 +8,7 @@ import pytest
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.model.checkpoints import CheckpointStore
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 URL = "s3://uploads/team/fast-2"
 

@@ -7,7 +7,7 @@ import pytest
 from drcli.model.checkpoints import CheckpointStore
 from message_servers import hook
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 
 def test_a_complete_training_uploads_its_best_tells_its_cost_and_runs_a_command(workspace, uploads):

@@ -11,6 +11,8 @@ from drcli.train import sim
 from drcli.train.sim import SimWorker
 from training_in_memory import PREFIX, TrainingInMemory
 
+pytestmark = pytest.mark.nightly
+
 ITERATIONS = 4
 
 
