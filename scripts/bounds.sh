@@ -35,7 +35,7 @@ printf '%s\n' "$PWD" "$PWD/env" >"$(echo "$work"/venv/lib/python3.*/site-package
 "$work/venv/bin/python" -m pip check
 "$work/venv/bin/python" -m drcli.base.installation
 
-"$work/venv/bin/python" -m pytest -q -m "not slow" -o filterwarnings= -p no:cacheprovider \
+"$work/venv/bin/python" -m pytest -q -m "not nightly" -o filterwarnings= -p no:cacheprovider \
     tests/drsim tests/drcli/{base,config,exchange,formats,learn,modelfiles,store,tracking,video}
 export PATH=$work/venv/bin:$PATH
 mkdir "$work/racer" && cd "$work/racer"

@@ -1,4 +1,4 @@
-"""How all tests run: no threads that wait busily for each other, and the same examples always."""
+"""How all tests run: which of them, no threads that wait busily, and the same examples always."""
 
 import importlib.util
 import os
@@ -44,8 +44,35 @@ BEGINNING = ["test_training.py", "test_shells.py", "test_screens.py"]
 the other ones, which would otherwise compile it too, have something else to do meanwhile."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What takes long comes first, so that no process works alone in the end."""
+EVERYTHING = "DRCLI_TEST_EVERYTHING"
+"""In the environment of a run, and so of its worker processes, that leaves nothing out."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--all",
+        action="store_true",
+        help="also run what is marked as nightly; so does naming files or folders",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Tell the processes of xdist by their environment: folders are named to each of them."""
+    if hasattr(config, "workerinput"):
+        return
+    named = config.args_source is pytest.Config.ArgsSource.ARGS
+    os.environ[EVERYTHING] = "1" if named or config.getoption("all") else ""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what every commit need not run; what takes long comes first.
+
+    Otherwise, one process would work alone in the end.
+    """
+    if not os.environ[EVERYTHING]:
+        left_out = [item for item in items if item.get_closest_marker("nightly")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("nightly")]
     items.sort(key=_place)
 
 

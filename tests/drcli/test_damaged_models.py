@@ -36,9 +36,10 @@ from drcli.train.sim import SimWorker
 from drcli.train.trainer import Trainer
 from drcli.transfer.download import DownloadOptions, download, plan_download
 from drcli.transfer.upload import UploadOptions, plan_upload, upload
-from drcli.workers.pulse import Pulse
 from drcli.workers.worker_process import StopRequested
 from memory_bucket import MemoryBucket
+from sampled import sampled
+from training_in_memory import UntilFailure
 
 PREFIX = "team/model"
 ITERATIONS = 2
@@ -50,24 +51,6 @@ DR_TRAIN_MAX_ITERATIONS={ITERATIONS}
 DR_TRAIN_OVERLAP=off
 DR_TRAIN_SEED=7
 """
-
-
-class UntilFailure:
-    """The lifeline of workers that leave when one of them has failed.
-
-    Attributes:
-        failures: Of the trainer.
-    """
-
-    def __init__(self) -> None:
-        self.failures: list[BaseException] = []
-        self.pulse = Pulse()
-        self._deadline_s = time.monotonic() + 60.0
-
-    def should_stop(self) -> bool:
-        return bool(self.failures) or time.monotonic() > self._deadline_s
-
-    step_done = should_stop
 
 
 class CopiedBucket(MemoryBucket):
@@ -275,8 +258,7 @@ def damaged(world: World, name: str, damage: str) -> str:
     return key
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize(("name", "damage"), sampled(OBJECTS, DAMAGES))
 def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, damage, told):
     key = damaged(world, name, damage)
 
@@ -402,8 +384,7 @@ READERS = {
 }
 
 
-@pytest.mark.parametrize("reader", READERS)
-@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize(("name", "reader"), sampled(OBJECTS, READERS))
 def test_a_command_says_what_is_damaged_and_goes_on(world, name, reader, told):
     read, tells = READERS[reader]
     whole = world.here

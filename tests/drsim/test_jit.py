@@ -55,6 +55,7 @@ def kept(tmp_path) -> Path:
     return tmp_path / "scratch" / f"drsim-kernels-{os.getuid()}"
 
 
+@pytest.mark.nightly
 def test_without_a_writable_home_or_installation_code_is_kept_below_the_temporary_folder(run, kept):
     assert run() == ""
 
@@ -62,6 +63,7 @@ def test_without_a_writable_home_or_installation_code_is_kept_below_the_temporar
     assert kept.stat().st_mode & 0o777 == 0o700
 
 
+@pytest.mark.nightly
 def test_no_code_is_taken_from_a_folder_that_others_can_write_to(run, kept):
     kept.mkdir()
     kept.chmod(0o777)
@@ -71,6 +73,7 @@ def test_no_code_is_taken_from_a_folder_that_others_can_write_to(run, kept):
     assert not list(kept.iterdir())
 
 
+@pytest.mark.nightly
 def test_the_folder_that_the_user_names_comes_first(run, kept, tmp_path):
     run(NUMBA_CACHE_DIR=str(tmp_path / "named"))
 
@@ -78,6 +81,7 @@ def test_the_folder_that_the_user_names_comes_first(run, kept, tmp_path):
     assert not kept.exists()
 
 
+@pytest.mark.nightly
 def test_a_named_folder_that_cannot_be_written_stops_nobody(run, kept):
     run(NUMBA_CACHE_DIR="/dev/null/cache")
 

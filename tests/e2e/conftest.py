@@ -16,8 +16,8 @@ from typing import Any
 
 import psutil
 import pytest
-from moto.server import ThreadedMotoServer
 
+from amazon_server import amazon_server
 from drcli.bucket.connect import open_bucket
 from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
@@ -251,15 +251,12 @@ def empty_workspace(tmp_path: Path, forks: Forks) -> Iterator[EmptyWorkspace]:
 @pytest.fixture
 def uploads() -> Iterator[S3Bucket]:
     """A bucket on a server of somebody else's."""
-    moto = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    moto.start()
-    host, port = moto.get_host_and_port()
-    endpoint = Endpoint(f"http://{host}:{port}", access_key="AKup", secret_key="secret")
-    bucket = S3Bucket(endpoint, "uploads", patience_s=5)
-    bucket.ensure_exists()
-    yield bucket
-    bucket.close()
-    moto.stop()
+    with amazon_server() as address:
+        endpoint = Endpoint(address, access_key="AKup", secret_key="secret")
+        bucket = S3Bucket(endpoint, "uploads", patience_s=5)
+        bucket.ensure_exists()
+        yield bucket
+        bucket.close()
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 METADATA = {
     "action_space": {

@@ -8,7 +8,7 @@ from safetensors.numpy import load
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 
 def test_an_increment_and_a_start_go_on_from_the_models_weights(workspace, trained):

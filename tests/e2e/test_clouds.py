@@ -15,7 +15,7 @@ from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.server import server
 from drcli.config.run_config import Engine, StorageConfig
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 PROFILE = "racer"
 

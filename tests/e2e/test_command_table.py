@@ -25,7 +25,7 @@ from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.nightly,
     pytest.mark.timeout(900),  # of a busy machine, for all together
 ]
 

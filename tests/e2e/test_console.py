@@ -13,8 +13,6 @@ import pytest
 
 from browser import headless_browser
 
-pytestmark = pytest.mark.slow
-
 PATIENCE_MS = 120_000.0
 """For a training, an evaluation or a film of a busy machine."""
 
@@ -115,6 +113,7 @@ def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, t
         assert {"model_metadata.json", "agent/model.pb"} <= set(packed.getnames())
 
 
+@pytest.mark.nightly
 def test_a_race_is_driven_from_the_page_and_taken_home(workspace, page, tmp_path):
     workspace.write_run_env(DR_WORLD_NAME="bean", DR_EVAL_MAX_RESETS=100)
     workspace.put_ready_made("safe", "fast")

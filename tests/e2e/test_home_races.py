@@ -9,8 +9,6 @@ import pytest
 
 from drcli.model import race_keys
 
-pytestmark = pytest.mark.slow
-
 
 def test_a_race_survives_the_death_of_its_queue_and_has_a_winner(workspace):
     workspace.write_run_env(DR_WORLD_NAME="bean", DR_EVAL_MAX_RESETS=100)

@@ -2,7 +2,6 @@
 
 import json
 
-import pytest
 import torch
 
 from drcli.convert.build_network import weights_of
@@ -10,8 +9,6 @@ from drcli.convert.frozen_graph import encode_policy
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
 from drsim.car.car_parameters import CAR_SETS
-
-pytestmark = pytest.mark.slow
 
 NETWORK = "COMPACT_CONVOLUTIONAL_NETWORK"
 METADATA = {

@@ -13,8 +13,6 @@ from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 
-pytestmark = pytest.mark.slow
-
 
 class Site:
     """Machines with one bucket: that of the training, and two that may join it."""
@@ -72,6 +70,7 @@ def test_a_machine_that_joins_drives_what_a_worker_of_the_training_would(site, t
     assert f"Joining the training of {site.place}" in joined.stderr
 
 
+@pytest.mark.nightly
 def test_a_worker_that_is_killed_comes_back_and_one_that_leaves_is_not_missed(site):
     site.home.environment["DR_WORKERS"] = "1"
     site.home.hyperparameters["term_cond_max_episodes"] = 10_000
@@ -119,36 +118,7 @@ def test_a_worker_that_is_killed_comes_back_and_one_that_leaves_is_not_missed(si
     assert len(set(counts.values())) == 1, counts
 
 
-def test_a_machine_that_has_joined_goes_on_with_a_training_that_was_interrupted(site):
-    site.home.environment["DR_WORKERS"] = "1"
-    site.home.hyperparameters["term_cond_max_episodes"] = 10_000
-    site.home.write_custom_files()
-    training = site.home.start(
-        "start-training", "--resume-or-start", "--foreground", "--max-minutes", "60"
-    )
-    host = site.away.start("start-worker", *site.join_options, "--wait", "--json")
-    site.home.wait_for(
-        lambda: bool(site.bucket.list(keys.members_folder(site.home.prefix))), "the other machine"
-    )
-    site.home.wait_for(lambda: site.iterations() >= 2, "two iterations")
-    training.send_signal(signal.SIGTERM)
-    interrupted = site.home.end_of(training)
-    before = site.iterations()
-    site.home.wait_for(lambda: site.iterations() >= before + 2, "iterations on the other machine")
-    lease = json.loads(site.bucket.get(keys.lease(site.home.prefix)))
-    host.send_signal(signal.SIGTERM)
-    ended = site.away.end_of(host)
-
-    assert interrupted.returncode == 75, interrupted.stderr
-    assert lease["term"] == 2
-    report = json.loads(ended.stdout.splitlines()[-1])
-    assert report["took_over"], ended.stdout + ended.stderr
-    assert "this machine goes on with it" in ended.stderr
-    numbers = [each["iteration"] for each in site.history()]
-    assert numbers == list(range(len(numbers)))
-    assert "Learning in" in site.away.log("trainer")
-
-
+@pytest.mark.nightly
 def test_of_two_machines_that_may_go_on_at_the_same_moment_one_does_and_the_other_joins_it(site):
     site.home.environment["DR_WORKERS"] = "1"
     site.home.hyperparameters["term_cond_max_episodes"] = 10_000
@@ -166,7 +136,7 @@ def test_of_two_machines_that_may_go_on_at_the_same_moment_one_does_and_the_othe
     for host in hosts:
         host.send_signal(signal.SIGSTOP)
     training.send_signal(signal.SIGTERM)
-    site.home.end_of(training)
+    interrupted = site.home.end_of(training)
     before = site.iterations()
     for host in hosts:
         host.send_signal(signal.SIGCONT)
@@ -183,13 +153,17 @@ def test_of_two_machines_that_may_go_on_at_the_same_moment_one_does_and_the_othe
     ended = [each.end_of(host) for each, host in zip(machines, hosts, strict=True)]
 
     reports = [json.loads(each.stdout.splitlines()[-1]) for each in ended]
+    assert interrupted.returncode == 75, interrupted.stderr
     assert sorted(each["took_over"] for each in reports) == [False, True]
-    owner = next(h.pid for h, each in zip(hosts, reports, strict=True) if each["took_over"])
-    assert lease["pid"] == owner
+    owner = [each["took_over"] for each in reports].index(True)
+    assert (lease["pid"], lease["term"]) == (hosts[owner].pid, 2)
+    assert "this machine goes on with it" in ended[owner].stderr
+    assert "Learning in" in machines[owner].log("trainer")
     numbers = [each["iteration"] for each in site.history()]
     assert numbers == list(range(len(numbers)))
 
 
+@pytest.mark.nightly
 def test_a_training_that_does_not_exist_is_named(site):
     place = f"s3://{site.bucket.name}/nothing"
 

@@ -7,7 +7,7 @@ import signal
 import psutil
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 
 def test_a_training_survives_the_end_of_a_learner_process(workspace):

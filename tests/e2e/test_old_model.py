@@ -3,13 +3,10 @@
 import json
 
 import pytest
-from moto.server import ThreadedMotoServer
 
-from drcli.bucket.endpoint import Endpoint
-from drcli.bucket.s3_bucket import S3Bucket
 from old_model import extract_old_model
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 
 @pytest.fixture
@@ -38,24 +35,18 @@ def test_a_model_of_version_0_1_0_is_evaluated_and_trained_further(racer):
     assert "2_Step-" in (racer.model / "model" / "deepracer_checkpoints.json").read_text()
 
 
-def test_a_model_of_version_0_1_0_can_be_uploaded(racer):
-    moto = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    moto.start()
-    host, port = moto.get_host_and_port()
-    url = f"http://{host}:{port}"
-    there = S3Bucket(Endpoint(url, access_key="AKup", secret_key="secret"), "uploads", patience_s=5)
-    there.ensure_exists()
+def test_a_model_of_version_0_1_0_can_be_uploaded(racer, uploads):
     racer.environment |= {
         "AWS_ACCESS_KEY_ID": "AKup",
         "AWS_SECRET_ACCESS_KEY": "secret",
     }
     with (racer.folder / "system.env").open("a") as file:
-        file.write(f"DR_UPLOAD_S3_BUCKET=uploads\nDR_UPLOAD_S3_ENDPOINT_URL={url}\n")
+        file.write(
+            f"DR_UPLOAD_S3_BUCKET=uploads\nDR_UPLOAD_S3_ENDPOINT_URL={uploads.endpoint.url}\n"
+        )
 
     sent = racer.run("upload-model", "-f")
 
-    stored = {entry.key for entry in there.list("model-1/")}
-    there.close()
-    moto.stop()
+    stored = {entry.key for entry in uploads.list("model-1/")}
     assert sent.returncode == 0, sent.stderr
     assert "model-1/model/1_Step-144.ckpt.safetensors" in stored

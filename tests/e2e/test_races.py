@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 REWARD = """    assert len(params["objects_location"]) == 3, params["objects_location"]
     ahead = params["closest_objects"][1]

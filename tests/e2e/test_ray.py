@@ -7,7 +7,7 @@ import signal
 import psutil
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(600)]
 
 PATIENCE_S = 240.0
 """For processes of Ray, each of which takes seconds to start."""

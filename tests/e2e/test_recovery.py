@@ -14,8 +14,6 @@ import pytest
 from drcli.model import lease
 from drcli.model.model_store import ModelStore
 
-pytestmark = pytest.mark.slow
-
 
 def test_killed_processes_are_replaced_and_the_training_ends_as_if_nothing_had_happened(workspace):
     workspace.hyperparameters["term_cond_max_episodes"] = 10
@@ -93,15 +91,18 @@ def interrupted(shared_workspace):
     return Interrupted(space, gpus, second, space.end_of(training).returncode)
 
 
+@pytest.mark.nightly
 def test_the_trainer_alone_is_told_which_gpus_are_its_own(interrupted):
     assert interrupted.gpus == {"trainer": "-1", "sim-0": "0"}
 
 
+@pytest.mark.nightly
 def test_two_trainings_cannot_share_a_prefix(interrupted):
     assert interrupted.second.returncode == 3
     assert "is being trained" in interrupted.second.stderr
 
 
+@pytest.mark.nightly
 def test_sigterm_saves_everything_another_machine_continues_and_loses_to_a_third(
     interrupted, new_workspace
 ):
@@ -131,6 +132,7 @@ def test_sigterm_saves_everything_another_machine_continues_and_loses_to_a_third
     assert "optimizer starts over" not in elsewhere.log("trainer")
 
 
+@pytest.mark.nightly
 def test_a_truncated_checkpoint_is_passed_over_and_said(workspace, trained, log_guru):
     workspace.put(trained)
     model = workspace.model / "model"
@@ -149,6 +151,7 @@ def test_a_truncated_checkpoint_is_passed_over_and_said(workspace, trained, log_
     assert len(log_guru(workspace.log("sim-0")).episodes) == 16
 
 
+@pytest.mark.nightly
 def test_a_full_disk_ends_the_run_at_once_and_names_it(workspace):
     mount = workspace.folder / "data" / "s3"
     mount.mkdir(parents=True)

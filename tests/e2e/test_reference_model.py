@@ -16,7 +16,7 @@ import pytest
 from drcli.cli.command_table import COMMANDS
 from reference_model import BEST, LAST, NEWEST, reference_model
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(600)]
 
 DELETING = re.compile(
     r"\bdelete (it|them|that)|delete that|start over|\bwith `?-w|only damaged", re.I

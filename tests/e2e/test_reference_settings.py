@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 REFERENCE = Path(__file__).resolve().parents[1] / "data" / "reference"
 

@@ -5,7 +5,7 @@ import json
 import pytest
 from PIL import Image
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 NEAR = "def reward_function(params):\n    return 1 - params['distance_from_center']\n"
 

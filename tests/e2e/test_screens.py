@@ -24,8 +24,6 @@ import pytest
 from drcli.model import keys
 from drcli.records.run_record import RunRecord, WorkerRecord
 
-pytestmark = pytest.mark.slow
-
 SCREENS = Path(__file__).parent / "screens"
 PATIENCE_S = 60.0
 

@@ -18,8 +18,6 @@ from canaries import canary, in_files, in_processes, sightings
 from forks import Forks
 from refusing_s3 import refusing_server
 
-pytestmark = pytest.mark.slow
-
 SPY = """    if not hasattr(reward_function, "looked"):
         reward_function.looked = True
         import base64, os, sys

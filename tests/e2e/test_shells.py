@@ -18,7 +18,7 @@ import pytest
 
 from drcli.config.new_folder import plan_experiment, plan_folder, write
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 PROGRAMS = Path(sys.executable).parent
 

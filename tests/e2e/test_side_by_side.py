@@ -12,7 +12,7 @@ import pytest
 from drcli.config.loading import load_settings
 from drcli.config.new_folder import plan_experiment, write
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -24,7 +24,7 @@ from fake_amazon import client
 from fake_machine import FakeMachine
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.nightly,
     # moto makes no policies of buckets.
     pytest.mark.filterwarnings("ignore:Tried to parse"),
 ]

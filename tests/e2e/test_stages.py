@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 TWO = """\
 stages:

@@ -6,7 +6,7 @@ import signal
 import psutil
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 PATIENCE_S = 300.0
 """Ray starts six processes, and each training one more."""

@@ -9,7 +9,7 @@ import pytest
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 REWARD = "    return 1.0 if params['all_wheels_on_track'] else 1e-3\n"
 

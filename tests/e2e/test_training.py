@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.slow
-
 
 def test_a_training_ends_by_itself_and_the_communitys_tools_read_all_of_it(
     workspace, trained, log_guru
@@ -67,6 +65,7 @@ def second_start(shared_workspace, trained):
     return again, json.loads(wiped.stdout.splitlines()[-1])["history"]
 
 
+@pytest.mark.nightly
 def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(second_start):
     again, wiped = second_start
 
@@ -76,6 +75,7 @@ def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(second_start
     assert [r["iteration"] for r in wiped] == [0, 1]
 
 
+@pytest.mark.nightly
 def test_a_training_that_starts_anew_starts_new_logs_and_keeps_the_old_ones(
     second_start, shared_workspace
 ):
@@ -89,6 +89,7 @@ def test_a_training_that_starts_anew_starts_new_logs_and_keeps_the_old_ones(
         assert copy.read_bytes() == log.read_bytes()
 
 
+@pytest.mark.nightly
 def test_three_workers_share_episodes_that_do_not_divide_evenly(
     second_start, shared_workspace, log_guru
 ):
@@ -125,6 +126,7 @@ def test_three_workers_share_episodes_that_do_not_divide_evenly(
     assert sorted(traces["unique_episode"].unique()) == list(range(8))
 
 
+@pytest.mark.nightly
 def test_a_reward_function_that_fails_later_ends_the_run_with_its_authors_line(workspace):
     workspace.write_custom_files(
         # The trial before the start drives at 1 m/s, the car's actions are faster.

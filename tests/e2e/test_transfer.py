@@ -9,7 +9,7 @@ from drcli.bucket.s3_bucket import S3Bucket
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 URL = "s3://uploads/team/fast-2"
 

@@ -15,7 +15,7 @@ from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome
 from metadata_server import MetadataServer
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 LONG = 10_000
 NEARLY_EXPIRED_S = lease.STALE_S - 4.0

@@ -8,7 +8,7 @@ from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 from message_servers import hook
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 
 def test_a_complete_training_uploads_its_best_tells_its_cost_and_runs_a_command(workspace, uploads):

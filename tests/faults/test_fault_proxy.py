@@ -10,6 +10,8 @@ from drcli.bucket.s3_bucket import S3Bucket
 from fault_machine import BUCKET, Storage
 from fault_proxy import Proxy
 
+pytestmark = pytest.mark.nightly
+
 DATA = bytes(range(256)) * 2_000
 
 

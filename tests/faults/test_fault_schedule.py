@@ -8,6 +8,8 @@ from fault_kinds import _FAULTS as IMPLEMENTED
 from fault_schedule import KINDS, NETWORK, Fault, parse, random_schedule, text_of
 from fault_shrink import shrink
 
+pytestmark = pytest.mark.nightly
+
 
 @given(st.integers(0, 10_000), st.integers(0, 60))
 def test_a_schedule_is_read_as_it_was_printed(seed, faults):

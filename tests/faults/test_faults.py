@@ -14,7 +14,7 @@ from fault_audit import Audit
 from fault_machine import PREFIX
 from fault_schedule import SHORT, parse
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(600)]
 
 WORKERS = 1
 

@@ -4,7 +4,7 @@ import pytest
 
 from power_cut import PowerCuts, why_not
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(600)]
 
 
 @pytest.mark.skipif(bool(why_not()), reason=f"A power cut cannot be tried here: {why_not()}.")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import damage
 from exploring import explore
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(0)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(0)]
 
 SHARE = 0.15
 """Of the time of the long form, for all objects together."""

@@ -7,7 +7,7 @@ import pytest
 from command_lines import forms, lines_for
 from exploring import explore
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(0)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(0)]
 
 FORMS = forms()
 SHARE = 0.4

@@ -11,7 +11,7 @@ import damage
 from drcli.config.settings import catalogue
 from exploring import explore
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(0)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(0)]
 
 SHARE = 0.35
 """Of the time of the long form, for all files together."""

@@ -48,6 +48,7 @@ def dr(packages: Path, *words: str) -> tuple[int, str]:
     return done.returncode, done.stderr
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("command", ["tracks show reinvent_base", "validate"])
 def test_mujoco_after_an_upgrade_from_version_3_is_named_with_what_mends_it(environment, command):
     packages = environment("mujoco")
@@ -68,6 +69,7 @@ def test_mujoco_after_an_upgrade_from_version_3_is_named_with_what_mends_it(envi
     assert "Internal error" not in said
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("absent", "command", "words"),
     [

@@ -27,7 +27,7 @@ def orders(monkeypatch) -> list[WorkOrder]:
     return given
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_machine_is_measured_in_a_folder_without_settings_and_nothing_stays(
     working_folder, tmp_path_factory, monkeypatch, dr, capsys
 ):

@@ -2,11 +2,8 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from threading import Event
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 
@@ -14,10 +11,9 @@ from drcli.base.errors import Problem
 from drcli.checks.validate import Report, validate
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
-from drcli.rewards.sandbox.run_sandbox import SandboxRequest, SandboxResult
-from drcli.rewards.sandbox.sandbox_process import calls_of, try_function
 from drcli.rewards.try_inputs import try_inputs
 from memory_bucket import MemoryBucket
+from sandbox_here import SandboxHere
 
 REWARD = "def reward_function(params):\n    return float(params['speed'])\n"
 
@@ -80,38 +76,6 @@ class Folder:
         return [
             item for item in (*report.errors, *report.warnings, *report.notes) if item.rule == rule
         ]
-
-
-class SandboxHere:
-    """The sandbox in this process; `options` change its requests."""
-
-    options: ClassVar[dict[str, float]] = {}
-
-    def __init__(self, request: SandboxRequest, content: bytes | None, _directory: Path) -> None:
-        self._request = replace(request, **self.options)
-        self._content = content
-
-    def __enter__(self) -> "SandboxHere":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def result(self, _given_up: Event | None = None) -> SandboxResult:
-        calls = calls_of(self._request)
-        if self._content is None:
-            return SandboxResult(problems=calls.problems)
-        with TemporaryDirectory() as scratch:
-            file = Path(scratch, "reward_function.py")
-            file.write_bytes(self._content)
-            with Path(scratch, "faults.txt").open("w") as faults:
-                return try_function(self._request, file, calls, faults)
-
-
-@pytest.fixture
-def sandbox_here() -> type[SandboxHere]:
-    """The class of a sandbox that needs no process."""
-    return SandboxHere
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from drcli.rewards import check, live_check
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.reward_style import review_style
 from drcli.rewards.scripted_drive import drive
+from sandbox_here import SandboxHere
 
 
 def function(*lines: str, before: str = "") -> str:
@@ -38,9 +39,9 @@ def drive_once():
 
 
 @pytest.fixture
-def told(folder, sandbox_here, drive_once, monkeypatch, tmp_path):
+def told(folder, drive_once, monkeypatch, tmp_path):
     """The problems of a reward function by check: rule, severity, line, message and remedy."""
-    monkeypatch.setattr("drcli.rewards.course.Sandbox", sandbox_here)
+    monkeypatch.setattr("drcli.rewards.course.Sandbox", SandboxHere)
     monkeypatch.setattr("drcli.rewards.course._MOST_ALONG", 20)
     for module in (check, live_check):
         monkeypatch.setattr(module, "drive", drive_once)

@@ -57,6 +57,7 @@ def tried(settings, folder):
     return find
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("before", "body", "words"),
     [
@@ -74,6 +75,7 @@ def test_code_that_ends_or_breaks_its_process_is_named(tried, before, body, word
     assert words in found.message
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("before", "body"),
     [
@@ -86,6 +88,7 @@ def test_code_that_forks_or_floods_holds_nothing_up(tried, before, body):
     assert [problem for problem in tried(before, body) if problem.severity == "error"] == []
 
 
+@pytest.mark.nightly
 def test_files_of_the_working_folder_are_no_modules(tried, folder):
     (folder.path / "json.py").write_text("raise RuntimeError\n")
 
@@ -152,6 +155,7 @@ def test_the_first_call_is_the_first_of_an_episode(settings, try_here):
     assert found == []
 
 
+@pytest.mark.nightly
 def test_a_reward_function_may_import_all_that_the_console_allowed(tried):
     before = """
 import math

@@ -28,6 +28,7 @@ from drcli.model.model_store import ModelStore
 from drcli.transfer.download import download, plan_download
 from drcli.transfer.find_checkpoint import OwnModel
 from drcli.transfer.import_model import ImportOptions, copy_of_own, import_model, plan_import
+from droa_models import write_files
 from memory_bucket import MemoryBucket
 
 from .conftest import no_bar, put_model
@@ -71,15 +72,6 @@ def bundle():
 
 def described(**changes):
     return json.dumps({**METADATA, **changes}).encode()
-
-
-def lay(folder, files):
-    """Write files below a folder."""
-    for name, data in files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
-    return folder
 
 
 def pack(path, files):
@@ -143,7 +135,9 @@ def importer(working_folder, monkeypatch):
 
 @pytest.fixture
 def model(tmp_path):
-    return lay(tmp_path / "source", {"model_30.pb": graph(), "model_metadata.json": described()})
+    return write_files(
+        tmp_path / "source", {"model_30.pb": graph(), "model_metadata.json": described()}
+    )
 
 
 def test_a_frozen_graph_becomes_a_model_as_a_training_leaves_it(importer, model):
@@ -182,7 +176,7 @@ def test_the_same_import_again_changes_nothing(importer, model):
 
 
 def test_files_that_are_there_and_right_are_taken_along(importer, tmp_path):
-    source = lay(
+    source = write_files(
         tmp_path / "s",
         {
             **tensorflow(),
@@ -218,7 +212,7 @@ def test_files_that_are_there_and_right_are_taken_along(importer, tmp_path):
     ],
 )
 def test_a_file_that_is_wrong_is_replaced_and_said(importer, model, name, data, reason):
-    lay(model, {name: data})
+    write_files(model, {name: data})
 
     report = importer.run(model)
 
@@ -228,7 +222,7 @@ def test_a_file_that_is_wrong_is_replaced_and_said(importer, model, name, data, 
 
 
 def test_a_wrong_network_is_corrected_and_said(importer, model):
-    lay(model, {"model_metadata.json": described(neural_network=DEEP)})
+    write_files(model, {"model_metadata.json": described(neural_network=DEEP)})
 
     report = importer.run(model)
 
@@ -256,7 +250,7 @@ RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high"
 def test_metadata_of_another_model_are_refused_with_both_sides(
     importer, model, changes, theirs, ours
 ):
-    lay(model, {"model_metadata.json": described(**changes)})
+    write_files(model, {"model_metadata.json": described(**changes)})
 
     reason = importer.refused(model)
 
@@ -292,7 +286,7 @@ def test_metadata_named_after_the_file_count_more(importer, model, in_folder):
 def test_continuous_actions_of_a_graph_begin_with_a_spread_that_is_said(importer, tmp_path):
     spec = PolicySpec(2, True, COMPACT)
     metadata = described(action_space=RANGES, action_space_type="continuous")
-    source = lay(tmp_path / "s", {"model.pb": graph(spec), "model_metadata.json": metadata})
+    source = write_files(tmp_path / "s", {"model.pb": graph(spec), "model_metadata.json": metadata})
 
     report = importer.run(source)
 
@@ -302,7 +296,7 @@ def test_continuous_actions_of_a_graph_begin_with_a_spread_that_is_said(importer
 
 def test_a_frame_stack_is_taken_from_the_graph(importer, tmp_path):
     spec = replace(SPEC, stack=2)
-    source = lay(
+    source = write_files(
         tmp_path / "s",
         {
             "model.pb": encode_policy(model_weights(spec), spec, ["FRONT_FACING_CAMERA"]),
@@ -362,7 +356,7 @@ def test_a_crafted_archive_is_refused(importer, tmp_path, files, reason):
 
 @pytest.mark.parametrize("source", ["model/12_Step-7824.ckpt", "model/12_Step-7824.ckpt.index"])
 def test_a_checkpoint_may_be_named_by_any_of_its_files(importer, tmp_path, source):
-    lay(tmp_path / "s", {**tensorflow(), "reward_function.py": REWARD})
+    write_files(tmp_path / "s", {**tensorflow(), "reward_function.py": REWARD})
 
     report = importer.run(tmp_path / "s" / source)
 
@@ -373,7 +367,7 @@ def test_a_checkpoint_may_be_named_by_any_of_its_files(importer, tmp_path, sourc
 def test_damaged_checkpoints_are_refused(importer, tmp_path):
     files = tensorflow()
     stem = "model/12_Step-7824.ckpt"
-    source = lay(tmp_path / "s", files)
+    source = write_files(tmp_path / "s", files)
     data = source / f"{stem}.data-00000-of-00001"
     whole = data.read_bytes()
 
@@ -404,7 +398,9 @@ def several(tmp_path):
         "model/deepracer_checkpoints.json": index("3_Step-300.ckpt", "5_Step-500.ckpt"),
         "model/.coach_checkpoint": b"5_Step-500.ckpt",
     }
-    return lay(tmp_path / "s", {**graphs, **pointers, "model/model_metadata.json": described()})
+    return write_files(
+        tmp_path / "s", {**graphs, **pointers, "model/model_metadata.json": described()}
+    )
 
 
 def test_the_index_says_which_of_several_checkpoints_counts(importer, several):
@@ -488,7 +484,7 @@ def test_a_model_that_was_packed_on_a_mac_is_imported_as_any_other(importer, tmp
             archive.writestr(name, data)
     beside = {name.replace("__MACOSX/", ""): data for name, data in left.items()}
     packed = pack(tmp_path / "m.tar.gz", files | beside)
-    folder = lay(tmp_path / "folder", files | beside)
+    folder = write_files(tmp_path / "folder", files | beside)
 
     for number, source in enumerate((tmp_path / "m.zip", packed, folder / "m")):
         assert importer.run(source, f"new-{number}").checkpoint == "30_Step-0.ckpt"
@@ -573,7 +569,7 @@ def test_c_writes_the_racers_files(importer, model):
 
 
 def test_files_of_the_racer_that_would_replace_the_models_are_named(importer, model):
-    lay(importer.folder / "custom_files", {"hyperparameters.json": b"{}"})
+    write_files(importer.folder / "custom_files", {"hyperparameters.json": b"{}"})
 
     report = importer.run(model)
 

@@ -15,12 +15,16 @@ from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
 from drcli.transfer.export_forms import encode_training_checkpoint
+from droa_models import write_files
 
-from .test_import_model import Importer, lay
+from .test_import_model import Importer
 
 MODELS = Path("../shared/reference-models").resolve()
 
-pytestmark = pytest.mark.skipif(not MODELS.is_dir(), reason="the reference's model is not here")
+pytestmark = [
+    pytest.mark.nightly,
+    pytest.mark.skipif(not MODELS.is_dir(), reason="the reference's model is not here"),
+]
 
 
 @pytest.fixture
@@ -74,7 +78,7 @@ def test_the_same_actions_and_the_same_weights_bit_for_bit(importer, tmp_path):
         files = exported(form, found.record.name, model, design, found.tensors)
         files["model_metadata.json"] = design.files["model_metadata.json"]
 
-        report = importer.run(lay(tmp_path / form, files), form)
+        report = importer.run(write_files(tmp_path / form, files), form)
 
         _, again, _ = loaded(importer.here, form)
         same = weights_of(again)

@@ -5,6 +5,9 @@ import json
 import pytest
 from PIL import Image
 
+from drcli.rewards.sandbox.run_sandbox import Sandbox
+from sandbox_here import SandboxHere
+
 GOOD = """def reward_function(params):
     return params["speed"] ** 2 * params["all_wheels_on_track"]
 """
@@ -13,7 +16,8 @@ BAD = "def reward_function(params):\n    return params['sped']\n"
 
 @pytest.fixture
 def racer(working_folder, course, monkeypatch):
-    """A working folder whose drive has been driven already."""
+    """A working folder whose drive has been driven already, and whose sandbox is this process."""
+    monkeypatch.setattr("drcli.rewards.course.Sandbox", SandboxHere)
     for module in ("check", "pictures", "compare"):
         monkeypatch.setattr(f"drcli.rewards.{module}.drive", lambda settings: course.drive)
     (working_folder / "custom_files").mkdir()
@@ -21,7 +25,9 @@ def racer(working_folder, course, monkeypatch):
     return working_folder
 
 
-def test_a_check_tells_scripts_all_and_takes_the_racers_own_file(racer, dr, capsys):
+def test_a_check_tells_scripts_all_and_takes_the_racers_own_file(racer, dr, capsys, monkeypatch):
+    monkeypatch.setattr("drcli.rewards.course.Sandbox", Sandbox)
+
     code = dr("reward", "check", "--json")
 
     told = json.loads(capsys.readouterr().out.splitlines()[-1])

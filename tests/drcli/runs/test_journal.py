@@ -3,10 +3,10 @@
 import json
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
+from drcli.base.clock import wait_until
 from drcli.base.errors import StorageError
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -38,23 +38,16 @@ def bucket():
     return CountingBucket()
 
 
-def wait_for(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
 def test_urgent_events_are_written_at_once_and_others_later_together(bucket):
     journal = Journal("model", 1, "a")
     journal.note("start", "It starts.")
     journal.start(lambda: bucket)
-    wait_for(lambda: bucket.puts == 1)
+    assert wait_until(lambda: bucket.puts == 1, patience_s=10.0)
     for number in range(50):
         journal.note("fault", f"Fault {number}.")
 
     journal.note("notice", "The machine goes.", seconds_left=120)
-    wait_for(lambda: bucket.puts == 2)
+    assert wait_until(lambda: bucket.puts == 2, patience_s=10.0)
     journal.finish(5.0)
 
     assert bucket.puts == 2  # nothing was new at the end
@@ -96,7 +89,7 @@ def test_what_could_not_be_written_is_written_with_the_next_events(bucket, monke
     bucket.away = True
     journal = Journal("model", 1, "a", (JournalEntry(1.0, "start", "It starts."),))
     journal.start(lambda: bucket)
-    wait_for(lambda: bucket.puts >= 2)
+    assert wait_until(lambda: bucket.puts >= 2, patience_s=10.0)
     bucket.away = False
     journal.finish(5.0)
 

@@ -361,6 +361,7 @@ def test_a_full_disk_costs_lines_of_the_log_and_not_the_end(stage, monkeypatch):
     assert lease.holder(ModelStore(stage.bucket, "model")) is None
 
 
+@pytest.mark.nightly
 def test_a_worker_that_crashes_again_and_again_ends_the_run_and_names_the_fault(stage):
     crashes = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
     stage.scripts = {"trainer": [STAYS], "sim-0": [crashes] * 4}

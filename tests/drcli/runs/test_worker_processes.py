@@ -81,6 +81,7 @@ def _launch_evaluation(job: Job) -> None:
     evaluation.launch_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("launch", "name"), [(_launch_training, "supervisor"), (_launch_evaluation, "evaluation")]
 )
@@ -137,6 +138,7 @@ def test_an_evaluation_fails_as_its_worker_failed(job, started, failure, tmp_pat
     assert raised.value.remedy == "Start the bucket."
 
 
+@pytest.mark.nightly
 def test_an_evaluation_whose_worker_says_nothing_names_its_log(job, started):
     started("raise SystemExit(9)")
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import boto3
 import pytest
 from moto import mock_aws
-from moto.server import ThreadedMotoServer
 
+from amazon_server import amazon_server
 from drcli.bucket import endpoint
 from drcli.outside.aws.aws_account import Account
 
@@ -49,8 +49,5 @@ def amazon(shared_amazon: Account) -> Account:
 @pytest.fixture(scope="module")
 def moto_address() -> Iterator[str]:
     """Address of a server that plays Amazon."""
-    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    yield f"http://{host}:{port}"
-    server.stop()
+    with amazon_server() as address:
+        yield address

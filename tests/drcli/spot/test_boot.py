@@ -20,6 +20,8 @@ from drcli.outside.aws.racer_files import InstallSource
 from fake_amazon import client, machine_facts, make_group
 from fake_machine import FakeMachine
 
+pytestmark = pytest.mark.nightly
+
 KEYS = {"AccessKeyId": "ASIAMACHINE", "SecretAccessKey": "a-secret", "Token": "a-token"}
 WHEEL = InstallSource("", "drcli-9+local-py3-none-any.whl", b"a wheel")
 

@@ -70,6 +70,7 @@ def write_mark(amazon, stack, state: str, instance: str) -> None:
     amazon.bucket("models").put(key, mark.encode())
 
 
+@pytest.mark.nightly
 def test_a_stack_is_made_and_removed_and_only_the_model_stays(amazon, settings, wishes):
     plan = creation.prepare(amazon, settings, wishes, WHEEL)
     report = creation.carry_out(amazon, plan, pause=lambda seconds: None)

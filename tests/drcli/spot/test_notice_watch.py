@@ -2,12 +2,11 @@
 
 import logging
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from drcli.base.clock import wait_until
 from drcli.base.errors import SettingsError
 from drcli.outside.notices import notice_watch
 from drcli.outside.notices.metadata_service import MetadataSilent
@@ -41,13 +40,6 @@ class Source:
         return answer
 
 
-def wait_for(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
 @pytest.fixture
 def started():
     watches: list[NoticeWatch] = []
@@ -65,7 +57,7 @@ def started():
 def test_a_notice_is_seen(started):
     watch = started(Source([], [GOES]))
 
-    wait_for(watch.announced)
+    assert wait_until(watch.announced, patience_s=10.0)
 
     assert [one.notice for one in watch.announced()] == [GOES]
 
@@ -74,7 +66,7 @@ def test_a_notice_that_is_taken_back_is_forgotten(started):
     source = Source([GOES], [])
     watch = started(source)
 
-    wait_for(lambda: source.times > 2)
+    assert wait_until(lambda: source.times > 2, patience_s=10.0)
 
     assert watch.announced() == []
 
@@ -85,7 +77,7 @@ def test_a_silent_service_is_mentioned_once_and_asked_seldom(started, monkeypatc
     source = Source(MetadataSilent("It is silent.", remedy=""))
     with caplog.at_level("INFO", "watch"):
         started(source)
-        wait_for(lambda: source.times > 20)
+        assert wait_until(lambda: source.times > 20, patience_s=10.0)
 
     assert [record.getMessage() for record in caplog.records] == [
         "No notices from a cloud: It is silent."
@@ -97,7 +89,7 @@ def test_a_fault_of_ours_does_not_end_the_watch(started, monkeypatch):
 
     watch = started(Source(KeyError("odd"), KeyError("odd"), KeyError("odd"), [GOES]))
 
-    wait_for(watch.announced)
+    assert wait_until(watch.announced, patience_s=10.0)
 
 
 def test_time_runs_from_the_moment_of_reading():
@@ -121,7 +113,7 @@ def python(code: str) -> list[str]:
 def test_a_program_that_exits_with_0_is_a_notice(started, tmp_path):
     watch = started(None, python("print('soon'); print(45)"), tmp_path)
 
-    wait_for(watch.announced)
+    assert wait_until(watch.announced, patience_s=10.0)
 
     (one,) = watch.announced()
     assert (one.notice.source, one.notice.seconds_left) == ("command", 45.0)
@@ -134,7 +126,7 @@ def test_a_program_that_fails_is_started_again(started, tmp_path):
     )
     watch = started(None, python(counted), tmp_path)
 
-    wait_for(watch.announced)
+    assert wait_until(watch.announced, patience_s=10.0)
 
     assert (tmp_path / "n").read_text() == "xxx"
 
@@ -143,7 +135,7 @@ def test_a_program_that_does_not_exist_is_mentioned_once(started, tmp_path, monk
     monkeypatch.setattr(notice_watch, "_logger", logging.getLogger("watch"))
     with caplog.at_level("INFO", "watch"):
         watch = started(None, [str(tmp_path / "nothing")], tmp_path)
-        wait_for(lambda: caplog.records)
+        assert wait_until(lambda: caplog.records, patience_s=10.0)
         watch.stop()
 
     assert "DR_INTERRUPTION_COMMAND cannot be started" in caplog.records[0].getMessage()
@@ -154,12 +146,12 @@ def test_stopping_ends_the_program(started, tmp_path):
     code = "import os, time; open('pid', 'w').write(str(os.getpid())); time.sleep(60)"
     watch = started(None, python(code), tmp_path)
     path = tmp_path / "pid"
-    wait_for(lambda: path.exists() and path.read_text())
+    assert wait_until(lambda: path.exists() and path.read_text(), patience_s=10.0)
 
     watch.stop()
 
     pid = int(path.read_text())
-    wait_for(lambda: not Path(f"/proc/{pid}").exists())
+    assert wait_until(lambda: not Path(f"/proc/{pid}").exists(), patience_s=10.0)
     assert watch.announced() == []
 
 
@@ -168,7 +160,7 @@ def test_a_program_gets_no_secrets(started, tmp_path, monkeypatch):
     code = "import os; open('env', 'w').write(repr(dict(os.environ)))"
     watch = started(None, python(code), tmp_path)
 
-    wait_for(watch.announced)
+    assert wait_until(watch.announced, patience_s=10.0)
 
     assert "canary" not in (tmp_path / "env").read_text()
 

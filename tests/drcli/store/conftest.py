@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from moto.server import ThreadedMotoServer
 
+from amazon_server import amazon_server
 from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.server import server
@@ -20,11 +20,8 @@ def memory() -> MemoryBucket:
 
 @pytest.fixture(scope="session")
 def moto_endpoint() -> Iterator[Endpoint]:
-    moto = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    moto.start()
-    host, port = moto.get_host_and_port()
-    yield Endpoint(f"http://{host}:{port}", access_key="testing", secret_key="testing")
-    moto.stop()
+    with amazon_server() as address:
+        yield Endpoint(address, access_key="testing", secret_key="testing")
 
 
 @pytest.fixture

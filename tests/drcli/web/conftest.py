@@ -1,5 +1,6 @@
 """The console as pages and scripts meet it: its routes, a served console, and a browser."""
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,23 +11,48 @@ from starlette.testclient import TestClient
 
 from browser import headless_browser
 from drcli.web.console_app import build_app
+from drcli.web.served_folder import ServedFolder
+from home_races import Home, home_in
 from served_console import ServedConsole, served_console
 
 BASE = "http://127.0.0.1:8100"
 
 
 @pytest.fixture
-def client(working_folder: Path) -> Iterator[TestClient]:
+def folder(working_folder: Path) -> Path:
+    """The folder of the console; modules have others in its place."""
+    return working_folder
+
+
+@pytest.fixture
+def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder without a file, with nothing of this process's own settings."""
+    for name in [name for name in os.environ if name.startswith("DR_")]:
+        monkeypatch.delenv(name)
+    return tmp_path
+
+
+@pytest.fixture
+def home(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
+    """A working folder with models for races, on a bucket in memory."""
+    found = home_in(working_folder, monkeypatch)
+    monkeypatch.setattr("drcli.web.race_reader.open_running_bucket", lambda _: found.bucket)
+    monkeypatch.setattr(ServedFolder, "bucket", lambda *_: found.bucket)
+    return found
+
+
+@pytest.fixture
+def client(folder: Path) -> Iterator[TestClient]:
     """Requests of a page of the console; without the header Origin for others."""
-    app = build_app(working_folder, None)
+    app = build_app(folder, None)
     with TestClient(app, base_url=BASE, headers={"origin": BASE}) as client:
         yield client
 
 
 @pytest.fixture
-def served(working_folder: Path) -> Iterator[ServedConsole]:
-    """The console of a working folder, on a port of this machine."""
-    with served_console(working_folder) as console:
+def served(folder: Path) -> Iterator[ServedConsole]:
+    """The console of the folder, on a port of this machine."""
+    with served_console(folder) as console:
         yield console
 
 
@@ -50,8 +76,9 @@ class Visit:
         page.on("console", self._note)
 
     def _note(self, message: Any) -> None:
-        # A server that is away on purpose is no fault of the page.
-        if message.type == "error" and "ERR_CONNECTION" not in message.text:
+        # A server that is away on purpose, or that refuses an input, is no fault of the page.
+        expected = ("ERR_CONNECTION", "a status of 409", "a status of 422")
+        if message.type == "error" and not any(each in message.text for each in expected):
             self.problems.append(message.text)
 
 
@@ -64,7 +91,7 @@ def visit(browser: Any) -> Iterator[Callable[..., Visit]]:
         context = browser.new_context(
             color_scheme=theme, viewport={"width": width, "height": 900}, **options
         )
-        context.set_default_timeout(30_000)
+        context.set_default_timeout(60_000)
         visited = Visit(context.new_page())
         visits.append((visited, urlsplit(url).netloc))
         visited.page.goto(url)

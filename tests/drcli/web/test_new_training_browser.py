@@ -1,33 +1,17 @@
 """New training and settings in a browser."""
 
-import os
-import threading
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-import uvicorn
 
-from browser import headless_browser
 from drcli.config.new_folder import plan_folder, write
-from drcli.web.console_app import build_app
 
 WRONG = "def reward_function(params):\n    return 1.0 +\n"
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with headless_browser() as started:
-        yield started
-
-
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    for name in [name for name in os.environ if name.startswith("DR_")]:
-        monkeypatch.delenv(name)
-    return tmp_path
+def folder(empty_folder: Path) -> Path:
+    return empty_folder
 
 
 @pytest.fixture
@@ -38,58 +22,8 @@ def made(folder: Path) -> Path:
     return folder
 
 
-@pytest.fixture
-def address(folder: Path) -> Iterator[str]:
-    app = build_app(folder, None)
-    server = uvicorn.Server(_config(app))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    until(lambda: server.started)
-    yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
-    server.should_exit = True
-    thread.join()
-
-
-def _config(app: Any) -> uvicorn.Config:
-    return uvicorn.Config(
-        app, port=0, log_level="error", ws="websockets-sansio", timeout_graceful_shutdown=1
-    )
-
-
-@pytest.fixture
-def visit(chromium: Any, address: str) -> Iterator[Callable[..., Any]]:
-    """Opens a page of the console; no script may fail, and no request may leave."""
-    errors: list[str] = []
-    foreign: list[str] = []
-    contexts = []
-
-    def go(path: str, width: int = 1280) -> Any:
-        context = chromium.new_context(viewport={"width": width, "height": 900})
-        contexts.append(context)
-        page = context.new_page()
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on(
-            "request",
-            lambda request: request.url.startswith(address) or foreign.append(request.url),
-        )
-        page.goto(f"{address}/{path}")
-        return page
-
-    yield go
-    for context in contexts:
-        context.close()
-    assert (errors, foreign) == ([], [])
-
-
-def until(holds: Callable[[], Any]) -> None:
-    end_s = time.monotonic() + 30.0
-    while not holds():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
-
-
-def test_an_empty_folder_becomes_a_working_folder_and_the_page_goes_on(visit, folder):
-    page = visit("#/new", width=360)
+def test_an_empty_folder_becomes_a_working_folder_and_the_page_goes_on(served, visit, folder):
+    page = visit(f"{served.url}/#/new", width=360).page
     page.get_by_label("Name of the first model").fill("mine")
     page.get_by_role("button", name="Create the working folder").click()
 
@@ -102,8 +36,8 @@ def test_an_empty_folder_becomes_a_working_folder_and_the_page_goes_on(visit, fo
     assert page.evaluate(unnamed) == 0
 
 
-def test_steps_are_checked_while_they_are_edited_and_saved_by_themselves(visit, made):
-    page = visit("#/new")
+def test_steps_are_checked_while_they_are_edited_and_saved_by_themselves(served, visit, made):
+    page = visit(f"{served.url}/#/new").page
     model, race, actions = (page.locator(f"#step-{name}") for name in ("model", "race", "actions"))
     name = model.get_by_label("Name of the model")
     name.fill("not good")
@@ -130,8 +64,8 @@ def test_steps_are_checked_while_they_are_edited_and_saved_by_themselves(visit, 
     assert '"speed": 0.75' in (made / "custom_files" / "model_metadata.json").read_text()
 
 
-def test_the_editor_marks_lines_and_is_left_by_the_keyboard(visit, made):
-    page = visit("#/new")
+def test_the_editor_marks_lines_and_is_left_by_the_keyboard(served, visit, made):
+    page = visit(f"{served.url}/#/new").page
     editor = page.get_by_label("Reward function", exact=True)
     page.locator("#step-reward .problems .link").click()
 
@@ -147,8 +81,8 @@ def test_the_editor_marks_lines_and_is_left_by_the_keyboard(visit, made):
     assert page.evaluate("document.activeElement.tagName") != "TEXTAREA"
 
 
-def test_both_versions_are_shown_when_a_file_has_changed_on_the_disk(visit, made):
-    page = visit("#/new")
+def test_both_versions_are_shown_when_a_file_has_changed_on_the_disk(served, visit, made):
+    page = visit(f"{served.url}/#/new").page
     step = page.locator("#step-reward")
     step.get_by_label("Reward function", exact=True).fill("# mine\n" + WRONG)
     (made / "custom_files" / "reward_function.py").write_text("# theirs\n" + WRONG)
@@ -162,8 +96,8 @@ def test_both_versions_are_shown_when_a_file_has_changed_on_the_disk(visit, made
     assert (made / "custom_files" / "reward_function.py").read_text().startswith("# mine")
 
 
-def test_a_setting_is_found_changed_and_saved(visit, made):
-    page = visit("#/settings")
+def test_a_setting_is_found_changed_and_saved(served, visit, made):
+    page = visit(f"{served.url}/#/settings").page
     page.get_by_label("Search settings").fill("stall")
     field = page.get_by_label("DR_STALL_MINUTES")
     field.fill("soon")

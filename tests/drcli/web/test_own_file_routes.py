@@ -1,8 +1,6 @@
 """Hyperparameters, actions and reward function on the page."""
 
 import json
-import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,23 +9,12 @@ from starlette.testclient import TestClient
 
 from drcli.config.new_folder import plan_folder, write
 from drcli.model.files.hyperparameters import KEYS
-from drcli.web.console_app import build_app
-
-PAGE = "http://127.0.0.1:8100"
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    for name in [name for name in os.environ if name.startswith("DR_")]:
-        monkeypatch.delenv(name)
-    write(plan_folder(tmp_path, {}))
-    return tmp_path
-
-
-@pytest.fixture
-def client(folder: Path) -> Iterator[TestClient]:
-    with TestClient(build_app(folder, None), base_url=PAGE, headers={"origin": PAGE}) as client:
-        yield client
+def folder(empty_folder: Path) -> Path:
+    write(plan_folder(empty_folder, {}))
+    return empty_folder
 
 
 def put(client: TestClient, path: str, body: dict[str, Any]) -> Any:

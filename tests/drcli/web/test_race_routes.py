@@ -1,7 +1,6 @@
 """Races as the page asks for them: the same functions as `dr-race`, with the same refusals."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,26 +11,14 @@ from starlette.testclient import TestClient
 from drcli.model import race_keys
 from drcli.races.race_records import DrivenCar, RaceResult
 from drcli.races.stored_race import put, read_race
-from drcli.web.console_app import build_app
-from drcli.web.served_folder import ServedFolder
-from home_races import RACE, Home, home_in, lap
+from home_races import RACE, Home, lap
 
 BASE = "http://127.0.0.1:8100"
 
 
 @pytest.fixture
-def home(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
-    found = home_in(working_folder, monkeypatch)
-    monkeypatch.setattr("drcli.web.race_reader.open_running_bucket", lambda _: found.bucket)
-    monkeypatch.setattr(ServedFolder, "bucket", lambda *_: found.bucket)
-    return found
-
-
-@pytest.fixture
-def client(home: Home) -> Iterator[TestClient]:
-    app = build_app(home.folder, None)
-    with TestClient(app, base_url=BASE, headers={"origin": BASE}) as client:
-        yield client
+def folder(home: Home) -> Path:
+    return home.folder
 
 
 def post(client: TestClient, path: str, **body: Any) -> Any:

@@ -1,7 +1,5 @@
 """Settings on the page: forms, changes, conflicts and new folders."""
 
-import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,22 +12,11 @@ from drcli.config.loading import load_settings
 from drcli.config.new_folder import plan_folder, write
 from drcli.model.model_prefix import newest_checkpoint
 from drcli.model.model_store import ModelStore
-from drcli.web.console_app import build_app
-
-PAGE = "http://127.0.0.1:8100"
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    for name in [name for name in os.environ if name.startswith("DR_")]:
-        monkeypatch.delenv(name)
-    return tmp_path
-
-
-@pytest.fixture
-def client(folder: Path) -> Iterator[TestClient]:
-    with TestClient(build_app(folder, None), base_url=PAGE, headers={"origin": PAGE}) as client:
-        yield client
+def folder(empty_folder: Path) -> Path:
+    return empty_folder
 
 
 @pytest.fixture

@@ -1,30 +1,16 @@
 """Check and start of a training on the page."""
 
-import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from starlette.testclient import TestClient
 
 from drcli.config.new_folder import plan_folder, write
-from drcli.web.console_app import build_app
-
-PAGE = "http://127.0.0.1:8100"
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    for name in [name for name in os.environ if name.startswith("DR_")]:
-        monkeypatch.delenv(name)
-    write(plan_folder(tmp_path, {"DR_LOCAL_S3_MODEL_PREFIX": "mine"}))
-    return tmp_path
-
-
-@pytest.fixture
-def client(folder: Path) -> Iterator[TestClient]:
-    with TestClient(build_app(folder, None), base_url=PAGE, headers={"origin": PAGE}) as client:
-        yield client
+def folder(empty_folder: Path) -> Path:
+    write(plan_folder(empty_folder, {"DR_LOCAL_S3_MODEL_PREFIX": "mine"}))
+    return empty_folder
 
 
 def test_before_the_first_start_the_name_is_free(client):

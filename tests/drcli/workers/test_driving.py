@@ -115,6 +115,7 @@ POLICIES = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", POLICIES)
 def test_an_episode_is_the_same_bit_by_bit_beside_any_number_of_cars(name):
     """A lap depends on its start and its seed; so do trainings, whatever the clock lets run."""

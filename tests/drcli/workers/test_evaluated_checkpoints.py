@@ -12,6 +12,8 @@ from drcli.train import sim
 from drcli.train.sim import SimWorker
 from training_in_memory import PREFIX, TrainingInMemory
 
+pytestmark = pytest.mark.nightly
+
 ITERATIONS = 4
 
 

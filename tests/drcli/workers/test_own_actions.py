@@ -111,6 +111,7 @@ def test_a_trainer_that_was_cut_off_after_its_checkpoint_gives_the_model_its_fil
     assert training.bucket.get(keys.reward_function(PREFIX)) == REWARD.encode()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("iterations", [1, 6])
 def test_on_another_track_the_best_stays_without_its_score_until_another_is_evaluated(
     training, iterations

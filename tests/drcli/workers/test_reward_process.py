@@ -20,6 +20,8 @@ from drcli.drive.reward_client import RewardProcess
 from drcli.rewards.source import stuck_place
 from drsim.errors import RewardError
 
+pytestmark = pytest.mark.nightly
+
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux only")
 
 WAYPOINTS = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]

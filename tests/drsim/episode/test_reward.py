@@ -222,6 +222,7 @@ def test_an_endless_loop_is_cut_by_the_deadline(write, loop):
     assert caught.value.file == path
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "text",
     [
@@ -353,6 +354,7 @@ def called_elsewhere(path: Path) -> "subprocess.CompletedProcess[str]":
     )
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("text", "what"),
     [
@@ -373,6 +375,7 @@ def test_a_loop_that_swallows_its_deadline_ends_the_process_with_a_sentence(writ
     assert what in done.stdout
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "text",
     [

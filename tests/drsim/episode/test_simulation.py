@@ -5,13 +5,12 @@ import pytest
 
 import drsim
 from drsim.episode.episode_rules import EpisodeRules, Status
-from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
 from drsim.errors import RewardError
-from drsim.sensing.scene import build_scene
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
+from simulations import simulations
 
 KEYS_AND_TYPES = {
     "all_wheels_on_track": bool,
@@ -52,20 +51,8 @@ def track() -> Track:
 @pytest.fixture(scope="module")
 def simulate(track):
     """Build simulations of one track that share its scene."""
-    scene = build_scene(track)
-    built = []
-
-    def simulate(num_cars: int = 1, reward_function=centre_line_reward, **options) -> Simulation:
-        built.append(
-            Simulation(
-                track, num_cars=num_cars, reward_function=reward_function, scene=scene, **options
-            )
-        )
-        return built[-1]
-
-    yield simulate
-    for simulation in built:
-        simulation.close()
+    with simulations(track) as simulate:
+        yield simulate
 
 
 def towards_the_line(track: Track, row: StepResult) -> np.ndarray:

@@ -101,6 +101,7 @@ def test_the_other_half_of_the_reference_drives_ends_within_the_bar():
     assert found.bicycle_median_yaw_deg == pytest.approx(28.0, abs=3.0)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("car", "run", "bar_m", "bar_deg"),
     [

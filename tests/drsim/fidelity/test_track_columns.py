@@ -11,6 +11,8 @@ from drsim.fidelity.recordings import load_recordings
 from drsim.fidelity.track_columns import all_wheels_on, compare_track_columns
 from drsim.track.worlds import load_track
 
+pytestmark = pytest.mark.nightly
+
 SHARED = Path(__file__).resolve().parents[4] / "shared"
 
 RUNS = [("drfc-time-trial", "reinvent_base"), ("simapp6-continuous", "reInvent2019_wide_cw")]

@@ -12,6 +12,8 @@ from drcli.convert.frozen_graph import policy_nodes
 from drcli.convert.onnx_graph import encode_onnx
 from small_policies import metadata_json, small_metadata, small_network
 
+pytestmark = pytest.mark.nightly
+
 EXAMPLES = Path(__file__).resolve().parents[3] / "scripts" / "examples"
 
 

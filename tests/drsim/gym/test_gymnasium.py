@@ -64,6 +64,7 @@ def _check(env: RacerEnv) -> None:
     env.close()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", registration.ENVIRONMENTS)
 def test_every_id_passes_gymnasiums_own_checks_without_a_warning(name, oval):
     env = gym.make(name, world=oval, render_mode="rgb_array")
@@ -398,6 +399,7 @@ DIFFERENT = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
 @pytest.mark.parametrize("arguments", [{}, DIFFERENT, {"race": "head_to_bot"}])
 def test_a_copy_made_in_the_middle_of_an_episode_goes_on_like_its_original(oval, arguments, copied):
@@ -447,6 +449,7 @@ def test_a_copy_costs_no_second_picture_of_the_world_and_compiles_nothing_again(
     env.close()
 
 
+@pytest.mark.nightly
 def test_environments_work_in_processes_of_their_own_that_are_started_afresh(oval):
     plain, spare = RacerEnv(oval), RacerEnv(oval)
     envs = gym.vector.AsyncVectorEnv(

@@ -12,6 +12,7 @@ from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.sensing.scene import build_scene
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
+from simulations import simulations
 
 AHEAD_M = 0.5
 NOSE_M = 0.14
@@ -36,20 +37,8 @@ LENGTH_M = RING.length_m
 @pytest.fixture(scope="module")
 def simulate():
     """Build simulations of the ring that share its scene."""
-    scene = build_scene(RING)
-    built = []
-
-    def simulate(num_cars: int = 1, reward_function=centre_line_reward, **options) -> Simulation:
-        built.append(
-            Simulation(
-                RING, num_cars=num_cars, reward_function=reward_function, scene=scene, **options
-            )
-        )
-        return built[-1]
-
-    yield simulate
-    for simulation in built:
-        simulation.close()
+    with simulations(RING) as simulate:
+        yield simulate
 
 
 def box_at(*places: tuple[float, float], **rules) -> Race:
@@ -367,6 +356,7 @@ def record(simulation: Simulation, steps: int, again=(), watched=slice(None)) ->
     return kept
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("race", RACES.values(), ids=RACES)
 def test_a_drive_is_the_same_bit_by_bit_beside_other_cars_and_on_more_threads(
     simulate, race
@@ -463,6 +453,7 @@ def turn_round(step: int, row: StepResult) -> np.ndarray:
     return circle(step, row) if step < 15 else steered(row, track=WIDE.reversed())
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("race", RACES.values(), ids=RACES)
 @pytest.mark.parametrize(
     ("steering", "speed_mps", "end"),

@@ -15,6 +15,7 @@ import pytest
 COMPARISON = Path(__file__).with_name("compare_cuda_frames.py")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("case", ["usual", "light", "lost", "renderer"])
 def test_frames_differ_by_one_grey_at_most(case):
     found = compare(case, simulated=True)

@@ -8,12 +8,11 @@ import pytest
 from drsim.car.camera_mount import EYES_APART_M, FRONT
 from drsim.car.conditions import Conditions
 from drsim.car.realism import Realism
-from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.race.race import BotRules, ObstacleRules, Race
-from drsim.sensing.scene import build_scene
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
+from simulations import simulations
 
 LENS_M = FRONT.mount_m[0]
 
@@ -31,20 +30,8 @@ ROAD = straight()
 @pytest.fixture(scope="module")
 def simulate():
     """Build simulations of the straight road that share its scene."""
-    scene = build_scene(ROAD)
-    built = []
-
-    def simulate(num_cars: int = 1, **options) -> Simulation:
-        built.append(
-            Simulation(
-                ROAD, num_cars=num_cars, reward_function=centre_line_reward, scene=scene, **options
-            )
-        )
-        return built[-1]
-
-    yield simulate
-    for simulation in built:
-        simulation.close()
+    with simulations(ROAD) as simulate:
+        yield simulate
 
 
 def frames_at(simulation: Simulation, start: float = 0.1, seeds=None) -> np.ndarray:

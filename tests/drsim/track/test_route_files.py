@@ -15,19 +15,9 @@ from drsim.sensing.scene import build_scene
 from drsim.track.route_files import read_route, write_route
 from drsim.track.track import Track
 from drsim.track.worlds import known_worlds, load_track
+from square_route import saved, square_rows
 
 SQUARE = "0,0\n6,0\n6,6\n0,6\n0,0\n"
-
-
-def square_rows() -> np.ndarray:
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]], dtype=np.float64)
-    return np.concatenate([2 * corners, corners, 3 * corners], axis=1)
-
-
-def saved(folder: Path, rows: np.ndarray, name: str = "mine") -> str:
-    file = folder / f"{name}.npy"
-    np.save(file, rows)
-    return str(file)
 
 
 def read(path: str) -> Track:

@@ -8,23 +8,13 @@ import shapely
 
 from drsim.errors import TrackError
 from drsim.track.worlds import describe, directed, known_worlds, load_track
+from square_route import saved, square_rows
 
 ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
 
 needs_routes = pytest.mark.skipif(
     not ROUTES.is_dir(), reason="there is no folder of reference routes beside the repository"
 )
-
-
-def square_rows() -> np.ndarray:
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]], dtype=np.float64)
-    return np.concatenate([2 * corners, corners, 3 * corners], axis=1)
-
-
-def saved(folder: Path, rows: np.ndarray, name: str = "mine") -> str:
-    file = folder / f"{name}.npy"
-    np.save(file, rows)
-    return str(file)
 
 
 def test_a_route_file_is_loaded_by_its_path(tmp_path):

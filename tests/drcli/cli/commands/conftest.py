@@ -182,6 +182,10 @@ class PaperRun:
 
     def __init__(self, folder: Path, before: RunReport) -> None:
         self.folder = folder
+        self.reset(before)
+
+    def reset(self, before: RunReport) -> None:
+        """Forget what was asked, with this run to be seen before anything starts."""
         self.before = before
         self.looks: list[RunReport | BaseException] = []
         self.between: Callable[[], object] | None = None
@@ -268,21 +272,29 @@ def paper_reports(
     evaluation_report: EvaluationReport,
     make_report: Callable[..., RunReport],
     monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Reports with long names in place of what takes servers, time or a model."""
-    run.before = make_report("running", 12, prefix=MODEL)
-    run.looks = [make_report("finished", 12, prefix=MODEL)]
-    monkeypatch.setattr("drcli.run.evaluation.evaluate", lambda *_, **__: evaluation_report)
-    _lay_down(run.folder, monkeypatch)
-    joined = JoinReport(f"s3://bucket/{MODEL}", "The training is complete.", 0, took_over=False)
-    monkeypatch.setattr("drcli.run.join_training.join_training", lambda *_, **__: joined)
-    _lay_down_sweep(run.folder, monkeypatch)
-    report = run.folder / "report.html"
-    report.touch()
-    monkeypatch.setattr("drcli.transfer.report_place.report_file", lambda *_: report)
-    _lay_down_evaluations(monkeypatch)
-    _lay_down_video(monkeypatch)
-    _lay_down_droa(run.folder, monkeypatch)
+) -> Callable[[], None]:
+    """Reports with long names in place of what takes servers, time or a model.
+
+    To call it lays them down anew, for the next command that changes them.
+    """
+
+    def lay_down() -> None:
+        run.reset(make_report("running", 12, prefix=MODEL))
+        run.looks = [make_report("finished", 12, prefix=MODEL)]
+        monkeypatch.setattr("drcli.run.evaluation.evaluate", lambda *_, **__: evaluation_report)
+        _lay_down(run.folder, monkeypatch)
+        joined = JoinReport(f"s3://bucket/{MODEL}", "The training is complete.", 0, took_over=False)
+        monkeypatch.setattr("drcli.run.join_training.join_training", lambda *_, **__: joined)
+        _lay_down_sweep(run.folder, monkeypatch)
+        report = run.folder / "report.html"
+        report.touch()
+        monkeypatch.setattr("drcli.transfer.report_place.report_file", lambda *_: report)
+        _lay_down_evaluations(monkeypatch)
+        _lay_down_video(monkeypatch)
+        _lay_down_droa(run.folder, monkeypatch)
+
+    lay_down()
+    return lay_down
 
 
 def _lay_down_sweep(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,8 +5,8 @@ import os
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from moto.server import ThreadedMotoServer
 
+from amazon_server import amazon_server
 from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.checks.doctor import bucket_health, diagnose, libraries, surroundings
@@ -25,11 +25,8 @@ def nothing_takes_long(monkeypatch):
 
 @pytest.fixture(scope="module")
 def moto():
-    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    yield f"http://{host}:{port}"
-    server.stop()
+    with amazon_server() as address:
+        yield address
 
 
 @pytest.fixture

@@ -2,7 +2,10 @@
 
 import io
 import json
+import shutil
 import sys
+from collections.abc import Mapping
+from pathlib import Path
 
 import pytest
 import typer.main
@@ -200,10 +203,13 @@ class Terminal(io.StringIO):
 
 
 @pytest.fixture
-def printed(paper_reports, dr, monkeypatch):
+def printed(paper_reports, working_folder, dr, monkeypatch):
     """Lines that a command prints on a terminal of so many columns; None stands for a pipe."""
+    files = {path: path.read_bytes() for path in working_folder.iterdir()}
 
     def lines(words: str, columns: int | None) -> list[str]:
+        _restore(working_folder, files)
+        paper_reports()
         terminal = Terminal(attached=columns is not None)
         monkeypatch.setenv("COLUMNS", str(columns or 40))
         with monkeypatch.context() as patch:
@@ -233,6 +239,14 @@ def environment(monkeypatch):
     return put
 
 
+def _restore(folder: Path, files: Mapping[Path, bytes]) -> None:
+    """Undo what the last command has done in a folder."""
+    for path in folder.iterdir():
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    for path, data in files.items():
+        path.write_bytes(data)
+
+
 def is_variant(words: str, name: str) -> bool:
     """Whether words call a variant: its command, and somewhere its option."""
     group, _, option = name.rpartition(" ")
@@ -241,16 +255,24 @@ def is_variant(words: str, name: str) -> bool:
     )
 
 
-@pytest.mark.parametrize("columns", WIDTHS)
 @pytest.mark.parametrize("words", CALLS)
-def test_no_line_is_wider_than_the_terminal_nor_cut_nor_ends_in_a_blank(printed, words, columns):
-    lines = printed(words, columns)
+def test_a_report_fits_every_terminal_and_has_no_colours_where_there_are_none(
+    printed, environment, capfd, words
+):
+    for columns in WIDTHS:
+        lines = printed(words, columns)
 
-    if words not in ADDRESSES:  # an address in two pieces cannot be pasted
-        assert [line for line in lines if cell_len(line) > columns] == []
-    assert [line for line in lines if line != line.rstrip()] == []
-    assert [line for line in lines if "\N{HORIZONTAL ELLIPSIS}" in line] == []
-    assert CALLS[words] in " ".join(lines)
+        if words not in ADDRESSES:  # an address in two pieces cannot be pasted
+            assert [line for line in lines if cell_len(line) > columns] == [], columns
+        assert [line for line in lines if line != line.rstrip()] == [], columns
+        assert [line for line in lines if "\N{HORIZONTAL ELLIPSIS}" in line] == [], columns
+        assert CALLS[words] in " ".join(lines), columns
+    for variable in ("NO_COLOR=1", "TERM=dumb"):
+        environment(variable)
+
+        lines = printed(words, 80)
+
+        assert "\x1b" not in "".join(lines) + capfd.readouterr().err, variable
 
 
 @pytest.mark.parametrize("words", ["list-models", "tracks list", "config show", "url", "summary"])
@@ -274,18 +296,6 @@ def test_a_narrow_terminal_gets_every_letter_of_a_name(printed, words):
 
     name = TRACK if words == "tracks list" else MODEL
     assert name in "".join(line.strip() for line in lines)
-
-
-@pytest.mark.parametrize("words", CALLS)
-@pytest.mark.parametrize("variable", ["NO_COLOR=1", "TERM=dumb"])
-def test_a_terminal_without_colours_gets_no_escape_sequence(
-    printed, environment, capfd, words, variable
-):
-    environment(variable)
-
-    lines = printed(words, 80)
-
-    assert "\x1b" not in "".join(lines) + capfd.readouterr().err
 
 
 def test_another_terminal_gets_colours(printed, environment):

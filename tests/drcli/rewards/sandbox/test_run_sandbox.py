@@ -8,6 +8,8 @@ import pytest
 
 from drcli.rewards.sandbox.run_sandbox import Sandbox
 
+pytestmark = pytest.mark.nightly
+
 ENDS = "import os\ndef reward_function(params):\n    os._exit(3)\n"
 CRASHES = "import ctypes\ndef reward_function(params):\n    return ctypes.string_at(0)\n"
 HANGS = "def reward_function(params):\n    while True:\n        pass\n"

@@ -10,6 +10,8 @@ from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.sandbox.run_sandbox import Sandbox, SandboxRequest, SandboxResult
 
+pytestmark = pytest.mark.nightly
+
 SET_ELSEWHERE = """import math
 def reward_function(params):
     gained = params["progress"] - getattr(math, "last_progress", 0.0)
