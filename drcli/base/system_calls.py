@@ -11,6 +11,7 @@ import os
 import select
 import signal
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
@@ -29,6 +30,12 @@ except ImportError:  # Windows
 _DESCRIPTORS = (Path("/proc/self/fd"), Path("/dev/fd"))
 _END_WITH_PARENT, _ADOPT_ORPHANS = 1, 36
 """Source: linux/prctl.h."""
+
+_SOONER = 50
+"""As if the process had 5 % more of the memory: see proc_pid_oom_score_adj(5)."""
+
+_ARG_START = 45
+"""Place, after the name, of the address of the command line in /proc/self/stat."""
 
 Limit = Literal["open_files", "processes", "memory", "file_size"]
 
@@ -149,9 +156,9 @@ def name_place(path: Path) -> int:
     return os.open(path, getattr(os, "O_PATH", os.O_RDONLY) | os.O_CLOEXEC)
 
 
-def adopt_orphans() -> None:
-    """Become the parent of descendants whose own parent has ended; Linux only."""
-    _control_process(_ADOPT_ORPHANS, 1)
+def adopt_orphans(adopts: bool = True) -> None:
+    """Become the parent of descendants whose own parent has ended, or no longer; Linux only."""
+    _control_process(_ADOPT_ORPHANS, int(adopts))
 
 
 def end_with_parent() -> None:
@@ -164,6 +171,28 @@ def _control_process(what: int, value: int) -> None:
         import ctypes  # loaded here: not every Python has it
 
         ctypes.CDLL(None).prctl(what, value, 0, 0, 0)
+
+
+def end_before_others() -> None:
+    """Let the system end this process earlier than others if memory runs out; Linux only."""
+    with suppress(OSError, ValueError):
+        path = Path("/proc/self/oom_score_adj")
+        path.write_text(str(min(int(path.read_text()) + _SOONER, 1000)))
+
+
+def rename_process(words: Sequence[str]) -> None:
+    """Let `ps` show these words as the command line after the program, as far as there is room.
+
+    Linux only: elsewhere, the process keeps the name that it was started with.
+    """
+    with suppress(OSError, ValueError, AttributeError):
+        import ctypes
+
+        status = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+        begin, end = int(status[_ARG_START]), int(status[_ARG_START + 1])
+        program = Path("/proc/self/cmdline").read_bytes().partition(b"\0")[0]
+        line = b"\0".join([program, *map(os.fsencode, words)])[: end - begin - 1]
+        ctypes.memmove(begin, line.ljust(end - begin, b"\0"), end - begin)
 
 
 class ExitWait:

@@ -1,5 +1,6 @@
 """The address of an S3 server, with keys and their settings."""
 
+import os
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ from drcli.config.run_config import Engine
 
 if TYPE_CHECKING:
     from boto3.session import Session
+    from botocore.loaders import Loader
     from botocore.session import Session as CoreSession
 
 
@@ -99,6 +101,31 @@ def session_of(profile: str | None, setting: str) -> "Session":
     return Session(botocore_session=_profile_session(profile, setting))
 
 
+def get_ready() -> None:
+    """Load the AWS library and its description of S3; looks for no keys, and sends no request."""
+    from botocore.session import Session
+
+    session = Session()
+    for files in ("config_file", "credentials_file"):
+        session.set_config_variable(files, os.devnull)
+    session.register_component("data_loader", _loader(None))
+    session.create_client(
+        "s3",
+        "us-east-1",
+        endpoint_url="http://localhost",
+        aws_access_key_id="none",
+        aws_secret_access_key="none",
+    )
+
+
+@cache
+def _loader(path: str | None) -> "Loader":
+    """Reads the description of S3, once for all sessions."""
+    from botocore.loaders import create_loader
+
+    return create_loader(path)
+
+
 _used: list[object] = []
 
 
@@ -162,6 +189,7 @@ def _profile_session(profile: str | None, setting: str) -> "CoreSession":
             f"The AWS files cannot be used ({setting} is '{profile or ''}'): {e}.",
             remedy="Correct ~/.aws/config and ~/.aws/credentials.",
         ) from e
+    session.register_component("data_loader", _loader(session.get_config_variable("data_path")))
     return session
 
 

@@ -58,6 +58,18 @@ LOG_ENCODING = {"PYTHONIOENCODING": "utf-8:backslashreplace"}
 """No print of a reward function can end a worker."""
 
 
+def environment(threads: int) -> dict[str, str]:
+    """The environment of worker processes, without secrets; `threads` is DR_THREADS, 0 for any.
+
+    If this process has secrets, it is hidden from now on.
+    """
+    if secret_environment.all_secrets():
+        secret_environment.hide_process()
+    plain, _ = secret_environment.split(os.environ)
+    limits = dict.fromkeys(THREAD_VARIABLES, str(threads)) if threads else {}
+    return {**PROCESS_TUNING, **plain, **limits, **LOG_ENCODING}
+
+
 @dataclass(frozen=True)
 class Job:
     """One start of a training or an evaluation.
@@ -137,29 +149,25 @@ class Job:
         Raises:
             ValueError: The process could not read a number; nothing is started.
         """
-        plain, _ = secret_environment.split(os.environ)
-        secrets = secret_environment.all_secrets()
-        if secrets:
-            secret_environment.hide_process()
-        limits = dict.fromkeys(THREAD_VARIABLES, str(self.config.train.threads))
-        limits = limits if self.config.train.threads else {}
-        options["env"] = {
-            **PROCESS_TUNING,
-            **plain,
-            **limits,
-            **LOG_ENCODING,
-            **options.get("env", {}),
-        }
-        secrets = secrets if with_secrets else {}
-        job = self if private else self.without_addresses()
-        sent = {"version": VERSION, "job": asdict(job), "secrets": secrets}
-        data = json.dumps(sent, default=json_default, allow_nan=False).encode()
+        options["env"] = environment(self.config.train.threads) | options.get("env", {})
+        data = self.sent(with_secrets=with_secrets, private=private)
         process = subprocess.Popen(command, stdin=subprocess.PIPE, **options)
         assert process.stdin is not None
         with suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended already
             pipe.write(data)
         process.stdin = None
         return process
+
+    def sent(self, *, with_secrets: bool = False, private: bool = False) -> bytes:
+        """What a process reads with `Job.received`; the arguments are those of `spawn`.
+
+        Raises:
+            ValueError: The job has a number that the process could not read.
+        """
+        secrets = secret_environment.all_secrets() if with_secrets else {}
+        job = self if private else self.without_addresses()
+        sent = {"version": VERSION, "job": asdict(job), "secrets": secrets}
+        return json.dumps(sent, default=json_default, allow_nan=False).encode()
 
     def without_addresses(self) -> "Job":
         """For processes that may run the racer's code."""

@@ -3,7 +3,6 @@
 import logging
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from drcli.base import errors
 from drcli.base.clock import wait_until
+from drcli.base.early_process import ChildProcess
 from drcli.base.errors import (
     DrError,
     NotAvailable,
@@ -321,7 +321,7 @@ def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
     ).write(plan.job.folder)
 
 
-def _end(plan: EvaluationPlan, process: subprocess.Popen[bytes]) -> None:
+def _end(plan: EvaluationPlan, process: ChildProcess) -> None:
     """Results of a killed worker may be incomplete and are deleted."""
     if not end_process(process, EXIT_S):
         with suppress(StorageError):

@@ -5,7 +5,6 @@ import os
 import re
 import shlex
 import shutil
-import subprocess
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -13,6 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
+from drcli.base.early_process import ChildProcess
 from drcli.base.errors import BadValue, DrError, Place, ProblemsError, SettingsError
 from drcli.base.files import load_record
 from drcli.base.installation import installation_error
@@ -371,7 +371,7 @@ def _drive(plan: ManyPlan, on_progress: Callable[[str], None]) -> None:
 
 def _work(plan: ManyPlan, names: Sequence[str], on_progress: Callable[[str], None]) -> None:
     job = plan.job
-    processes: list[subprocess.Popen[bytes]] = []
+    processes: list[ChildProcess] = []
     said: set[int] = set()
     try:
         for share, name in enumerate(names):

@@ -3,6 +3,7 @@
 import os
 import time
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from drcli.base import errors
 from drcli.base.clock import wait_until
@@ -27,7 +28,6 @@ from drcli.run.end_of_training import EndCommand, EndOfTraining
 from drcli.run.interruption_watch import InterruptionWatch, Renewal
 from drcli.run.join_check import JoinOffer
 from drcli.run.log_sender import CloudWatchLogs
-from drcli.run.plan import EndWorkPlan, RunPlan
 from drcli.run.record_keeping import RecordKeeping
 from drcli.run.run_messages import Messages
 from drcli.run.supervisor import Supervisor
@@ -41,6 +41,9 @@ from drcli.run.worker_processes import (
     log_bytes,
     start_process,
 )
+
+if TYPE_CHECKING:
+    from drcli.run.plan import EndWorkPlan, RunPlan
 
 PATIENCE_S = 5.0
 """A supervisor restarts the bucket's server itself."""

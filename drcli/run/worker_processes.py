@@ -10,7 +10,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from drcli.base import early_process
 from drcli.base import log as log_files
+from drcli.base.early_process import ChildProcess
 from drcli.base.errors import DrError, WorkerDied
 from drcli.base.installation import installation_error
 from drcli.base.processes import exists
@@ -41,15 +43,20 @@ def start_process(
     chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
     path = log_file(job.directory, job.config.model.prefix, name)
     path.parent.mkdir(parents=True, exist_ok=True)
+    chosen[log_files.VARIABLE] = str(path)
+    private = name == "supervisor"
     with path.open("ab") as log:  # append, because several processes may share it
+        if early := early_process.taken(module):
+            order = early_process.Order(module, arguments, str(path), chosen)
+            return early.give(order, job.sent(with_secrets=True, private=private))
         return job.spawn(
             # -P: a file of the working folder must not replace a module of the same name.
             [sys.executable, "-P", "-m", "drcli.base.start_module", module, *arguments],
             with_secrets=True,
-            private=name == "supervisor",
+            private=private,
             stdout=log,
             stderr=subprocess.STDOUT,
-            env={**chosen, log_files.VARIABLE: str(path)},
+            env=chosen,
             cwd=job.directory,
             start_new_session=True,
         )
@@ -73,7 +80,7 @@ class Child:
     module: str
     arguments: list[str]
     gpus: str = ""
-    process: subprocess.Popen[bytes] | None = None
+    process: ChildProcess | None = None
     started: float = 0.0
     finished: float | None = None
     restarts: int = 0

@@ -9,12 +9,13 @@ from typing import Any, TypeVar, cast
 
 import numba
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba.core import cgutils, registry, types
 from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 _numba_config: Any = numba.config  # numba sets its names at run time
+_cpu: Any = registry.cpu_target
 _insert_function: Any = cgutils.get_or_insert_function
 
 
@@ -38,6 +39,12 @@ def kernel(function: F) -> F:
         return _compiled(function, cache=True)
     except (OSError, RuntimeError):
         return _compiled(function, cache=False)
+
+
+def get_ready() -> None:
+    """Load all of numba, as the first call of a kernel does otherwise, which takes 0.4 s."""
+    _cpu.typing_context.refresh()
+    _cpu.target_context.refresh()
 
 
 def _prefetch(_context: Any, array: Any, index: Any) -> tuple[Any, Callable[..., Any]]:

@@ -38,6 +38,7 @@ NAMES = (
     "rewards",
     "runtimes",
     "startup",
+    "start",
     "live",
     "console_cost",
     "learn_lap_sb3",

@@ -307,29 +307,32 @@ def start_training(
     """
     if no_wait and not resume_or_start:
         raise typer.BadParameter("--no-wait needs --resume-or-start.")
-    from drcli.model.files.hyperparameters import method_of
-    from drcli.run.plan import StartOptions
+    from drcli.run import early_training
 
     loaded = _with_weights(settings(), pretrained, checkpoint, resume=resume)
     if on_end is not None:
         loaded = loaded.replaced(on_end=on_end)
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
-    bring_tracks(loaded)
-    if wipe and not (resume or resume_or_start) and not force and prompts.may_ask():
-        _agree_to_wipe(loaded)
-    options = StartOptions(
-        wipe,
-        resume,
-        max_minutes,
-        until_laps,
-        seed,
-        until_lap_time_s=until_lap_time,
-        method=None if teacher is None else method_of(teacher),
-    )
     how = _How(quiet, verbose, foreground, as_json, followed)
-    if not resume_or_start:
-        raise typer.Exit(_run(loaded, _planned(loaded, options), how))
-    raise typer.Exit(_resume_or_start(loaded, options, how, wait=not no_wait))
+    with nullcontext() if foreground or resume_or_start else early_training.begun(loaded):
+        from drcli.model.files.hyperparameters import method_of
+        from drcli.run.plan import StartOptions
+
+        bring_tracks(loaded)
+        if wipe and not (resume or resume_or_start) and not force and prompts.may_ask():
+            _agree_to_wipe(loaded)
+        options = StartOptions(
+            wipe,
+            resume,
+            max_minutes,
+            until_laps,
+            seed,
+            until_lap_time_s=until_lap_time,
+            method=None if teacher is None else method_of(teacher),
+        )
+        if not resume_or_start:
+            raise typer.Exit(_run(loaded, _planned(loaded, options), how))
+        raise typer.Exit(_resume_or_start(loaded, options, how, wait=not no_wait))
 
 
 def _with_weights(

@@ -13,6 +13,8 @@ from threading import Event
 from time import monotonic
 from typing import Any, Literal
 
+from drcli.base import early_process
+from drcli.base.early_process import ChildProcess, Order
 from drcli.base.errors import Problem
 from drcli.base.installation import installation_error
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
@@ -227,7 +229,7 @@ class SandboxResult:
         return result
 
 
-_MODULE = "drcli.rewards.sandbox.sandbox_process"
+SANDBOX = "drcli.rewards.sandbox.sandbox_process"
 _PATIENCE_S = 280.0
 """The file is loaded four times."""
 
@@ -246,12 +248,18 @@ class Sandbox:
         if content is not None:
             self._copy.write_bytes(content)
         request.write(self._folder)
+        self._process = self._started(directory)
+
+    def _started(self, directory: Path) -> ChildProcess:
+        arguments = [str(self._folder), str(os.getpid())]
+        if early := early_process.taken(SANDBOX):
+            return early.give(Order(SANDBOX, arguments, os.devnull, {}), b"")
         if secret_environment.all_secrets():
             secret_environment.hide_process()
         plain, _ = secret_environment.split(os.environ)
-        self._process = subprocess.Popen(
+        return subprocess.Popen(
             # -P: files of the working folder must not be taken for modules of that name.
-            [sys.executable, "-P", "-m", _MODULE, str(self._folder), str(os.getpid())],
+            [sys.executable, "-P", "-m", SANDBOX, *arguments],
             cwd=directory,
             env={**PROCESS_TUNING, **plain, **LOG_ENCODING},
             stdin=subprocess.DEVNULL,

@@ -108,15 +108,19 @@ def _judged(
                 import_module(name)
     own = calls[0][:_MOST_CALLS]
     other = (calls[1] if len(calls) > 1 else calls[0][::-1])[:_MOST_CALLS]
-    alone, again = (_in_copy(file, own) for _ in range(2))
-    if alone is None or again is None or not _alike(alone, again):
-        return None
-    beside, once_more = (_in_copy(file, own, other) for _ in range(2))
-    if beside is None or once_more is None or not _alike(beside, once_more):
+    alone, beside = _in_copy(file, own), _in_copy(file, own, other)
+    if alone is None or beside is None:
         return None
     pairs = [*zip(alone["values"], beside["values"], strict=False)]
     wrong = sum(a != b for a, b in pairs)
-    return {"names": beside["names"], "times": wrong, "of": len(pairs)} if wrong else None
+    if not wrong:
+        return None  # as nearly always, and another two passes would take as long
+    again, once_more = _in_copy(file, own), _in_copy(file, own, other)
+    if again is None or once_more is None:
+        return None
+    if not (_alike(alone, again) and _alike(beside, once_more)):
+        return None
+    return {"names": beside["names"], "times": wrong, "of": len(pairs)}
 
 
 def _alike(one: dict[str, Any], other: dict[str, Any]) -> bool:
