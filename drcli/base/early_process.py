@@ -34,7 +34,7 @@ _ADOPTION_S = 30.0
 """How long to wait for a process that is divided off."""
 
 
-class Process(Protocol):
+class ChildProcess(Protocol):
     """What `subprocess.Popen` and a process that was divided off have in common."""
 
     pid: int
@@ -130,11 +130,11 @@ class Order:
 class Early:
     """A process that waits for an order, which it gets through a pipe."""
 
-    process: Process
+    process: ChildProcess
     pipe: IO[bytes]
     module: str
 
-    def give(self, order: Order, more: bytes) -> Process:
+    def give(self, order: Order, more: bytes) -> ChildProcess:
         """Let it begin; `more` is for the module."""
         with suppress(BrokenPipeError), self.pipe as pipe:  # it may have ended already
             pipe.write(json.dumps(asdict(order)).encode() + b"\n" + more)
