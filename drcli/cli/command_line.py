@@ -20,6 +20,7 @@ from drcli.cli.command_table import COMMANDS, Command
 from drcli.cli.console import NARROWEST
 
 EPILOG = """Every command is also a program: dr-status is dr status. Begin with `dr init`.
+`dr help COMMAND` explains a command. Scripts may go on with the other names.
 `dr completion install` makes the Tab key complete commands.
 
 \b
@@ -43,6 +44,9 @@ Exit codes:
 HELP_COLUMNS = 80
 """Typer's own minimum is 50 columns."""
 
+_BESIDE_COLUMNS = 70
+"""From here on, names of groups stand beside the commands instead of above them."""
+
 LONGEST_COMPARED = 80
 TAKES_ANY = {
     "ignore_unknown_options": True,
@@ -58,7 +62,7 @@ def application(arguments: Sequence[str]) -> typer.Typer:
     folded = {"terminal_width": columns - 1} if NARROWEST <= columns < HELP_COLUMNS else {}
     app = typer.Typer(
         name="dr",
-        cls=_Sections,
+        cls=_Overview,
         help="Train, watch and race DeepRacer models on this machine.",
         epilog=EPILOG,
         no_args_is_help=True,
@@ -180,8 +184,14 @@ def _with_default(default: str) -> type[_Group]:
 _HELP = ("-h", "--help")
 
 
-class _Sections(_Group):
-    """Lists all commands by section."""
+class _Overview(_Group):
+    """Lists what a racer uses, on one screen; with --all every command, by group."""
+
+    shows_all = False
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        self.shows_all = "--all" in args  # --help is answered before the other options are read
+        return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         word = args[0]
@@ -191,15 +201,40 @@ class _Sections(_Group):
             ctx.fail(f"No such command '{shown(word)}'.{hint}")
         return super().resolve_command(ctx, args)
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        if self.shows_all:
+            super().format_help(ctx, formatter)
+            return
+        self.format_usage(ctx, formatter)
+        if formatter.width < _BESIDE_COLUMNS:
+            _write_groups(formatter, _EVERYDAY)
+            return
+        formatter.write_paragraph()
+        rows = [
+            ("" if position else group, command)
+            for group, commands in groupby(_EVERYDAY, lambda command: command.group)
+            for position, command in enumerate(commands)
+        ]
+        formatter.write_dl([(f"{group:13} {c.name}", c.help) for group, c in rows], col_max=40)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        listed = [command for command in COMMANDS if not command.hidden]
-        for section, commands in groupby(listed, lambda command: command.section):
-            with formatter.section(section):
-                formatter.write_dl([(command.name, command.help) for command in commands])
+        _write_groups(formatter, [c for c in _LISTED if not c.same_as])
+        with formatter.section("Other names"):
+            formatter.write_dl([(c.name, c.same_as) for c in _LISTED if c.same_as])
+
+
+_LISTED = [command for command in COMMANDS if not command.hidden]
+_EVERYDAY = [command for command in COMMANDS if command.everyday]
+
+
+def _write_groups(formatter: Any, listed: Sequence[Command]) -> None:
+    for group, commands in groupby(listed, lambda command: command.group):
+        with formatter.section(group):
+            formatter.write_dl([(command.name, command.help) for command in commands])
 
 
 def _likely(word: str) -> list[str]:
-    names = [command.name for command in COMMANDS if not command.hidden]
+    names = [command.name for command in _LISTED]
     typed = word[:LONGEST_COMPARED].casefold().removeprefix("dr-")
     if typed in names:
         return [typed]
@@ -210,6 +245,12 @@ def _likely(word: str) -> list[str]:
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"dr {__version__}")
+        raise typer.Exit
+
+
+def _show_all(ctx: typer.Context, wanted: bool) -> None:
+    if wanted:
+        typer.echo(ctx.get_help())
         raise typer.Exit
 
 
@@ -238,6 +279,10 @@ def _global_options(
     version: Annotated[
         bool,
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+    everything: Annotated[
+        bool,
+        typer.Option("--all", callback=_show_all, is_eager=True, help="List every command."),
     ] = False,
     quiet: _Quiet = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""`droa-*`."""
+"""`dr droa`."""
 
 import inspect
 import sys
@@ -477,6 +477,13 @@ def _route(settings: Settings, data: bytes) -> Direction | None:
     return None
 
 
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Import models into DeepRacer on AWS, and manage them there.\n\n"
+    "The names `droa-login`, `droa-list-models` and so on work too.\n\n"
+    "Example: dr-droa list",
+)
+
 _Model = Annotated[
     str, typer.Argument(metavar="MODEL", help="Id of the model, or its name if only one has it.")
 ]
@@ -484,6 +491,7 @@ _Yes = Annotated[bool, typer.Option("-f", "--force", "-y", "--yes", help="Do not
 _Kind = Literal["TRAINING_LOGS", "EVALUATION_LOGS", "PHYSICAL_CAR_MODEL", "VIRTUAL_MODEL", "VIDEOS"]
 
 
+@app.command("login")
 @connected
 def droa_login(connection: Connection, as_json: AsJson = False) -> None:
     """Sign in to DeepRacer on AWS; other commands then need no password for an hour.
@@ -491,7 +499,7 @@ def droa_login(connection: Connection, as_json: AsJson = False) -> None:
     Keeps temporary keys in ~/.droa-cache, never the password. The other commands sign in
     themselves if they must.
 
-    Example: droa-login --username me@example.com
+    Example: dr-droa login --username me@example.com
     """
     session = connection.session()
     with console.waiting(f"Signing in to {session.site.place} ..."):
@@ -500,26 +508,28 @@ def droa_login(connection: Connection, as_json: AsJson = False) -> None:
     console.emit(report, signed_in(report), as_json=as_json)
 
 
+@app.command("logout")
 @connected
 def droa_logout(connection: Connection, as_json: AsJson = False) -> None:
     """Delete the temporary keys of DeepRacer on AWS from this machine.
 
     The keys are in ~/.droa-cache; if the site is gone, delete that folder.
 
-    Example: droa-logout
+    Example: dr-droa logout
     """
     session = connection.session()
     report = SignedOut(session.site.place, session.username, session.forget())
     console.emit(report, signed_out(report), as_json=as_json)
 
 
+@app.command("list")
 @connected
 def droa_list_models(connection: Connection, as_json: AsJson = False) -> None:
     """List your models at DeepRacer on AWS, the newest first.
 
     With --json, each model has the keys of its interface.
 
-    Example: droa-list-models
+    Example: dr-droa list
     """
     droa = connection.droa()
     found = droa.models()
@@ -527,6 +537,7 @@ def droa_list_models(connection: Connection, as_json: AsJson = False) -> None:
     console.emit(report, models(droa.place, found), as_json=as_json)
 
 
+@app.command("show")
 @connected
 def droa_get_model(
     connection: Connection,
@@ -542,7 +553,7 @@ def droa_get_model(
 ) -> None:
     """Show a model at DeepRacer on AWS.
 
-    Example: droa-get-model 2w7R6h2PNexQ9kC --summary
+    Example: dr-droa show 2w7R6h2PNexQ9kC --summary
     """
     from drcli.outside.droa.droa_metrics import ModelReport, metrics_summary
 
@@ -553,6 +564,7 @@ def droa_get_model(
     console.emit(report, show_model(found, means, verbose=verbose), as_json=as_json)
 
 
+@app.command("import")
 @connected
 def droa_import_model(
     connection: Connection,
@@ -597,7 +609,7 @@ def droa_import_model(
     it was trained here. All rules that are known of DeepRacer on AWS are checked before anything is
     sent. With --once, the description has a fingerprint of the weights.
 
-    Example: droa-import-model --from my-model.tar.gz --model-name my-model
+    Example: dr-droa import --from my-model.tar.gz --model-name my-model
     """
     from drcli.outside.droa import droa_import
 
@@ -637,10 +649,11 @@ def droa_import_model(
         )
     console.emit(report, imported(report), as_json=as_json)
     if not dry_run:
-        show = (f"droa-get-model {report.model_id}", "show it")
-        console.suggest([show, ("droa-list-models", "list your models there")])
+        show = (f"dr-droa show {report.model_id}", "show it")
+        console.suggest([show, ("dr-droa list", "list your models there")])
 
 
+@app.command("download")
 @connected
 def droa_download_logs(
     connection: Connection,
@@ -672,7 +685,7 @@ def droa_download_logs(
     VIRTUAL_MODEL is packed first, which may take minutes. PHYSICAL_CAR_MODEL is an archive for the
     car.
 
-    Example: droa-download-logs 2w7R6h2PNexQ9kC -o logs.tar.gz
+    Example: dr-droa download 2w7R6h2PNexQ9kC -o logs.tar.gz
     """
     from drcli.outside.droa import droa_download
     from drcli.outside.droa.droa_metrics import archive_summary
@@ -699,6 +712,7 @@ def droa_download_logs(
     console.emit(report, downloaded(report, means), as_json=as_json)
 
 
+@app.command("delete")
 @connected
 def droa_delete_model(
     connection: Connection, model: _Model, force: _Yes = False, as_json: AsJson = False
@@ -708,7 +722,7 @@ def droa_delete_model(
     Only models with status READY or ERROR can be deleted. Asks before; the name of the model is a
     yes too.
 
-    Example: droa-delete-model 2w7R6h2PNexQ9kC -f
+    Example: dr-droa delete 2w7R6h2PNexQ9kC -f
     """
     from drcli.outside.droa.droa_download import delete_model, refuse_undeletable
 

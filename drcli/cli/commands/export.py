@@ -460,7 +460,7 @@ def droa(
     report = export_droa(exported, target, archive, partial(console.progress, unit="bytes"))
     console.emit(report, reference(report), as_json=as_json)
     if target is not None and target.folder is not None:
-        import_it = f"droa-import-model --from {shlex.quote(place)}"
+        import_it = f"dr-droa import --from {shlex.quote(place)}"
         console.suggest([(import_it, "import it into DeepRacer on AWS")])
 
 

@@ -13,6 +13,7 @@ from drcli.cli.options import (
     Force,
     Replace,
     checkpoint_option,
+    models_argument,
     prefix_option,
     world_option,
 )
@@ -324,22 +325,29 @@ def show(race: Race, as_json: AsJson = False) -> None:
 @app.command()
 def submit(
     race: Race,
-    prefix: Annotated[str | None, prefix_option("Submit this model instead.")] = None,
+    model: Annotated[
+        str | None,
+        models_argument("MODEL", "Prefix of the model; that of run.env if left out."),
+    ] = None,
+    prefix: Annotated[str | None, prefix_option("Same as MODEL.")] = None,
     checkpoint: Annotated[str, checkpoint_option("Submit")] = "best",
     racer: Annotated[
         str | None, typer.Option("--racer", metavar="NAME", help="Your name (DR_RACER_NAME).")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Submit a checkpoint of the model of run.env to a race.
+    """Submit a checkpoint of a model to a race.
 
     The race gets a copy: you can train on, or delete the model. Submits the best checkpoint unless
     --checkpoint chooses another.
 
-    Example: dr-race submit friday-cup --racer Ann
+    Example: dr-race submit friday-cup team/model-1 --racer Ann
     """
     from drcli.races.submissions import submit as submit_to
 
+    if model and prefix:
+        raise typer.BadParameter("MODEL and --prefix both name the model; use only one.")
+    prefix = model or prefix
     loaded = settings()
     bucket, found = found_race(loaded, race)
     taken = submit_to(loaded, bucket, found, prefix=prefix, checkpoint=checkpoint, racer=racer)

@@ -99,7 +99,7 @@ def test_a_console_that_runs_without_a_token_is_told(dr, working_folder, started
     started.runs = ViewerRecord(4242, 1.0, "127.0.0.1", 8100)  # of an earlier version
     dr("start-viewer")
 
-    assert "asks for no token. `dr-update-viewer`" in capsys.readouterr().err
+    assert "asks for no token. `dr console restart`" in capsys.readouterr().err
 
 
 def test_settings_that_a_running_console_does_not_have_are_said(
@@ -113,7 +113,7 @@ def test_settings_that_a_running_console_does_not_have_are_said(
     printed = capsys.readouterr()
     assert printed.out == "http://127.0.0.1:34567/enter?token=secret\n"
     assert "port 34567" in printed.err
-    assert "dr-update-viewer" in printed.err
+    assert "dr console restart" in printed.err
 
 
 def test_wrong_settings_leave_a_running_console_alone(dr, working_folder, started, capsys):
