@@ -93,12 +93,12 @@ def load(command: Command) -> Any:
     module, name = command.place
     target = getattr(import_module(f"drcli.cli.commands.{module}"), name)
     if not isinstance(target, typer.Typer):
-        return target if command.takes_any else _with_quiet(target)
+        return target if command.takes_any else _with_options(target)
     for single in target.registered_commands:
         if single.callback is not None:
             # Typer would cut a sentence after 45 letters.
             single.short_help = (inspect.getdoc(single.callback) or "").partition("\n\n")[0]
-            single.callback = _with_quiet(single.callback)
+            single.callback = _with_options(single.callback)
             single.cls = _Command
     return target
 
@@ -258,20 +258,19 @@ def _be_quiet(wanted: bool) -> None:
     console.quiet = console.quiet or wanted
 
 
-_QUIET = "Print only results, warnings and errors."
+def _print_json(wanted: bool) -> None:
+    console.as_json = console.as_json or wanted
 
-_Quiet = Annotated[
-    bool,
-    typer.Option(
-        "-q",
-        "--quiet",
-        help=_QUIET,
-        callback=_be_quiet,
-        expose_value=False,
-    ),
-]
-_LongQuiet = Annotated[
-    bool, typer.Option("--quiet", help=_QUIET, callback=_be_quiet, expose_value=False)
+
+def _flag(text: str, callback: Callable[[bool], None], *names: str) -> Any:
+    return typer.Option(*names, help=text, callback=callback, expose_value=False)
+
+
+_QUIET = "Print only results, warnings and errors."
+_Quiet = Annotated[bool, _flag(_QUIET, _be_quiet, "-q", "--quiet")]
+_LongQuiet = Annotated[bool, _flag(_QUIET, _be_quiet, "--quiet")]
+_Json = Annotated[
+    bool, _flag("Print a JSON object as the last line of stdout.", _print_json, "--json")
 ]
 
 
@@ -289,21 +288,24 @@ def _global_options(
     """Options that belong to no command."""
 
 
-def _with_quiet(function: Callable[..., None]) -> Callable[..., None]:
-    """Adds -q, or only --quiet where -q is taken."""
+def _with_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Adds --json where a report is printed, and -q, or only --quiet where -q is taken."""
     signature = inspect.signature(function)
-    if "quiet" in signature.parameters:
-        return function
+    quiet = _LongQuiet if "-q" in _option_names(signature) else _Quiet
+    offered = {} if hasattr(function, "text_only") else {"as_json": _Json}
+    offered["quiet"] = quiet
+    options = {name: each for name, each in offered.items() if name not in signature.parameters}
 
     @wraps(function)
-    def command(*args: Any, quiet: bool = False, **named: Any) -> None:
-        function(*args, **named)
+    def command(*args: Any, **named: Any) -> None:
+        function(*args, **{name: named[name] for name in named if name not in options})
 
     kind = inspect.Parameter.KEYWORD_ONLY
-    taken = "-q" in _option_names(signature)
-    annotation = _LongQuiet if taken else _Quiet
-    quiet = inspect.Parameter("quiet", kind, default=False, annotation=annotation)
-    parameters = [*signature.parameters.values(), quiet]
+    added = [
+        inspect.Parameter(name, kind, default=False, annotation=annotation)
+        for name, annotation in options.items()
+    ]
+    parameters = [*signature.parameters.values(), *added]
     vars(command)["__signature__"] = signature.replace(parameters=parameters)
     return command
 

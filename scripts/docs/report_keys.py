@@ -85,7 +85,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "run.evaluation_loop:LoopReport": ("evaluate --loop",),
     "cli.commands.evaluate:Started": ("start-evaluation -q",),
     "run.summary:Summary": ("summary",),
-    "cli.commands.about:Versions": ("version",),
+    "cli.commands.version:Versions": ("version",),
     "run.worker_processes:ProcessReport": ("find-sagemaker", "find-robomaker"),
     "run.worker_processes:SpeedReport": ("get-robomaker-stats",),
     "cli.commands.send_message:MessageReport": ("send-message",),

@@ -19,7 +19,6 @@ from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing
 from drcli.cli import console, prompts
 from drcli.cli.options import (
-    AsJson,
     DryRun,
     ReplaceOrYes,
     best_option,
@@ -493,7 +492,7 @@ _Kind = Literal["TRAINING_LOGS", "EVALUATION_LOGS", "PHYSICAL_CAR_MODEL", "VIRTU
 
 @app.command("login")
 @connected
-def droa_login(connection: Connection, as_json: AsJson = False) -> None:
+def droa_login(connection: Connection) -> None:
     """Sign in to DeepRacer on AWS; other commands then need no password for an hour.
 
     Keeps temporary keys in ~/.droa-cache, never the password. The other commands sign in
@@ -505,12 +504,12 @@ def droa_login(connection: Connection, as_json: AsJson = False) -> None:
     with console.waiting(f"Signing in to {session.site.place} ..."):
         keys = session.renew()
     report = SignedIn(session.site.place, session.username, keys.expires.isoformat())
-    console.emit(report, signed_in(report), as_json=as_json)
+    console.emit(report, signed_in(report))
 
 
 @app.command("logout")
 @connected
-def droa_logout(connection: Connection, as_json: AsJson = False) -> None:
+def droa_logout(connection: Connection) -> None:
     """Delete the temporary keys of DeepRacer on AWS from this machine.
 
     The keys are in ~/.droa-cache; if the site is gone, delete that folder.
@@ -519,12 +518,12 @@ def droa_logout(connection: Connection, as_json: AsJson = False) -> None:
     """
     session = connection.session()
     report = SignedOut(session.site.place, session.username, session.forget())
-    console.emit(report, signed_out(report), as_json=as_json)
+    console.emit(report, signed_out(report))
 
 
 @app.command("list")
 @connected
-def droa_list_models(connection: Connection, as_json: AsJson = False) -> None:
+def droa_list_models(connection: Connection) -> None:
     """List your models at DeepRacer on AWS, the newest first.
 
     With --json, each model has the keys of its interface.
@@ -534,7 +533,7 @@ def droa_list_models(connection: Connection, as_json: AsJson = False) -> None:
     droa = connection.droa()
     found = droa.models()
     report = RemoteModels(droa.place, [dict(model.values) for model in found])
-    console.emit(report, models(droa.place, found), as_json=as_json)
+    console.emit(report, models(droa.place, found))
 
 
 @app.command("show")
@@ -549,7 +548,6 @@ def droa_get_model(
     summary: Annotated[
         bool, typer.Option("--summary", help="Also show means of its training metrics.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Show a model at DeepRacer on AWS.
 
@@ -561,7 +559,7 @@ def droa_get_model(
     found = droa.find(model)
     means = metrics_summary(droa, found) if summary else None
     report = ModelReport.of(droa.place, found, means or [])
-    console.emit(report, show_model(found, means, verbose=verbose), as_json=as_json)
+    console.emit(report, show_model(found, means, verbose=verbose))
 
 
 @app.command("import")
@@ -601,7 +599,6 @@ def droa_import_model(
         typer.Option("--once", help="Do nothing if the same weights were imported with --once."),
     ] = False,
     dry_run: DryRun = False,
-    as_json: AsJson = False,
 ) -> None:
     """Import a model into DeepRacer on AWS, and wait for its verdict.
 
@@ -647,7 +644,7 @@ def droa_import_model(
             progress=partial(console.progress, unit="bytes"),
             waiting=None if no_wait else console.waiting,
         )
-    console.emit(report, imported(report), as_json=as_json)
+    console.emit(report, imported(report))
     if not dry_run:
         show = (f"dr-droa show {report.model_id}", "show it")
         console.suggest([show, ("dr-droa list", "list your models there")])
@@ -678,7 +675,6 @@ def droa_download_logs(
         bool, typer.Option("--summary", help="Also show means of the metrics in the logs.")
     ] = False,
     force: ReplaceOrYes = False,
-    as_json: AsJson = False,
 ) -> None:
     """Download logs of a model, or the model itself, from DeepRacer on AWS.
 
@@ -709,14 +705,12 @@ def droa_download_logs(
         droa.place, model_id, kind, str(file), file.stat().st_size
     )
     means = archive_summary(file) if summary else None
-    console.emit(report, downloaded(report, means), as_json=as_json)
+    console.emit(report, downloaded(report, means))
 
 
 @app.command("delete")
 @connected
-def droa_delete_model(
-    connection: Connection, model: _Model, force: _Yes = False, as_json: AsJson = False
-) -> None:
+def droa_delete_model(connection: Connection, model: _Model, force: _Yes = False) -> None:
     """Delete a model at DeepRacer on AWS. It cannot be restored.
 
     Only models with status READY or ERROR can be deleted. Asks before; the name of the model is a
@@ -736,7 +730,7 @@ def droa_delete_model(
         words=[found.name],
     )
     report = delete_model(droa, found)
-    console.emit(report, deleted(report), as_json=as_json)
+    console.emit(report, deleted(report))
 
 
 def _stem(source: Path) -> str:

@@ -7,7 +7,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.cli import console
-from drcli.cli.options import AsJson, models_argument
+from drcli.cli.options import models_argument
 from drcli.cli.stopped_process import show_stopped
 from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import settings, working_folder
@@ -60,7 +60,6 @@ def start_metrics(
             "--port", metavar="PORT", min=1, max=65_535, help="Where TensorBoard listens; 6006."
         ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Start TensorBoard, and show where the figures of trainings go.
 
@@ -92,11 +91,11 @@ def start_metrics(
             console.warn(f"{error} {error.remedy} Only the files on this machine are shown.")
             fetched, written = [], []
         report = tensorboard_server.start_tensorboard(loaded, written, port, fetched)
-    console.emit(report, metrics(report), as_json=as_json)
+    console.emit(report, metrics(report))
 
 
 @app.command("stop")
-def stop_metrics(as_json: AsJson = False) -> None:
+def stop_metrics() -> None:
     """Stop the TensorBoard that dr-metrics start has started in this folder.
 
     Does nothing when none is running. Live figures of a running training go on.
@@ -107,4 +106,4 @@ def stop_metrics(as_json: AsJson = False) -> None:
 
     record = stop_tensorboard(working_folder())
     pid = None if record is None else record.pid
-    show_stopped("TensorBoard", pid, none="No TensorBoard is running.", as_json=as_json)
+    show_stopped("TensorBoard", pid, none="No TensorBoard is running.")

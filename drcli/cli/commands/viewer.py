@@ -9,7 +9,6 @@ import typer
 from drcli.base.errors import Absent
 from drcli.cli import console
 from drcli.cli.open_page import open_page
-from drcli.cli.options import AsJson
 from drcli.cli.stopped_process import show_stopped
 from drcli.cli.working_folder import settings_or_defaults, working_folder
 
@@ -83,20 +82,16 @@ app = typer.Typer(
 
 
 @app.command("open")
-def open_console(
-    port: Port = None, program: Program = "", browser: Browser = True, as_json: AsJson = False
-) -> None:
+def open_console(port: Port = None, program: Program = "", browser: Browser = True) -> None:
     """Start the console if it does not run, and open it in a browser.
 
     Example: dr-console open
     """
-    _start(port, as_json=as_json, browser=browser, program=program)
+    _start(port, browser=browser, program=program)
 
 
 @app.command()
-def start(
-    port: Port = None, program: Program = "", browser: Browser = False, as_json: AsJson = False
-) -> None:
+def start(port: Port = None, program: Program = "", browser: Browser = False) -> None:
     """Start the console, and print its address.
 
     The page shows trainings live, models, evaluations and races, and does what the commands do. It
@@ -107,11 +102,11 @@ def start(
 
     Example: dr-console start
     """
-    _start(port, as_json=as_json, browser=browser, program=program)
+    _start(port, browser=browser, program=program)
 
 
 @app.command()
-def restart(port: Port = None, program: Program = "", as_json: AsJson = False) -> None:
+def restart(port: Port = None, program: Program = "") -> None:
     """Start the console again, with the settings of now.
 
     It does not need this to show new trainings or workers. Pages that are open connect again.
@@ -120,11 +115,11 @@ def restart(port: Port = None, program: Program = "", as_json: AsJson = False) -
 
     Example: dr-console restart
     """
-    _start(port, again=True, as_json=as_json, browser=False, program=program)
+    _start(port, again=True, browser=False, program=program)
 
 
 @app.command("stop")
-def stop_viewer(as_json: AsJson = False) -> None:
+def stop_viewer() -> None:
     """Stop the console of this folder.
 
     Does nothing when none is running. Trainings and evaluations go on; a film, an export or an
@@ -136,11 +131,11 @@ def stop_viewer(as_json: AsJson = False) -> None:
 
     record = stop_viewer(working_folder())
     pid = None if record is None else record.pid
-    show_stopped("the console", pid, none="No console is running.", as_json=as_json)
+    show_stopped("the console", pid, none="No console is running.")
 
 
 @app.command()
-def status(as_json: AsJson = False) -> None:
+def status() -> None:
     """Print the address of the console, if it runs.
 
     Exits 1 if none is running in this folder.
@@ -153,7 +148,7 @@ def status(as_json: AsJson = False) -> None:
     if record is None:
         raise Absent("No console is running.", remedy="Start it with `dr console`.")
     report = report_of(record, started=False)
-    console.emit(report, report.url, as_json=as_json, folded=False)
+    console.emit(report, report.url, folded=False)
 
 
 @app.command()
@@ -163,7 +158,6 @@ def stream(
     height: Height = 360,
     quality: Quality = 75,
     program: Program = "",
-    as_json: AsJson = False,
 ) -> None:
     """Print the addresses of live pictures as MJPEG, one for each simulation worker.
 
@@ -189,8 +183,8 @@ def stream(
         urlunsplit((*page[:2], STREAM, urlencode({**query, **worker, **token}, safe="/"), ""))
         for worker in ({"worker": k} if k else {} for k in range(loaded.workers))
     ]
-    console.emit(StreamReport(topic, urls), "\n".join(urls), as_json=as_json, folded=False)
-    if program and not as_json:
+    console.emit(StreamReport(topic, urls), "\n".join(urls), folded=False)
+    if program and not console.as_json:
         open_page(urls[0], program)
 
 
@@ -205,13 +199,12 @@ def start_viewer(
     height: UnusedHeight = None,
     quality: UnusedQuality = None,
     topic: UnusedTopic = None,
-    as_json: AsJson = False,
 ) -> None:
     """Start the console, and print its address, as `dr console start`.
 
     Example: dr-start-viewer
     """
-    start(port, program, browser, as_json)
+    start(port, program, browser)
 
 
 def update_viewer(
@@ -221,13 +214,12 @@ def update_viewer(
     height: UnusedHeight = None,
     quality: UnusedQuality = None,
     topic: UnusedTopic = None,
-    as_json: AsJson = False,
 ) -> None:
     """Start the console again, with the settings of now, as `dr console restart`.
 
     Example: dr-update-viewer
     """
-    restart(port, program, as_json)
+    restart(port, program)
 
 
 def view_stream(
@@ -236,24 +228,21 @@ def view_stream(
     height: FormerHeight = 360,
     quality: FormerQuality = 75,
     program: Program = "",
-    as_json: AsJson = False,
 ) -> None:
     """Print the addresses of live pictures as MJPEG, as `dr console stream`.
 
     Example: dr-view-stream
     """
-    stream(topic, width, height, quality, program, as_json)
+    stream(topic, width, height, quality, program)
 
 
-def _start(
-    port: int | None, *, again: bool = False, as_json: bool, browser: bool, program: str
-) -> None:
+def _start(port: int | None, *, again: bool = False, browser: bool, program: str) -> None:
     report = _started(settings_or_defaults(), port, again=again)
     url = report.url or ""
-    console.emit(report, url, as_json=as_json, folded=False)
+    console.emit(report, url, folded=False)
     if report.needs_token:
         console.say("Everybody who has this address can start trainings here. Keep it to yourself.")
-    if (browser or program) and not as_json:
+    if (browser or program) and not console.as_json:
         open_page(url, program)
 
 

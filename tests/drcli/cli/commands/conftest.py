@@ -681,8 +681,7 @@ def _answer_as_amazon(
     region, bucket = "ap-southeast-2", "racing-bucket-1a2b3c4d5e6f"
     topic = f"arn:aws:sns:{region}:123456789012:racing"
     ours = SimpleNamespace(region=region, profile=None, bucket=lambda name: None)
-    for module in ("create", "end", "look"):
-        answer(f"cli.commands.spot_{module}.account", ours)
+    answer("cli.commands.spot.account", ours)
     tags = {"drcli:kind": "training", "drcli:model": MODEL, "drcli:bucket": bucket}
     stack = Stack("my-run", "CREATE_COMPLETE", 1.79e9, tags, {"Topic": topic})
     answer("outside.aws.stacks.need_stack", stack)
