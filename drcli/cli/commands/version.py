@@ -13,11 +13,11 @@ class Versions:
     """What a training depends on.
 
     Attributes:
-        version: Of drcli.
-        python: Of Python.
-        torch: Of PyTorch; null if it is not installed, as are others.
-        mujoco: Of MuJoCo.
-        platform: Operating system and processor.
+        version: The version of drcli, as `dr --version` prints it.
+        python: The version of Python.
+        torch: The version of PyTorch; null if it is not installed.
+        mujoco: The version of MuJoCo; null if it is not installed.
+        platform: Operating system, its version and the processor.
     """
 
     version: str
