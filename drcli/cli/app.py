@@ -78,7 +78,7 @@ def main(args: list[str] | None = None) -> None:
         SystemExit: Always, with the exit code.
     """
     search_rarely()
-    console.quiet = False
+    console.quiet = console.as_json = False
     errors.show = console.say
     errors.warn = cache(console.warn)  # once for each object
     _open_closed_streams()

@@ -20,6 +20,7 @@ from drcli.cli.command_table import COMMANDS, Command
 from drcli.cli.console import NARROWEST
 
 EPILOG = """Every command is also a program: dr-status is dr status. Begin with `dr init`.
+`dr help COMMAND` explains a command. Scripts may go on with the other names.
 `dr completion install` makes the Tab key complete commands.
 
 \b
@@ -43,6 +44,9 @@ Exit codes:
 HELP_COLUMNS = 80
 """Typer's own minimum is 50 columns."""
 
+_BESIDE_COLUMNS = 70
+"""From here on, names of groups stand beside the commands instead of above them."""
+
 LONGEST_COMPARED = 80
 TAKES_ANY = {
     "ignore_unknown_options": True,
@@ -58,7 +62,7 @@ def application(arguments: Sequence[str]) -> typer.Typer:
     folded = {"terminal_width": columns - 1} if NARROWEST <= columns < HELP_COLUMNS else {}
     app = typer.Typer(
         name="dr",
-        cls=_Sections,
+        cls=_Overview,
         help="Train, watch and race DeepRacer models on this machine.",
         epilog=EPILOG,
         no_args_is_help=True,
@@ -89,12 +93,12 @@ def load(command: Command) -> Any:
     module, name = command.place
     target = getattr(import_module(f"drcli.cli.commands.{module}"), name)
     if not isinstance(target, typer.Typer):
-        return target if command.takes_any else _with_quiet(target)
+        return target if command.takes_any else _with_options(target)
     for single in target.registered_commands:
         if single.callback is not None:
             # Typer would cut a sentence after 45 letters.
             single.short_help = (inspect.getdoc(single.callback) or "").partition("\n\n")[0]
-            single.callback = _with_quiet(single.callback)
+            single.callback = _with_options(single.callback)
             single.cls = _Command
     return target
 
@@ -180,8 +184,14 @@ def _with_default(default: str) -> type[_Group]:
 _HELP = ("-h", "--help")
 
 
-class _Sections(_Group):
-    """Lists all commands by section."""
+class _Overview(_Group):
+    """Lists what a racer uses, on one screen; with --all every command, by group."""
+
+    shows_all = False
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        self.shows_all = "--all" in args  # --help is answered before the other options are read
+        return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         word = args[0]
@@ -191,15 +201,40 @@ class _Sections(_Group):
             ctx.fail(f"No such command '{shown(word)}'.{hint}")
         return super().resolve_command(ctx, args)
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        if self.shows_all:
+            super().format_help(ctx, formatter)
+            return
+        self.format_usage(ctx, formatter)
+        if formatter.width < _BESIDE_COLUMNS:
+            _write_groups(formatter, _EVERYDAY)
+            return
+        formatter.write_paragraph()
+        rows = [
+            ("" if position else group, command)
+            for group, commands in groupby(_EVERYDAY, lambda command: command.group)
+            for position, command in enumerate(commands)
+        ]
+        formatter.write_dl([(f"{group:13} {c.name}", c.help) for group, c in rows], col_max=40)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        listed = [command for command in COMMANDS if not command.hidden]
-        for section, commands in groupby(listed, lambda command: command.section):
-            with formatter.section(section):
-                formatter.write_dl([(command.name, command.help) for command in commands])
+        _write_groups(formatter, [c for c in _LISTED if not c.same_as])
+        with formatter.section("Other names"):
+            formatter.write_dl([(c.name, c.same_as) for c in _LISTED if c.same_as])
+
+
+_LISTED = [command for command in COMMANDS if not command.hidden]
+_EVERYDAY = [command for command in COMMANDS if command.everyday]
+
+
+def _write_groups(formatter: Any, listed: Sequence[Command]) -> None:
+    for group, commands in groupby(listed, lambda command: command.group):
+        with formatter.section(group):
+            formatter.write_dl([(command.name, command.help) for command in commands])
 
 
 def _likely(word: str) -> list[str]:
-    names = [command.name for command in COMMANDS if not command.hidden]
+    names = [command.name for command in _LISTED]
     typed = word[:LONGEST_COMPARED].casefold().removeprefix("dr-")
     if typed in names:
         return [typed]
@@ -213,24 +248,29 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _show_all(ctx: typer.Context, wanted: bool) -> None:
+    if wanted:
+        typer.echo(ctx.get_help())
+        raise typer.Exit
+
+
 def _be_quiet(wanted: bool) -> None:
     console.quiet = console.quiet or wanted
 
 
-_QUIET = "Print only results, warnings and errors."
+def _print_json(wanted: bool) -> None:
+    console.as_json = console.as_json or wanted
 
-_Quiet = Annotated[
-    bool,
-    typer.Option(
-        "-q",
-        "--quiet",
-        help=_QUIET,
-        callback=_be_quiet,
-        expose_value=False,
-    ),
-]
-_LongQuiet = Annotated[
-    bool, typer.Option("--quiet", help=_QUIET, callback=_be_quiet, expose_value=False)
+
+def _flag(text: str, callback: Callable[[bool], None], *names: str) -> Any:
+    return typer.Option(*names, help=text, callback=callback, expose_value=False)
+
+
+_QUIET = "Print only results, warnings and errors."
+_Quiet = Annotated[bool, _flag(_QUIET, _be_quiet, "-q", "--quiet")]
+_LongQuiet = Annotated[bool, _flag(_QUIET, _be_quiet, "--quiet")]
+_Json = Annotated[
+    bool, _flag("Print a JSON object as the last line of stdout.", _print_json, "--json")
 ]
 
 
@@ -239,26 +279,33 @@ def _global_options(
         bool,
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
     ] = False,
+    everything: Annotated[
+        bool,
+        typer.Option("--all", callback=_show_all, is_eager=True, help="List every command."),
+    ] = False,
     quiet: _Quiet = False,
 ) -> None:
     """Options that belong to no command."""
 
 
-def _with_quiet(function: Callable[..., None]) -> Callable[..., None]:
-    """Adds -q, or only --quiet where -q is taken."""
+def _with_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Adds --json where a report is printed, and -q, or only --quiet where -q is taken."""
     signature = inspect.signature(function)
-    if "quiet" in signature.parameters:
-        return function
+    quiet = _LongQuiet if "-q" in _option_names(signature) else _Quiet
+    offered = {} if hasattr(function, "text_only") else {"as_json": _Json}
+    offered["quiet"] = quiet
+    options = {name: each for name, each in offered.items() if name not in signature.parameters}
 
     @wraps(function)
-    def command(*args: Any, quiet: bool = False, **named: Any) -> None:
-        function(*args, **named)
+    def command(*args: Any, **named: Any) -> None:
+        function(*args, **{name: named[name] for name in named if name not in options})
 
     kind = inspect.Parameter.KEYWORD_ONLY
-    taken = "-q" in _option_names(signature)
-    annotation = _LongQuiet if taken else _Quiet
-    quiet = inspect.Parameter("quiet", kind, default=False, annotation=annotation)
-    parameters = [*signature.parameters.values(), quiet]
+    added = [
+        inspect.Parameter(name, kind, default=False, annotation=annotation)
+        for name, annotation in options.items()
+    ]
+    parameters = [*signature.parameters.values(), *added]
     vars(command)["__signature__"] = signature.replace(parameters=parameters)
     return command
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from drcli.base.errors import DrError, SettingsError
-from drcli.cli.command_table import program_names
+from drcli.cli.command_table import COMMANDS, program_names
 from drcli.cli.working_folder import working_folder
 from drcli.config import activation
 
@@ -208,6 +208,10 @@ def checkpoints() -> list[str]:
     names = _names(bucket / prefix / "model")
     numbers = {int(match[1]) for name in names if (match := _CHECKPOINT.match(name))}
     return [*(str(number) for number in sorted(numbers, reverse=True)), *WORDS]
+
+
+def commands() -> list[str]:
+    return [command.name for command in COMMANDS if not command.hidden]
 
 
 def presets() -> list[str]:

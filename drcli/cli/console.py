@@ -60,14 +60,14 @@ def fresh(*, stderr: bool = False) -> Console:
 
 out = fresh()
 err = fresh(stderr=True)
-quiet = False
+quiet, as_json = False, False
+"""Options of the command that runs."""
+
 _reader_has_left = False
 
 
-def emit(
-    report: Any, rendered: RenderableType | None, *, as_json: bool, folded: bool = True
-) -> None:
-    """Print a result: for people, or as one JSON object on the last line of stdout.
+def emit(report: Any, rendered: RenderableType | None, *, folded: bool = True) -> None:
+    """Print a result: for people, or with --json as one JSON object on the last line of stdout.
 
     Without `folded`, an address stays in one piece.
     """

@@ -1,8 +1,8 @@
 """Options that several commands share."""
 
 import re
-from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Callable, Collection, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 
 import typer
 
@@ -13,15 +13,21 @@ if TYPE_CHECKING:
     from drcli.config.value_types import CheckpointChoice, CheckpointWord
 
 
+P = ParamSpec("P")
+
+
 def _not_a_digit(delimiter: str | None) -> str | None:
     if delimiter is not None and (not delimiter or delimiter[-1].isdigit()):
         raise typer.BadParameter("-d must end in a character that is not a digit, such as - or _.")
     return delimiter
 
 
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print a JSON object as the last line of stdout.")
-]
+def text_only(command: Callable[P, None]) -> Callable[P, None]:
+    """Marks a command that prints no report, and so has no --json."""
+    vars(command)["text_only"] = True
+    return command
+
+
 Force = Annotated[bool, typer.Option("-f", "--force", "--yes", help="Do not ask; answer yes.")]
 Replace = Annotated[bool, typer.Option("-f", "--force", help="Replace a file that exists.")]
 ReplaceOrYes = Annotated[

@@ -22,13 +22,13 @@ Closes = Annotated[
 ]
 
 
-def print_race(report: "RaceReport", *, as_json: bool) -> None:
+def print_race(report: "RaceReport") -> None:
     from drcli.races.race_report import with_limit
 
     loaded = settings()
     report = with_limit(report, loaded.tracks_folder, loaded.directory)
     console.warn(*report.damaged)
-    console.emit(report, race_view.race(report), as_json=as_json)
+    console.emit(report, race_view.race(report))
 
 
 def open_races(loaded: "Settings") -> "Bucket":

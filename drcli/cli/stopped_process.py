@@ -18,6 +18,6 @@ class StoppedProcess:
     pid: int | None
 
 
-def show_stopped(what: str, pid: int | None, *, none: str, as_json: bool) -> None:
+def show_stopped(what: str, pid: int | None, *, none: str) -> None:
     said = none if pid is None else f"Stopped {what} (process {pid})."
-    console.emit(StoppedProcess(pid is not None, pid), said, as_json=as_json)
+    console.emit(StoppedProcess(pid is not None, pid), said)

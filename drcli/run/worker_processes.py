@@ -38,7 +38,7 @@ KILLED_S = 5.0
 
 def start_process(
     job: Job, name: str, module: str, *arguments: str, gpus: str = ""
-) -> subprocess.Popen[bytes]:
+) -> ChildProcess:
     """It outlives this one, with its own session and log, and reads the job from stdin."""
     chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
     path = log_file(job.directory, job.config.model.prefix, name)
@@ -62,7 +62,7 @@ def start_process(
         )
 
 
-def end_process(process: subprocess.Popen[bytes], patience_s: float) -> bool:
+def end_process(process: ChildProcess, patience_s: float) -> bool:
     """Whether it exited by itself."""
     process.terminate()
     try:

@@ -27,7 +27,7 @@ from drcli.web.listen import ENTER, STREAM
 STYLE = "/enter.css"
 GET_LINK = (
     "Run `dr console` in the working folder: it opens the page with its token. "
-    "`dr-start-viewer` prints the link."
+    "`dr console start` prints the link."
 )
 
 _PAGE = """<!doctype html>
@@ -45,7 +45,7 @@ _PAGE = """<!doctype html>
 <p role="alert">{sentence}</p>
 <p>On the machine where the console runs, type this in the working folder:</p>
 <p class="command"><code>dr console</code></p>
-<p>It opens the page with its token; <code>dr-start-viewer</code> only prints the link. A browser
+<p>It opens the page with its token; <code>dr console start</code> only prints the link. A browser
 that has opened the link keeps the token for a year, so a bookmark works without it.</p>
 <form action="/enter" method="get">
 <label for="token">Token, the end of the link</label>
@@ -107,7 +107,7 @@ NEEDS_TOKEN = "This console needs its token."
 
 _STOPPED = "The console was stopped before it could answer."
 
-_REMEDY = "Start it again with `dr-start-viewer`, then repeat what you did."
+_REMEDY = "Start it again with `dr console start`, then repeat what you did."
 
 
 class Guard:

@@ -2,7 +2,7 @@
 
     python scripts/bench console_cost FOLDER [--viewers 5] [--seconds 60] [--json]
 
-FOLDER is a working folder whose console runs (`dr-start-viewer`). In turns, nobody watches, and so
+FOLDER is a working folder whose console runs (`dr console start`). In turns, nobody watches, and so
 many pages watch all that the live page shows of run 0, without a browser. The share of the machine
 that the console uses is the most that it can cost a training in steps/s; what its workers spend is
 in the other numbers. With --json the last line of stdout is one object with
@@ -46,7 +46,7 @@ def measure(folder: Path, viewers: int, seconds: float) -> dict[str, Any]:
     """Watch in turns with nobody, and compare."""
     record = running_viewer(folder)
     if record is None:
-        sys.exit(f"No console of {folder} runs; start it with dr-start-viewer.")
+        sys.exit(f"No console of {folder} runs; start it with dr console start.")
     process = psutil.Process(record.pid)
     url, token = f"{record.host}:{record.port}", record.token
     found: dict[bool, list[float]] = {False: [], True: []}

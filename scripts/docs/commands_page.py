@@ -1,6 +1,5 @@
 """Writes docs/commands.md from the commands themselves."""
 
-from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
@@ -16,29 +15,29 @@ from drcli.cli.command_table import COMMANDS, program_names
 _PROGRAMS = {name: program for program, name in program_names().items()}
 """Name of the installed program of each command."""
 
+_LISTED = [command for command in COMMANDS if not command.hidden and not command.same_as]
+
 _EXAMPLE = "Example: "
 
 
 def document() -> str:
     """The text of docs/commands.md."""
-    groups = _groups()
-    parts = [HEAD, _overview(groups), _exit_codes(), *TOPICS, REFERENCE_HEAD, _reference()]
-    parts += ["## Every command", *(_section(group) for group in groups)]
+    parts = [HEAD, _overview(), _exit_codes(), *TOPICS, REFERENCE_HEAD, _reference()]
+    parts += ["## Every command", *(_section(command.name) for command in _LISTED)]
     parts += [KEYS_HEAD, *(_keys(report, names) for report, names in REPORTS.items())]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
-def _overview(groups: "list[_Group]") -> str:
-    """All commands by section, a line each."""
-    anchors = {name: group.anchor for group in groups for name in group.programs}
+def _overview() -> str:
+    """All commands by group, a line each, and the former names."""
     parts = []
-    shown = [command for command in COMMANDS if not command.hidden]
-    for section, commands in groupby(shown, lambda command: command.section):
+    for group, commands in groupby(_LISTED, lambda command: command.group):
         lines = [
-            f"| [`{_PROGRAMS[c.name]}`](#{anchors[_PROGRAMS[c.name]]}) | {_cell(c.help)} |"
-            for c in commands
+            f"| [`{_PROGRAMS[c.name]}`](#{_PROGRAMS[c.name]}) | {_cell(c.help)} |" for c in commands
         ]
-        parts.append("\n".join([f"| {section} | |", "| --- | --- |", *lines]))
+        parts.append("\n".join([f"| {group} | |", "| --- | --- |", *lines]))
+    former = [f"| `{_PROGRAMS[c.name]}` | `dr {c.same_as}` |" for c in COMMANDS if c.same_as]
+    parts.append("\n".join(["| other name | same as |", "| --- | --- |", *former]))
     return "\n\n".join(parts)
 
 
@@ -62,58 +61,26 @@ def _reference_line(row: Row) -> str:
     return f"| `{row.name}` | {here} | {row.verdict} | {_cell(row.why)} |"
 
 
-@dataclass
-class _Group:
-    """Commands that say the same of themselves, and so share a section."""
-
-    programs: list[str]
-    loaded: list[Any]
-
-    @property
-    def anchor(self) -> str:
-        """The anchor of the section."""
-        return "-".join(self.programs)
-
-
-def _groups() -> list[_Group]:
-    groups: dict[str, _Group] = {}
-    for command in COMMANDS:
-        if command.hidden:
-            continue
-        loaded = _loaded(command.name)
-        group = groups.setdefault(_text(loaded), _Group([], []))
-        group.programs.append(_PROGRAMS[command.name])
-        group.loaded.append(loaded)
-    return list(groups.values())
-
-
-def _loaded(name: str) -> Any:
-    """A command as Typer runs it."""
+def _section(name: str) -> str:
+    program = _PROGRAMS[name]
     group: Any = typer.main.get_command(application([name]))
-    return group.commands[name]
-
-
-def _section(group: _Group) -> str:
-    title = f"### {', '.join(group.programs)}"
-    subcommands: dict[str, Any] = getattr(group.loaded[0], "commands", {})
-    if not subcommands:
-        return f"{title}\n\n{_manual(group.loaded)}"
-    parts = [f"{title}\n\n{_text(group.loaded[0])}"]
+    loaded = group.commands[name]
+    if not hasattr(loaded, "commands"):
+        return f"### {program}\n\n{_manual(loaded)}"
+    parts = [f"### {program}\n\n{_text(loaded)}"]
     parts += [
-        f"#### {group.programs[0]} {name}\n\n{_manual([command])}"
-        for name, command in subcommands.items()
+        f"#### {program} {part}\n\n{_manual(command)}" for part, command in loaded.commands.items()
     ]
     return "\n\n".join(parts)
 
 
-def _manual(commands: list[Any]) -> str:
+def _manual(command: Any) -> str:
     """What `--help` says: its text, arguments and options, and an example."""
-    parts = [_text(commands[0])]
-    rows = [_parameter(parameter) for parameter in commands[0].params if not parameter.hidden]
+    parts = [_text(command)]
+    rows = [_parameter(parameter) for parameter in command.params if not parameter.hidden]
     if rows:
         parts.append("\n".join(["| option | meaning |", "| --- | --- |", *rows]))
-    examples = [command.help.partition(_EXAMPLE)[2].strip() for command in commands]
-    parts.append("\n".join(["```sh", *dict.fromkeys(examples), "```"]))
+    parts.append("\n".join(["```sh", command.help.partition(_EXAMPLE)[2].strip(), "```"]))
     return "\n\n".join(parts)
 
 

@@ -90,7 +90,17 @@ OTHERS = {
     *("droa-login", "droa-logout", "droa-list-models", "droa-get-model", "droa-import-model"),
     *("droa-download-logs", "droa-delete-model", "init", "config", "bench"),
     *("upload-custom-files", "download-custom-files", "update", "update-env", "reload", "explain"),
-    *("local-aws", "completion", "shell-env", "tracks", "reward"),
+    *(
+        "local-aws",
+        "completion",
+        "shell-env",
+        "tracks",
+        "reward",
+        "help",
+        "version",
+        "droa",
+        "metrics",
+    ),
 }
 """They take no model of the bucket, or only what runs at the moment, or need Amazon or a car."""
 

@@ -267,7 +267,7 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
     ErrorText(
         "No running robomakers. Exiting.",
         "the viewer found no simulator",
-        "`dr-start-viewer` starts without a training, and shows its workers as soon as they drive",
+        "`dr console start` starts without a training, and shows its workers as soon as they drive",
     ),
     ErrorText(
         "Target equals source. Exiting.",

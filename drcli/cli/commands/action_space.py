@@ -14,7 +14,7 @@ from drcli.base.files import is_left_behind, read_regular
 from drcli.base.png_picture import INK, png
 from drcli.bucket.bucket import ObjectMissing
 from drcli.cli import console, prompts
-from drcli.cli.options import AsJson, Replace, force_option, prefix_option
+from drcli.cli.options import Replace, force_option, prefix_option
 from drcli.cli.views.layout import Rows, counted, fitted, indented
 from drcli.cli.working_folder import settings, working_folder
 from drcli.model.files.action_choice import DrivenFile, read_steps
@@ -292,9 +292,7 @@ _Prefix = Annotated[
 
 
 @app.command()
-def show(
-    file: _File = None, out: _Out = None, force: Replace = False, as_json: AsJson = False
-) -> None:
+def show(file: _File = None, out: _Out = None, force: Replace = False) -> None:
     """Draw the actions of a model_metadata.json, here and as a picture.
 
     Example: dr-action-space show -o actions.png
@@ -305,7 +303,7 @@ def show(
     path = file or _own_file()
     space = space_of(path)
     actions = [ChosenAction(*pair) for pair in space.values]
-    _report(path, actions, space, (), None, out=out, write=False, force=force, as_json=as_json)
+    _report(path, actions, space, (), None, out=out, write=False, force=force)
 
 
 @app.command()
@@ -332,7 +330,6 @@ def generate(
     out: _Out = None,
     write: _Write = False,
     force: _Force = False,
-    as_json: AsJson = False,
 ) -> None:
     """Generate N angles by M speeds, in the order of the DeepRacer console.
 
@@ -350,7 +347,7 @@ def generate(
             "steering_angle": {"low": -max_angle, "high": max_angle},
             "speed": {"low": min_speed, "high": max_speed},
         }
-        _finish([], (), file, ranges=ranges, out=out, write=write, force=force, as_json=as_json)
+        _finish([], (), file, ranges=ranges, out=out, write=write, force=force)
         return
     made = grid(angles, speeds, max_angle=max_angle, max_speed=max_speed)
     notes = []
@@ -358,7 +355,7 @@ def generate(
         notes.append(f"With {angles} angles no action drives straight ahead.")
     if len({(action.steering_angle, action.speed) for action in made}) < len(made):
         raise typer.BadParameter("Some of these actions are equal: choose fewer angles or speeds.")
-    _finish(made, notes, file, out=out, write=write, force=force, as_json=as_json)
+    _finish(made, notes, file, out=out, write=write, force=force)
 
 
 @app.command()
@@ -384,7 +381,6 @@ def from_lap(
     out: _Out = None,
     write: _Write = False,
     force: _Force = False,
-    as_json: AsJson = False,
 ) -> None:
     """Find the actions that the fastest recorded lap needs.
 
@@ -413,7 +409,7 @@ def from_lap(
         f"{close_share(pairs, found):.0%} of its steps have an action within 5 degrees and "
         "0.25 m/s.",
     ]
-    _finish(found, notes, file, out=out, write=write, force=force, as_json=as_json)
+    _finish(found, notes, file, out=out, write=write, force=force)
 
 
 @app.command()
@@ -434,7 +430,6 @@ def from_histogram(
     out: _Out = None,
     write: _Write = False,
     force: _Force = False,
-    as_json: AsJson = False,
 ) -> None:
     """Count the actions of recorded drives, and keep those that were used.
 
@@ -450,7 +445,7 @@ def from_histogram(
     found = used(pairs, angles=angles, speeds=speeds, least=least)
     covered = sum(action.share or 0.0 for action in found)
     notes = [f"From {len(pairs):,} steps in {_named(files)}.", f"They cover {covered:.0%} of them."]
-    _finish(found, notes, file, out=out, write=write, force=force, as_json=as_json)
+    _finish(found, notes, file, out=out, write=write, force=force)
 
 
 def _finish(
@@ -462,7 +457,6 @@ def _finish(
     out: Path | None,
     write: bool,
     force: bool,
-    as_json: bool,
 ) -> None:
     from drcli.transfer.action_space_change import plan_change
 
@@ -475,7 +469,6 @@ def _finish(
         out=out,
         write=write,
         force=force,
-        as_json=as_json,
     )
 
 
@@ -489,7 +482,6 @@ def _report(
     out: Path | None,
     write: bool,
     force: bool,
-    as_json: bool,
 ) -> None:
     picture = None if out is None else _drawn(out, space, actions, path, force=force)
     differs = change is not None and change.before != change.after
@@ -518,7 +510,7 @@ def _report(
         backup,
         picture,
     )
-    console.emit(report, show_actions(report), as_json=as_json)
+    console.emit(report, show_actions(report))
     if differs and not written:
         console.say("Nothing was written: add --write to put them into model_metadata.json.")
 

@@ -13,7 +13,7 @@ from rich.text import Text
 from drcli.analysis.compare_runs import ComparisonRow, Kind, comparison_rows, interval_rows
 from drcli.cli import completion, console
 from drcli.cli.evaluation_options import with_options
-from drcli.cli.options import AsJson, Replace
+from drcli.cli.options import Replace
 from drcli.cli.views import iterations
 from drcli.cli.views.iterations import BESIDE_CURVE, CURVE_COLUMNS, LEAST_CURVE_COLUMNS
 from drcli.cli.views.layout import Rows, counted, fitted, indented
@@ -258,7 +258,6 @@ def analyze(
         bool, typer.Option("-L", "--local", help="s3:// is a bucket of the local server.")
     ] = False,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Show what a training came to: a verdict, curves, laps, and what to change, with evidence.
 
@@ -272,7 +271,7 @@ def analyze(
     if explain and html is None:
         raise typer.BadParameter("--explain adds pictures to the report; name that with --html.")
     if words[:1] == [COMPARE]:
-        _compare(words[1:], html, png, local=local, force=force, as_json=as_json)
+        _compare(words[1:], html, png, local=local, force=force)
         return
     if len(words) > 1:
         raise typer.BadParameter(
@@ -294,8 +293,8 @@ def analyze(
     with console.waiting("Writing ...") if html or png else console.waiting("", only_live=True):
         report = write_outputs(analysis, html, png, explained, force=force)
     console.warn(*report.problems)
-    console.emit(report, show_analysis(report), as_json=as_json)
-    if not as_json and html is None:
+    console.emit(report, show_analysis(report))
+    if not console.as_json and html is None:
         given = f" {name}" if name else ""
         console.suggest([(f"dr-analyze{given} --html report.html", "graphs, map and each episode")])
 
@@ -337,7 +336,6 @@ def _compare(
     *,
     local: bool,
     force: bool,
-    as_json: bool,
 ) -> None:
     from drcli.analysis.outputs import check_targets, write_comparison_of
     from drcli.analysis.read_run import read_runs
@@ -351,4 +349,4 @@ def _compare(
     with console.waiting(f"Reading {', '.join(words)} ..."):
         report = write_comparison_of(read_runs(loaded, words, local=local), html)
     console.warn(*report.problems)
-    console.emit(report, comparison(report), as_json=as_json)
+    console.emit(report, comparison(report))

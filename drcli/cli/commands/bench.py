@@ -8,7 +8,6 @@ from rich.table import Table
 from rich.text import Text
 
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import working_folder
 
@@ -103,7 +102,6 @@ def _add_work(table: Table, title: str, work: "WorkSpeed") -> None:
 
 def bench(
     no_bucket: Annotated[bool, typer.Option("--no-bucket", help="Leave the bucket out.")] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Measure how fast this machine trains, in about a minute.
 
@@ -119,4 +117,4 @@ def bench(
 
     report = measure_machine(working_folder(), with_bucket=not no_bucket, on_step=console.say)
     console.warn(*report.warnings)
-    console.emit(report, measured(report), as_json=as_json)
+    console.emit(report, measured(report))

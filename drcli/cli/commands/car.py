@@ -12,7 +12,7 @@ from rich.text import Text
 
 from drcli.base.errors import SettingsError, shown
 from drcli.cli import console, prompts
-from drcli.cli.options import AsJson, Force
+from drcli.cli.options import Force
 from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings
 
@@ -151,7 +151,6 @@ def login(
     new_certificate: Annotated[
         bool, typer.Option("--new-certificate", help="Accept a certificate that has changed.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Log in at the car, and keep the login for the other commands.
 
@@ -181,12 +180,12 @@ def login(
     web = CarWeb(address, trusted)
     web.log_in(_password(address, password_file))
     report = CarLoginReport(address.place, trusted.trust, trusted.fingerprint)
-    console.emit(report, f"Logged in at the car {address.place}.", as_json=as_json)
+    console.emit(report, f"Logged in at the car {address.place}.")
     console.suggest([("dr-car list", "list the models on the car")])
 
 
 @app.command()
-def logout(car: _Car = None, as_json: AsJson = False) -> None:
+def logout(car: _Car = None) -> None:
     """Forget the login at the car. Its certificate is kept.
 
     Example: dr-car logout
@@ -197,7 +196,7 @@ def logout(car: _Car = None, as_json: AsJson = False) -> None:
     was = forget_login(address)
     report = CarLogoutReport(address.place, was)
     text = "is forgotten" if was else "was not kept"
-    console.emit(report, f"The login at the car {address.place} {text}.", as_json=as_json)
+    console.emit(report, f"The login at the car {address.place} {text}.")
 
 
 @app.command()
@@ -205,7 +204,6 @@ def upload(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Archive NAME.tar.gz.")],
     car: _Car = None,
     force: Force = False,
-    as_json: AsJson = False,
 ) -> None:
     """Check an archive by the car's rules, send it, and wait until the car lists the model.
 
@@ -225,12 +223,12 @@ def upload(
         report = upload_model(web, checked, say=console.say)
     if not report.usable:
         console.warn(f"The car cannot load {report.model} now: {report.why}.")
-    console.emit(report, show_upload(report), as_json=as_json)
+    console.emit(report, show_upload(report))
     console.suggest([(f"dr-car load {report.model}", "load it")])
 
 
 @app.command("list")
-def list_all(car: _Car = None, as_json: AsJson = False) -> None:
+def list_all(car: _Car = None) -> None:
     """List the models on the car, also those that it cannot use now.
 
     Example: dr-car list
@@ -238,11 +236,11 @@ def list_all(car: _Car = None, as_json: AsJson = False) -> None:
     from drcli.outside.car.car_models import list_models
 
     report = list_models(_open(car))
-    console.emit(report, models(report), as_json=as_json)
+    console.emit(report, models(report))
 
 
 @app.command()
-def load(name: _Model, car: _Car = None, as_json: AsJson = False) -> None:
+def load(name: _Model, car: _Car = None) -> None:
     """Load a model, and wait until the car reports it as loaded.
 
     Cars report that even where the network in the file cannot be used: such a car does not move
@@ -255,7 +253,7 @@ def load(name: _Model, car: _Car = None, as_json: AsJson = False) -> None:
     web = _open(car)
     with console.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
         report = load_model(web, name)
-    console.emit(report, show_load(report), as_json=as_json)
+    console.emit(report, show_load(report))
     console.suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")])
 
 
@@ -273,7 +271,6 @@ def start(
     detach: Annotated[
         bool, typer.Option("--detach", help="Return at once; the car drives until `dr-car stop`.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Let the car drive with the loaded model, until Ctrl-C stops it.
 
@@ -295,7 +292,7 @@ def start(
         report = car_driving.start(web)
     else:
         report = car_driving.drive(web, seconds=seconds, warn=console.warn, say=console.say)
-    console.emit(report, drive(report), as_json=as_json)
+    console.emit(report, drive(report))
     if report.driving:
         console.suggest([("dr-car stop", "stop it")])
     if report.interrupted:
@@ -303,7 +300,7 @@ def start(
 
 
 @app.command()
-def stop(car: _Car = None, as_json: AsJson = False) -> None:
+def stop(car: _Car = None) -> None:
     """Stop the car at once.
 
     Sends only the request to stop, and repeats it if the car does not answer.
@@ -313,14 +310,13 @@ def stop(car: _Car = None, as_json: AsJson = False) -> None:
     from drcli.outside.car import car_driving
 
     report = car_driving.stop(_open(car))
-    console.emit(report, drive(report), as_json=as_json)
+    console.emit(report, drive(report))
 
 
 @app.command()
 def speed(
     percent: Annotated[int, typer.Argument(metavar="PERCENT", help="From 0 to 100.")],
     car: _Car = None,
-    as_json: AsJson = False,
 ) -> None:
     """Limit the throttle of autonomous driving, until the car restarts.
 
@@ -332,11 +328,11 @@ def speed(
         raise typer.BadParameter(f"{percent} is not a number from 0 to 100.")
     report = set_speed(_open(car), percent)
     text = f"The throttle of the car {report.car} is limited to {report.percent} %."
-    console.emit(report, text, as_json=as_json)
+    console.emit(report, text)
 
 
 @app.command()
-def status(car: _Car = None, as_json: AsJson = False) -> None:
+def status(car: _Car = None) -> None:
     """Show the car's software, battery, sensors and loaded model.
 
     Example: dr-car status --json
@@ -344,7 +340,7 @@ def status(car: _Car = None, as_json: AsJson = False) -> None:
     from drcli.outside.car.car_driving import read_status
 
     report = read_status(_open(car))
-    console.emit(report, show_status(report), as_json=as_json)
+    console.emit(report, show_status(report))
 
 
 def _open(car: str | None) -> "CarWeb":

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from drcli.cli import completion, console
-from drcli.cli.options import AsJson
+from drcli.cli.options import text_only
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -24,6 +24,7 @@ _Shell = Annotated[
 
 
 @app.command()
+@text_only
 def show(shell: _Shell = None) -> None:
     """Print the script that a shell has to run.
 
@@ -33,7 +34,7 @@ def show(shell: _Shell = None) -> None:
 
 
 @app.command()
-def install(shell: _Shell = None, as_json: AsJson = False) -> None:
+def install(shell: _Shell = None) -> None:
     """Set up completion in every new shell.
 
     Writes one file, and adds one line to ~/.bashrc or ~/.zshrc.
@@ -41,5 +42,5 @@ def install(shell: _Shell = None, as_json: AsJson = False) -> None:
     Example: dr-completion install
     """
     done = completion.install(shell or completion.shell_of(os.environ), os.environ)
-    console.emit(done, None, as_json=as_json)
+    console.emit(done, None)
     console.say(f"New {done.shell} shells now complete the dr commands ({done.script}).")

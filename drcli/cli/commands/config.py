@@ -6,7 +6,6 @@ import typer
 
 from drcli.base.errors import SettingsError
 from drcli.cli import completion, console
-from drcli.cli.options import AsJson
 from drcli.cli.views import settings_view
 from drcli.cli.working_folder import settings, working_folder
 
@@ -28,7 +27,6 @@ def show(
     changed: Annotated[
         bool, typer.Option("--changed", help="Only settings that differ from their defaults.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Show each setting, and the file and line it comes from.
 
@@ -43,7 +41,7 @@ def show(
     wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
     report = inspect_values(loaded, wanted, changed=changed)
     rendered = settings_view.explained(report) if wanted else settings_view.values(report)
-    console.emit(report, rendered, as_json=as_json)
+    console.emit(report, rendered)
 
 
 @app.command()
@@ -51,7 +49,6 @@ def check(
     settings_only: Annotated[
         bool, typer.Option("--settings", help="Check the settings only, which is faster.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Check all settings; when they are right, check everything else too.
 
@@ -66,7 +63,7 @@ def check(
     if report.valid and not settings_only:
         with console.waiting(f"Checking {report.directory} ..."):
             report = with_rules(report)
-    console.emit(report, settings_view.check(report), as_json=as_json)
+    console.emit(report, settings_view.check(report))
     if report.errors:
         more = len(report.errors) - 1
         raise SettingsError(
@@ -93,7 +90,6 @@ def change(
             help="run.env or system.env; chosen for you if left out.",
         ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Change settings in the files of this folder, or of its experiment.
 
@@ -106,7 +102,7 @@ def change(
     from drcli.config.editing import set_values
 
     edit = set_values(working_folder(), _wanted(values), file=file)
-    console.emit(edit, settings_view.edit(edit), as_json=as_json)
+    console.emit(edit, settings_view.edit(edit))
     console.warn(*edit.warnings)
     console.say(f"Written in {edit.directory}.")
 
@@ -119,7 +115,6 @@ def preset(
             metavar="NAME", help="Only these presets.", autocompletion=completion.presets
         ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Explain the presets of `dr init --preset`: their settings, what for, and yours beside them.
 
@@ -133,7 +128,7 @@ def preset(
         present = None
     report = explain(names or [], present)
     rendered = settings_view.presets(report, in_full=bool(names))
-    console.emit(report, rendered, as_json=as_json)
+    console.emit(report, rendered)
 
 
 def _wanted(values: list[str]) -> dict[str, str]:

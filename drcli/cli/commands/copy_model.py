@@ -7,7 +7,6 @@ import typer
 
 from drcli.cli import console, prompts
 from drcli.cli.options import (
-    AsJson,
     CustomFiles,
     DryRun,
     Force,
@@ -45,7 +44,6 @@ def upload_model(
     keep: Keep = None,
     max_mb: MaxMb = None,
     dry_run: DryRun = False,
-    as_json: AsJson = False,
 ) -> None:
     """Copy a checkpoint, with all files that belong to it, to the upload bucket.
 
@@ -71,7 +69,7 @@ def upload_model(
     planned = plan_upload(loaded, options)
     if step is not None:
         console.say(f"Incrementing model from {step.step.before} to {step.step.after}")
-    if as_json:
+    if console.as_json:
         console.say(planned.chosen.line)
     else:
         console.write(f"{planned.chosen.line}\n")  # on stdout, where scripts look for it
@@ -83,7 +81,7 @@ def upload_model(
     report = upload(planned, loaded, partial(console.progress, unit="bytes"))
     if step is not None and not dry_run:
         step.edit.make()  # last: an upload that was interrupted continues under the same name
-    console.emit(report, models_view.upload(report), as_json=as_json)
+    console.emit(report, models_view.upload(report))
     if not dry_run:
         listing = "dr-list-models" if local else "dr-list-models --upload"
         back = f"dr-download-model{' -L' if local else ''} -s {report.target} -t NAME"
@@ -111,7 +109,6 @@ def download_model(
     local: Annotated[
         bool, typer.Option("-L", "--local", help="Copy from a bucket of the local server.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Copy a model from another bucket to the local one.
 
@@ -128,10 +125,10 @@ def download_model(
     if not target:
         raise typer.BadParameter("No target prefix defined. Exiting. Give it with -t.")
     options = DownloadOptions(source, target, local, wipe, dry_run, custom_files)
-    copy_here(options, force=force, as_json=as_json)
+    copy_here(options, force=force)
 
 
-def copy_here(options: "DownloadOptions", *, force: bool, as_json: bool) -> None:
+def copy_here(options: "DownloadOptions", *, force: bool) -> None:
     """Copy a model to the local bucket, and show what was copied."""
     from drcli.transfer.download import download, plan_download
 
@@ -145,7 +142,7 @@ def copy_here(options: "DownloadOptions", *, force: bool, as_json: bool) -> None
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
     report = download(planned, loaded, partial(console.progress, unit="bytes"))
-    console.emit(report, models_view.download(report), as_json=as_json)
+    console.emit(report, models_view.download(report))
     if not dry_run:
         name = planned.options.prefix
         model = f"DR_LOCAL_S3_MODEL_PREFIX={name}"

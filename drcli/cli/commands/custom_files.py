@@ -1,12 +1,11 @@
 """`dr upload-custom-files` and `dr download-custom-files`."""
 
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings
 
 
-def upload_custom_files(as_json: AsJson = False) -> None:
+def upload_custom_files() -> None:
     """Copy custom_files/, or that of the experiment, to DR_LOCAL_S3_CUSTOM_FILES_PREFIX.
 
     Copies every file in the folder. Nothing is deleted in the bucket.
@@ -19,10 +18,10 @@ def upload_custom_files(as_json: AsJson = False) -> None:
     report = copying.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
     for name in report.refused:
         console.warn(f"{report.folder}/{name} was skipped: its name is not UTF-8.")
-    console.emit(report, models_view.custom_files(report, up=True), as_json=as_json)
+    console.emit(report, models_view.custom_files(report, up=True))
 
 
-def download_custom_files(as_json: AsJson = False) -> None:
+def download_custom_files() -> None:
     """Copy DR_LOCAL_S3_CUSTOM_FILES_PREFIX to custom_files/, or to that of the experiment.
 
     Nothing is deleted: a file that differs is kept as NAME.bak.
@@ -37,4 +36,4 @@ def download_custom_files(as_json: AsJson = False) -> None:
         console.warn(f"{report.place}/{name} was skipped: it leads out of {report.folder}.")
     if not report.copied and not report.unchanged:
         console.warn(f"There is nothing at {report.place}.")
-    console.emit(report, models_view.custom_files(report, up=False), as_json=as_json)
+    console.emit(report, models_view.custom_files(report, up=False))

@@ -6,7 +6,7 @@ import typer
 
 from drcli.base.errors import SettingsError
 from drcli.cli import console, prompts
-from drcli.cli.options import AsJson, DryRun, Force, KeepModels, models_argument
+from drcli.cli.options import DryRun, Force, KeepModels, models_argument
 from drcli.cli.views import removal_view
 from drcli.cli.working_folder import settings
 
@@ -23,7 +23,6 @@ def delete_model(
     ] = False,
     force: Force = False,
     dry_run: DryRun = False,
-    as_json: AsJson = False,
 ) -> None:
     """Delete models from the bucket, with all their traces.
 
@@ -52,4 +51,4 @@ def delete_model(
         with console.waiting("Deleting ..."):
             remove_models(planned, loaded)
     view = removal_view.planned if dry_run else removal_view.removed
-    console.emit(planned.report, view(planned.report), as_json=as_json)
+    console.emit(planned.report, view(planned.report))

@@ -3,12 +3,11 @@
 import typer
 
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.views import doctor_view
 from drcli.cli.working_folder import working_folder
 
 
-def doctor(as_json: AsJson = False) -> None:
+def doctor() -> None:
     """Examine the installation, this machine and the bucket.
 
     Shows a line for each subject, and what to do about each problem, in ten seconds at most. Needs
@@ -23,6 +22,6 @@ def doctor(as_json: AsJson = False) -> None:
     folder = working_folder()
     with console.waiting("Examining this machine and the bucket ...", only_live=True):
         report = diagnose(folder)
-    console.emit(report, doctor_view.findings(report), as_json=as_json)
+    console.emit(report, doctor_view.findings(report))
     if report.exit_code:
         raise typer.Exit(report.exit_code)

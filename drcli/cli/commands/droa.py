@@ -1,4 +1,4 @@
-"""`droa-*`."""
+"""`dr droa`."""
 
 import inspect
 import sys
@@ -19,7 +19,6 @@ from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing
 from drcli.cli import console, prompts
 from drcli.cli.options import (
-    AsJson,
     DryRun,
     ReplaceOrYes,
     best_option,
@@ -477,6 +476,13 @@ def _route(settings: Settings, data: bytes) -> Direction | None:
     return None
 
 
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Import models into DeepRacer on AWS, and manage them there.\n\n"
+    "The names `droa-login`, `droa-list-models` and so on work too.\n\n"
+    "Example: dr-droa list",
+)
+
 _Model = Annotated[
     str, typer.Argument(metavar="MODEL", help="Id of the model, or its name if only one has it.")
 ]
@@ -484,49 +490,53 @@ _Yes = Annotated[bool, typer.Option("-f", "--force", "-y", "--yes", help="Do not
 _Kind = Literal["TRAINING_LOGS", "EVALUATION_LOGS", "PHYSICAL_CAR_MODEL", "VIRTUAL_MODEL", "VIDEOS"]
 
 
+@app.command("login")
 @connected
-def droa_login(connection: Connection, as_json: AsJson = False) -> None:
+def droa_login(connection: Connection) -> None:
     """Sign in to DeepRacer on AWS; other commands then need no password for an hour.
 
     Keeps temporary keys in ~/.droa-cache, never the password. The other commands sign in
     themselves if they must.
 
-    Example: droa-login --username me@example.com
+    Example: dr-droa login --username me@example.com
     """
     session = connection.session()
     with console.waiting(f"Signing in to {session.site.place} ..."):
         keys = session.renew()
     report = SignedIn(session.site.place, session.username, keys.expires.isoformat())
-    console.emit(report, signed_in(report), as_json=as_json)
+    console.emit(report, signed_in(report))
 
 
+@app.command("logout")
 @connected
-def droa_logout(connection: Connection, as_json: AsJson = False) -> None:
+def droa_logout(connection: Connection) -> None:
     """Delete the temporary keys of DeepRacer on AWS from this machine.
 
     The keys are in ~/.droa-cache; if the site is gone, delete that folder.
 
-    Example: droa-logout
+    Example: dr-droa logout
     """
     session = connection.session()
     report = SignedOut(session.site.place, session.username, session.forget())
-    console.emit(report, signed_out(report), as_json=as_json)
+    console.emit(report, signed_out(report))
 
 
+@app.command("list")
 @connected
-def droa_list_models(connection: Connection, as_json: AsJson = False) -> None:
+def droa_list_models(connection: Connection) -> None:
     """List your models at DeepRacer on AWS, the newest first.
 
     With --json, each model has the keys of its interface.
 
-    Example: droa-list-models
+    Example: dr-droa list
     """
     droa = connection.droa()
     found = droa.models()
     report = RemoteModels(droa.place, [dict(model.values) for model in found])
-    console.emit(report, models(droa.place, found), as_json=as_json)
+    console.emit(report, models(droa.place, found))
 
 
+@app.command("show")
 @connected
 def droa_get_model(
     connection: Connection,
@@ -538,11 +548,10 @@ def droa_get_model(
     summary: Annotated[
         bool, typer.Option("--summary", help="Also show means of its training metrics.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Show a model at DeepRacer on AWS.
 
-    Example: droa-get-model 2w7R6h2PNexQ9kC --summary
+    Example: dr-droa show 2w7R6h2PNexQ9kC --summary
     """
     from drcli.outside.droa.droa_metrics import ModelReport, metrics_summary
 
@@ -550,9 +559,10 @@ def droa_get_model(
     found = droa.find(model)
     means = metrics_summary(droa, found) if summary else None
     report = ModelReport.of(droa.place, found, means or [])
-    console.emit(report, show_model(found, means, verbose=verbose), as_json=as_json)
+    console.emit(report, show_model(found, means, verbose=verbose))
 
 
+@app.command("import")
 @connected
 def droa_import_model(
     connection: Connection,
@@ -589,7 +599,6 @@ def droa_import_model(
         typer.Option("--once", help="Do nothing if the same weights were imported with --once."),
     ] = False,
     dry_run: DryRun = False,
-    as_json: AsJson = False,
 ) -> None:
     """Import a model into DeepRacer on AWS, and wait for its verdict.
 
@@ -597,7 +606,7 @@ def droa_import_model(
     it was trained here. All rules that are known of DeepRacer on AWS are checked before anything is
     sent. With --once, the description has a fingerprint of the weights.
 
-    Example: droa-import-model --from my-model.tar.gz --model-name my-model
+    Example: dr-droa import --from my-model.tar.gz --model-name my-model
     """
     from drcli.outside.droa import droa_import
 
@@ -635,12 +644,13 @@ def droa_import_model(
             progress=partial(console.progress, unit="bytes"),
             waiting=None if no_wait else console.waiting,
         )
-    console.emit(report, imported(report), as_json=as_json)
+    console.emit(report, imported(report))
     if not dry_run:
-        show = (f"droa-get-model {report.model_id}", "show it")
-        console.suggest([show, ("droa-list-models", "list your models there")])
+        show = (f"dr-droa show {report.model_id}", "show it")
+        console.suggest([show, ("dr-droa list", "list your models there")])
 
 
+@app.command("download")
 @connected
 def droa_download_logs(
     connection: Connection,
@@ -665,14 +675,13 @@ def droa_download_logs(
         bool, typer.Option("--summary", help="Also show means of the metrics in the logs.")
     ] = False,
     force: ReplaceOrYes = False,
-    as_json: AsJson = False,
 ) -> None:
     """Download logs of a model, or the model itself, from DeepRacer on AWS.
 
     VIRTUAL_MODEL is packed first, which may take minutes. PHYSICAL_CAR_MODEL is an archive for the
     car.
 
-    Example: droa-download-logs 2w7R6h2PNexQ9kC -o logs.tar.gz
+    Example: dr-droa download 2w7R6h2PNexQ9kC -o logs.tar.gz
     """
     from drcli.outside.droa import droa_download
     from drcli.outside.droa.droa_metrics import archive_summary
@@ -696,19 +705,18 @@ def droa_download_logs(
         droa.place, model_id, kind, str(file), file.stat().st_size
     )
     means = archive_summary(file) if summary else None
-    console.emit(report, downloaded(report, means), as_json=as_json)
+    console.emit(report, downloaded(report, means))
 
 
+@app.command("delete")
 @connected
-def droa_delete_model(
-    connection: Connection, model: _Model, force: _Yes = False, as_json: AsJson = False
-) -> None:
+def droa_delete_model(connection: Connection, model: _Model, force: _Yes = False) -> None:
     """Delete a model at DeepRacer on AWS. It cannot be restored.
 
     Only models with status READY or ERROR can be deleted. Asks before; the name of the model is a
     yes too.
 
-    Example: droa-delete-model 2w7R6h2PNexQ9kC -f
+    Example: dr-droa delete 2w7R6h2PNexQ9kC -f
     """
     from drcli.outside.droa.droa_download import delete_model, refuse_undeletable
 
@@ -722,7 +730,7 @@ def droa_delete_model(
         words=[found.name],
     )
     report = delete_model(droa, found)
-    console.emit(report, deleted(report), as_json=as_json)
+    console.emit(report, deleted(report))
 
 
 def _stem(source: Path) -> str:

@@ -15,7 +15,7 @@ from rich.text import Text
 from drcli.cli import console
 from drcli.cli import evaluation_options as options
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.cli.options import AsJson, checkpoint_option, parsed_checkpoint
+from drcli.cli.options import checkpoint_option, parsed_checkpoint
 from drcli.cli.views.layout import Rows, fitted
 from drcli.cli.working_folder import settings
 from drcli.records.evaluation_task import PolicySource, Runtime
@@ -353,7 +353,7 @@ class Many:
     against: str = ""
 
 
-def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool, as_json: bool) -> None:
+def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool) -> None:
     """Drive all models on all tracks, and show the table.
 
     Raises:
@@ -386,28 +386,26 @@ def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool, as_json: bo
     console.warn(*report.notes)
     if asked.robust and len(report.rows) == 1 and report.robust:
         found = report.robust[0]
-        console.emit(found, robust_grid(found), as_json=as_json)
+        console.emit(found, robust_grid(found))
         return
     if len(report.laps) == 1 and not any(row.reason for row in report.rows):
         sample = report.laps[0]
-        console.emit(sample, laps(sample), as_json=as_json)
+        console.emit(sample, laps(sample))
         return
-    console.emit(report, models_table(report), as_json=as_json)
+    console.emit(report, models_table(report))
     if all(row.reason for row in report.rows):
         raise WorkerDied(
             "None of these models could be evaluated.", remedy="Read the reasons in the table."
         )
 
 
-def evaluate_in_a_loop(
-    settings: "Settings", seed: int | None, *, quiet: bool, as_json: bool
-) -> None:
+def evaluate_in_a_loop(settings: "Settings", seed: int | None, *, quiet: bool) -> None:
     from drcli.run.evaluation_loop import run_loop
 
     say = _say(quiet=quiet)
     say("Evaluating each new checkpoint until Ctrl-C or dr-stop-evaluation.")
     report = run_loop(settings, seed=seed, on_progress=say, on_failure=console.warn)
-    console.emit(report, best_laps(report), as_json=as_json)
+    console.emit(report, best_laps(report))
 
 
 def _say(*, quiet: bool) -> Callable[[str], None]:
@@ -523,7 +521,6 @@ def evaluate(
     loop: Annotated[
         bool, typer.Option("--loop", help="Evaluate each new checkpoint until stopped.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Drive evaluation laps with the model and report the result.
 
@@ -615,11 +612,11 @@ def evaluate(
             laps or 0,
             against or "",
         )
-        evaluate_many(loaded, asked, quiet=quiet, as_json=as_json)
+        evaluate_many(loaded, asked, quiet=quiet)
         return
     bring_tracks(loaded)
     if loop:
-        evaluate_in_a_loop(loaded, seed, quiet=quiet, as_json=as_json)
+        evaluate_in_a_loop(loaded, seed, quiet=quiet)
         return
     if quiet and context.info_name == STARTER:
         plan = prepare_evaluation(
@@ -627,14 +624,14 @@ def evaluate(
         )
         record = evaluation.launch_evaluation(plan)
         started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
-        console.emit(started, None, as_json=as_json)
+        console.emit(started, None)
         return
     say = (lambda text: None) if quiet else console.say
     report = evaluation.evaluate(
         loaded, clone=clone, seed=seed, on_progress=say, own=own, opponent=opponent
     )
     console.warn(*report.notes)
-    console.emit(report, show_evaluation(report), as_json=as_json)
+    console.emit(report, show_evaluation(report))
     if not quiet:
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
         more_laps = _more_laps(loaded.race_type, own, checkpoint)

@@ -7,7 +7,6 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.cli import completion, console
-from drcli.cli.options import AsJson
 from drcli.cli.views.layout import indented
 
 if TYPE_CHECKING:
@@ -69,7 +68,6 @@ def explain(
             autocompletion=completion.explained_words,
         ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Explain a hyperparameter, a setting, a word, an exit code or an error text.
 
@@ -81,4 +79,4 @@ def explain(
     from drcli.checks.explain.lookup import Explanation
 
     report = Explanation.of(" ".join(name or []))
-    console.emit(report, explanation(report), as_json=as_json)
+    console.emit(report, explanation(report))

@@ -13,7 +13,6 @@ from rich.text import Text
 from drcli.base.files import refuse_existing, safe_name
 from drcli.cli import console, prompts
 from drcli.cli.options import (
-    AsJson,
     DryRun,
     Force,
     Keep,
@@ -145,7 +144,6 @@ def export_car(
         ),
     ] = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Write the archive that the physical car loads, and show what the car makes of the model.
 
@@ -162,7 +160,7 @@ def export_car(
     if check is not None:
         if best or number is not None or prefix or out or force:
             raise typer.BadParameter("--check takes a file, and no other option with it.")
-        _check(check, as_json=as_json)
+        _check(check)
         return
     if out is not None and not out.is_dir():
         refuse_existing(out, force=force)
@@ -171,7 +169,7 @@ def export_car(
     path = archive_path(out, source.file_name, force=force)
     report = write_archive(_made(loaded, source, path.name), path)
     _warn(report.problems)
-    console.emit(report, show_archive(report), as_json=as_json)
+    console.emit(report, show_archive(report))
 
 
 def upload_car_zip(
@@ -195,7 +193,6 @@ def upload_car_zip(
     keep: Keep = None,
     max_mb: MaxMb = None,
     dry_run: DryRun = False,
-    as_json: AsJson = False,
 ) -> None:
     """Upload the archive that the physical car loads.
 
@@ -222,7 +219,7 @@ def upload_car_zip(
         retention=retention_of(loaded, keep, max_mb),
     )
     source = read_export_source(loaded, chosen)
-    if as_json:
+    if console.as_json:
         console.say(source.chosen.line)
     else:
         console.write(f"{source.chosen.line}\n")  # on stdout, where scripts look for it
@@ -234,7 +231,7 @@ def upload_car_zip(
     progress = partial(console.progress, unit="bytes")
     report = upload_archive(export, target, names, progress, dry_run=dry_run)
     _warn(report.problems)
-    console.emit(report, show_archive(report), as_json=as_json)
+    console.emit(report, show_archive(report))
 
 
 def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":
@@ -244,13 +241,13 @@ def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExp
         return made_car_archive(loaded, source, file_name)
 
 
-def _check(path: Path, *, as_json: bool) -> None:
+def _check(path: Path) -> None:
     from drcli.base.errors import refuse
     from drcli.transfer.export_car import check_archive
 
     report = check_archive(path)
     _warn(report.warnings)
-    console.emit(report, show_check(report), as_json=as_json)
+    console.emit(report, show_check(report))
     refuse(report.errors)
 
 
@@ -277,7 +274,6 @@ def pb(
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Write a frozen TensorFlow graph, which the car, OpenVINO and TensorFlow read.
 
@@ -287,7 +283,7 @@ def pb(
 
     Example: dr-export pb --out policy.pb
     """
-    _export("pb", out, best, number, prefix, force, as_json)
+    _export("pb", out, best, number, prefix, force)
 
 
 def onnx(
@@ -296,7 +292,6 @@ def onnx(
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Write an ONNX file, which onnxruntime and most other engines read.
 
@@ -307,7 +302,7 @@ def onnx(
 
     Example: dr-export onnx --out policy.onnx
     """
-    _export("onnx", out, best, number, prefix, force, as_json)
+    _export("onnx", out, best, number, prefix, force)
 
 
 def tflite(
@@ -316,7 +311,6 @@ def tflite(
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Write a TensorFlow Lite file with the settings of the car: weights in half precision.
 
@@ -326,7 +320,7 @@ def tflite(
 
     Example: dr-export tflite --out policy.tflite
     """
-    _export("tflite", out, best, number, prefix, force, as_json)
+    _export("tflite", out, best, number, prefix, force)
 
 
 def openvino(
@@ -338,7 +332,6 @@ def openvino(
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Write OpenVINO's two files, .xml and .bin.
 
@@ -348,7 +341,7 @@ def openvino(
 
     Example: dr-export openvino --out policy.xml
     """
-    _export("openvino", out, best, number, prefix, force, as_json, fp16=fp16)
+    _export("openvino", out, best, number, prefix, force, fp16=fp16)
 
 
 def _export(
@@ -358,7 +351,6 @@ def _export(
     number: str | None,
     prefix: str | None,
     force: bool,
-    as_json: bool,
     *,
     fp16: bool = False,
 ) -> None:
@@ -368,7 +360,7 @@ def _export(
     target = None if out is None else out.expanduser()
     planned = plan_form(settings(), chosen, form, target, fp16=fp16, force=force)
     report = export_form(planned)
-    console.emit(report, exported(report), as_json=as_json)
+    console.emit(report, exported(report))
     console.suggest([(f"dr-evaluate --model {report.file}", "drive laps with it")])
 
 
@@ -394,7 +386,6 @@ def tf_checkpoint(
     prefix: ExportPrefix = None,
     local: _Local = False,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Write a TensorFlow checkpoint, from which the reference simulator evaluates and trains on.
 
@@ -413,7 +404,7 @@ def tf_checkpoint(
     target = export_target(loaded, place, source, local=local, force=force)
     exported = read_checkpoint_export(loaded, chosen)
     report = export_checkpoint(exported, target, partial(console.progress, unit="bytes"))
-    console.emit(report, reference(report), as_json=as_json)
+    console.emit(report, reference(report))
 
 
 def droa(
@@ -432,7 +423,6 @@ def droa(
     prefix: ExportPrefix = None,
     local: _Local = False,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Write the folder and the archive that DeepRacer on AWS imports.
 
@@ -458,9 +448,9 @@ def droa(
         refuse_existing(archive, force=force)
     exported = read_droa_export(loaded, chosen, world)
     report = export_droa(exported, target, archive, partial(console.progress, unit="bytes"))
-    console.emit(report, reference(report), as_json=as_json)
+    console.emit(report, reference(report))
     if target is not None and target.folder is not None:
-        import_it = f"droa-import-model --from {shlex.quote(place)}"
+        import_it = f"dr-droa import --from {shlex.quote(place)}"
         console.suggest([(import_it, "import it into DeepRacer on AWS")])
 
 

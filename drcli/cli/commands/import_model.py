@@ -12,7 +12,6 @@ from rich.filesize import decimal
 from drcli.base.errors import DrError
 from drcli.cli import console, prompts
 from drcli.cli.options import (
-    AsJson,
     CustomFiles,
     DryRun,
     Force,
@@ -119,7 +118,6 @@ def import_model(
     local: Annotated[
         bool, typer.Option("-L", "--local", help="SOURCE is a bucket of the local server.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Make a model of another system a model here: it drives, trains on and can be exported.
 
@@ -156,7 +154,7 @@ def import_model(
         with console.waiting("Reading and comparing the model ..."):
             planned = plan_import(loaded, options)
     except OwnModel:
-        copy_here(copy_of_own(loaded, options), force=force, as_json=as_json)
+        copy_here(copy_of_own(loaded, options), force=force)
         return
     if dry_run:
         console.say("*** DRYRUN MODE ***")
@@ -169,7 +167,7 @@ def import_model(
     report = write(planned, loaded, partial(console.progress, unit="bytes"))
     if drive and not dry_run:
         report = replace(report, trials=_tried(loaded, planned.options.prefix, report))
-    console.emit(report, imported(report), as_json=as_json)
+    console.emit(report, imported(report))
     if not dry_run:
         model = f"DR_LOCAL_S3_MODEL_PREFIX={planned.options.prefix}"
         console.suggest(

@@ -10,7 +10,6 @@ import typer
 
 from drcli.cli import completion, console, prompts
 from drcli.cli.options import (
-    AsJson,
     Delimiter,
     Force,
     checkpoint_option,
@@ -65,7 +64,6 @@ def increment_training(
         str | None,
         typer.Option("--description", metavar="TEXT", help="Say what the new model is."),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Make the next training start a new model from this model's weights.
 
@@ -100,7 +98,7 @@ def increment_training(
     if step.wipes:
         prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
     step = make_increment(planned, loaded.storage)
-    console.emit(step, training_view.increment(step), as_json=as_json)
+    console.emit(step, training_view.increment(step))
     for path in step.files:
         console.say(f"Wrote {path}")
     _done(step.file, step.backup, "dr-start-training", "train the new model", step.files)
@@ -111,7 +109,6 @@ def increment_upload_model(
     wipe: Annotated[bool, wipe_option("Delete everything under the new name first.")] = False,
     prefix: Annotated[str | None, prefix_option("Use this name for the next upload.")] = None,
     delimiter: Delimiter = None,
-    as_json: AsJson = False,
 ) -> None:
     """Give the next upload a new name: raise the number at the end of DR_UPLOAD_S3_PREFIX.
 
@@ -131,7 +128,7 @@ def increment_upload_model(
         console.warn(f"{counted(step.wiped, 'file')} at {place} will be deleted.")
     prompts.agree("Are you sure?", yes=force)
     upload.make_upload_increment(planned)
-    console.emit(step, models_view.upload_increment(step), as_json=as_json)
+    console.emit(step, models_view.upload_increment(step))
     _done(step.file, step.backup, "dr-upload-model", "upload the model there")
 
 
@@ -154,7 +151,6 @@ class UploadName:
 
 def set_upload_model(
     prefix: Annotated[str, typer.Argument(metavar="PREFIX", help="Name of the next upload.")],
-    as_json: AsJson = False,
 ) -> None:
     """Choose the name of the next upload: writes DR_UPLOAD_S3_PREFIX to run.env.
 
@@ -169,7 +165,7 @@ def set_upload_model(
     place = f"s3://{after.upload_s3_bucket}/{after.upload_s3_prefix}"
     file = str(folder / edit.changes[0].file)
     report = UploadName(file, before, after.upload_s3_prefix, place)
-    console.emit(report, f"The next upload goes to {place} (written to {file}).", as_json=as_json)
+    console.emit(report, f"The next upload goes to {place} (written to {file}).")
 
 
 def _announce(file: str, before: str, after: str) -> None:

@@ -11,7 +11,7 @@ import typer
 
 from drcli.base.errors import BadValue, ProblemsError, one_of, shown
 from drcli.cli import completion, console, prompts
-from drcli.cli.options import AsJson, force_option, in_options, world_option
+from drcli.cli.options import force_option, in_options, world_option
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
 
@@ -123,7 +123,6 @@ def init(
     processor: Annotated[str | None, typer.Option("-a", hidden=True)] = None,
     style: Annotated[str | None, typer.Option("-s", hidden=True)] = None,
     mount: Annotated[bool, typer.Option("-m", hidden=True)] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Create a working folder: settings, the three files of a model, and bin/activate.sh.
 
@@ -195,7 +194,7 @@ def init(
     console.warn(*report.warnings)
     if report.backups:
         console.warn(f"The old files are kept as {', '.join(report.backups)}.")
-    console.emit(report, None, as_json=as_json)
+    console.emit(report, None)
     kept = f"; {counted(len(report.unchanged), 'file')} kept" if report.unchanged else ""
     console.say(f"{counted(len(report.written), 'file')} written to {report.folder}{kept}.")
     sourced = has_activate_script(plan.folder)

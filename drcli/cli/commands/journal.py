@@ -10,7 +10,6 @@ from rich.table import Table
 from rich.text import Text
 
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.views.layout import fitted, indented
 from drcli.cli.working_folder import settings
 
@@ -68,7 +67,6 @@ def journal(
         str | None,
         typer.Argument(metavar="MODEL", help="Prefix of a model; that of run.env if left out."),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Show what happened to a model: starts, machines, notices, faults, and how each start ended.
 
@@ -80,4 +78,4 @@ def journal(
 
     report = journal_of(settings(), model)
     console.warn(*report.damaged)
-    console.emit(report, show_journal(report), as_json=as_json)
+    console.emit(report, show_journal(report))

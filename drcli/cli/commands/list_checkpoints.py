@@ -9,7 +9,7 @@ from rich.filesize import decimal
 from rich.text import Text
 
 from drcli.cli import console
-from drcli.cli.options import AsJson, models_argument
+from drcli.cli.options import models_argument
 from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import settings
 from drcli.model.model_store import ModelStore
@@ -73,7 +73,6 @@ def list_checkpoints(
     check: Annotated[
         bool, typer.Option("--check", help="Read all weights, and report damaged ones.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """List the checkpoints of a model, with the laps of their evaluations during the training.
 
@@ -93,4 +92,4 @@ def list_checkpoints(
             loaded.model, ModelStore(bucket, prefix), check=check
         )
     console.warn(*found.damaged)
-    console.emit(found, checkpoints(found), as_json=as_json)
+    console.emit(found, checkpoints(found))

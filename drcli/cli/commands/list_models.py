@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from drcli.cli import console
-from drcli.cli.options import AsJson, models_argument
+from drcli.cli.options import models_argument
 from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings
 
@@ -19,7 +19,6 @@ def list_models(
     upload: Annotated[
         bool, typer.Option("--upload", help="List the models in the upload bucket.")
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """List the models in the bucket: number of checkpoints, best and last one, size.
 
@@ -27,18 +26,6 @@ def list_models(
 
     Example: dr-list-models "team/*"
     """
-    _list(pattern, upload=upload, as_json=as_json)
-
-
-def list_aws_models(pattern: _Pattern = "", as_json: AsJson = False) -> None:
-    """List the models in the upload bucket, as `dr-list-models --upload` does.
-
-    Example: dr-list-aws-models
-    """
-    _list(pattern, upload=True, as_json=as_json)
-
-
-def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
     from drcli.model import model_list
     from drcli.transfer import transfer_buckets
 
@@ -46,4 +33,12 @@ def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
     with console.waiting(f"Reading s3://{bucket.name} ..."):
         found = model_list.list_models(bucket, pattern)
     console.warn(*(sentence for model in found.models for sentence in model.damaged))
-    console.emit(found, models_view.models(found), as_json=as_json)
+    console.emit(found, models_view.models(found))
+
+
+def list_aws_models(pattern: _Pattern = "") -> None:
+    """List the models in the upload bucket, as `dr-list-models --upload` does.
+
+    Example: dr-list-aws-models
+    """
+    list_models(pattern, upload=True)

@@ -8,7 +8,6 @@ import typer
 from drcli.base.errors import Absent
 from drcli.cli import completion, console
 from drcli.cli.open_page import open_page
-from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings
 
 _NOTHING_RUNS = "No log analysis is running. dr-start-loganalysis writes a file; it starts nothing."
@@ -41,7 +40,6 @@ def start_loganalysis(
     browser: Annotated[
         bool, typer.Option("--open/--no-open", help="Open it in a browser, if there is a display.")
     ] = True,
-    as_json: AsJson = False,
 ) -> None:
     """Write the report of dr-analyze to data/analysis/, print its address, and open it.
 
@@ -62,12 +60,12 @@ def start_loganalysis(
         written = write_report(path, analyse(run))
     console.warn(*written.problems)
     address = ReportAddress(run.name, str(path), path.as_uri())
-    console.emit(address, f"{address.html}\n{address.url}", as_json=as_json, folded=False)
-    if browser and not as_json:
+    console.emit(address, f"{address.html}\n{address.url}", folded=False)
+    if browser and not console.as_json:
         open_page(address.url)
 
 
-def url_loganalysis(as_json: AsJson = False) -> None:
+def url_loganalysis() -> None:
     """Print the address of the report that dr-start-loganalysis has written for this model.
 
     Example: dr-url-loganalysis
@@ -82,32 +80,31 @@ def url_loganalysis(as_json: AsJson = False) -> None:
             remedy="Write it with `dr-start-loganalysis`.",
         )
     address = ReportAddress(loaded.model_prefix, str(path), path.as_uri())
-    console.emit(address, address.url, as_json=as_json, folded=False)
+    console.emit(address, address.url, folded=False)
 
 
-def stop_loganalysis(as_json: AsJson = False) -> None:
+def stop_loganalysis() -> None:
     """Stop nothing: the report is a file.
 
     Exits 0.
 
     Example: dr-stop-loganalysis
     """
-    _say_nothing_runs(as_json=as_json)
+    _say_nothing_runs()
 
 
-def logs_loganalysis(as_json: AsJson = False) -> None:
+def logs_loganalysis() -> None:
     """Show no log: the report is a file, and dr-analyze says what was wrong with a model's files.
 
     Exits 0.
 
     Example: dr-logs-loganalysis
     """
-    _say_nothing_runs(as_json=as_json)
+    _say_nothing_runs()
 
 
-def _say_nothing_runs(*, as_json: bool) -> None:
+def _say_nothing_runs() -> None:
+    from drcli.run.stopping import StopReport
+
     console.say(_NOTHING_RUNS)
-    if as_json:
-        from drcli.run.stopping import StopReport
-
-        console.emit(StopReport(), "", as_json=True)
+    console.emit(StopReport(), None)

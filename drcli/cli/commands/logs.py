@@ -12,6 +12,7 @@ import typer
 from drcli.base.errors import Absent, SettingsError, StorageError
 from drcli.cli import completion, console
 from drcli.cli.log_tail import POLL_S, chosen, show_log
+from drcli.cli.options import text_only
 from drcli.cli.working_folder import settings, working_folder
 from drcli.model.model_store import ModelStore
 
@@ -68,6 +69,7 @@ def follow_uploaded_log(log: "UploadedLog", shown: bytes, until: Callable[[], bo
 TAIL_LINES = 20
 
 
+@text_only
 def logs(
     worker: Annotated[
         str,
@@ -111,7 +113,7 @@ def logs(
     whole: Annotated[
         bool, typer.Option("-a", "--all", help="Show the whole log instead of the last lines.")
     ] = False,
-    as_json: Annotated[
+    json_lines: Annotated[
         bool,
         typer.Option("--json-lines", help="Show its JSON lines, one object for each record."),
     ] = False,
@@ -135,12 +137,12 @@ def logs(
     loaded, name = settings(), _name(worker, number)
     if whole and lines is not None:
         raise typer.BadParameter("--all and --lines exclude each other.")
-    if as_json and name.startswith("reward"):
+    if json_lines and name.startswith("reward"):
         raise _no_json_lines(name)
     begin = _begin(since, name)
     count = lines if lines is not None or whole or begin is not None else TAIL_LINES
     path = log_file(working_folder(), loaded.model_prefix, name)
-    path = json_log(path) if as_json else path
+    path = json_log(path) if json_lines else path
     if not uploaded and path.exists():
         show_log(path, count, lambda: follow, since=begin)
         return
@@ -154,7 +156,7 @@ def logs(
             return
         count = None  # the log has appeared here: all of it is new
     elif not follow or uploaded:
-        raise _absent(loaded, name, path, as_json=as_json, uploaded=uploaded)
+        raise _absent(loaded, name, path, json_lines=json_lines, uploaded=uploaded)
     else:
         console.say(f"Waiting for {path} ...")
     show_log(path, count, lambda: follow)
@@ -222,9 +224,11 @@ def _no_json_lines(name: str) -> SettingsError:
     )
 
 
-def _absent(loaded: "Settings", name: str, path: Path, *, as_json: bool, uploaded: bool) -> Absent:
+def _absent(
+    loaded: "Settings", name: str, path: Path, *, json_lines: bool, uploaded: bool
+) -> Absent:
     remedy = _remedy(name, loaded.workers)
-    if as_json and not loaded.log_json:
+    if json_lines and not loaded.log_json:
         remedy = "Set DR_LOG_JSON=True in system.env, and start or resume the training."
     if uploaded:
         where = f"s3://{loaded.bucket}/{loaded.model_prefix} has no copy of {path.name}."

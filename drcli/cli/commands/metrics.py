@@ -1,4 +1,4 @@
-"""`dr start-metrics` and `dr stop-metrics`."""
+"""`dr metrics`."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -7,7 +7,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.cli import console
-from drcli.cli.options import AsJson, models_argument
+from drcli.cli.options import models_argument
 from drcli.cli.stopped_process import show_stopped
 from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import settings, working_folder
@@ -41,6 +41,14 @@ def metrics(report: "MetricsReport") -> RenderableType:
     return Group(*parts)
 
 
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Start or stop TensorBoard, and show where the figures of trainings go.\n\n"
+    "Example: dr-metrics start",
+)
+
+
+@app.command("start")
 def start_metrics(
     models: Annotated[
         list[str] | None,
@@ -52,19 +60,18 @@ def start_metrics(
             "--port", metavar="PORT", min=1, max=65_535, help="Where TensorBoard listens; 6006."
         ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Start TensorBoard, and show where the figures of trainings go.
 
     Event files of models that another machine trains come from the bucket; give the command again
     for newer ones. Models that were trained without DR_TENSORBOARD get theirs from their history.
     With DR_TENSORBOARD=True, curves of a training on this machine follow within seconds.
-    TensorBoard runs in the background, for this machine only, until dr-stop-metrics.
+    TensorBoard runs in the background, for this machine only, until dr-metrics stop.
 
     Grafana, Prometheus, MLflow and trackio are not started: the list shows the setting that sends
     figures to yours. Exits 7 if TensorBoard is not installed and no other tool gets figures.
 
-    Example: dr-start-metrics
+    Example: dr-metrics start
     """
     from drcli.base.errors import StorageError
     from drcli.run import tensorboard_server
@@ -84,18 +91,19 @@ def start_metrics(
             console.warn(f"{error} {error.remedy} Only the files on this machine are shown.")
             fetched, written = [], []
         report = tensorboard_server.start_tensorboard(loaded, written, port, fetched)
-    console.emit(report, metrics(report), as_json=as_json)
+    console.emit(report, metrics(report))
 
 
-def stop_metrics(as_json: AsJson = False) -> None:
-    """Stop the TensorBoard that dr-start-metrics has started in this folder.
+@app.command("stop")
+def stop_metrics() -> None:
+    """Stop the TensorBoard that dr-metrics start has started in this folder.
 
     Does nothing when none is running. Live figures of a running training go on.
 
-    Example: dr-stop-metrics
+    Example: dr-metrics stop
     """
     from drcli.run.tensorboard_server import stop_tensorboard
 
     record = stop_tensorboard(working_folder())
     pid = None if record is None else record.pid
-    show_stopped("TensorBoard", pid, none="No TensorBoard is running.", as_json=as_json)
+    show_stopped("TensorBoard", pid, none="No TensorBoard is running.")

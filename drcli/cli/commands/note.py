@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.cli import console
-from drcli.cli.options import AsJson, prefix_option
+from drcli.cli.options import prefix_option
 from drcli.cli.views import notes_view
 from drcli.cli.working_folder import settings
 
@@ -27,49 +27,49 @@ _Number = Annotated[
 
 
 @app.command()
-def add(text: _Text, prefix: _Prefix = None, as_json: AsJson = False) -> None:
+def add(text: _Text, prefix: _Prefix = None) -> None:
     """Add a note to the model of run.env, also while it is training.
 
     Example: dr-note add "Wider kerbs, slower in the hairpin"
     """
     from drcli.transfer.model_notes import write_note
 
-    _show(write_note(settings(), prefix, text), as_json=as_json)
+    _show(write_note(settings(), prefix, text))
 
 
 @app.command("list")
-def list_notes(prefix: _Prefix = None, as_json: AsJson = False) -> None:
+def list_notes(prefix: _Prefix = None) -> None:
     """List the notes of a model.
 
     Example: dr-note list -p team/model-1
     """
     from drcli.transfer import model_notes
 
-    _show(model_notes.list_notes(settings(), prefix), as_json=as_json)
+    _show(model_notes.list_notes(settings(), prefix))
 
 
 @app.command()
-def edit(number: _Number, text: _Text, prefix: _Prefix = None, as_json: AsJson = False) -> None:
+def edit(number: _Number, text: _Text, prefix: _Prefix = None) -> None:
     """Replace the text of a note; number 0 is the description of the model.
 
     Example: dr-note edit 0 "Fast, but leaves the track"
     """
     from drcli.transfer.model_notes import rewrite_note
 
-    _show(rewrite_note(settings(), prefix, number, text), as_json=as_json)
+    _show(rewrite_note(settings(), prefix, number, text))
 
 
 @app.command()
-def remove(number: _Number, prefix: _Prefix = None, as_json: AsJson = False) -> None:
+def remove(number: _Number, prefix: _Prefix = None) -> None:
     """Remove a note; the later ones move up.
 
     Example: dr-note remove 2
     """
     from drcli.transfer.model_notes import delete_note
 
-    _show(delete_note(settings(), prefix, number), as_json=as_json)
+    _show(delete_note(settings(), prefix, number))
 
 
-def _show(found: "NoteList", *, as_json: bool) -> None:
+def _show(found: "NoteList") -> None:
     console.warn(*found.damaged)
-    console.emit(found, notes_view.notes(found), as_json=as_json)
+    console.emit(found, notes_view.notes(found))

@@ -8,11 +8,11 @@ import typer
 from drcli.base.files import refuse_replacing
 from drcli.cli import console, prompts
 from drcli.cli.options import (
-    AsJson,
     DryRun,
     Force,
     Replace,
     checkpoint_option,
+    models_argument,
     prefix_option,
     world_option,
 )
@@ -164,7 +164,6 @@ def create(
     opens: Opens = None,
     closes: Closes = None,
     seed: Seed = None,
-    as_json: AsJson = False,
 ) -> None:
     """Make a race.
 
@@ -204,7 +203,7 @@ def create(
     loaded = settings()
     bring_tracks(settings_of_rules(loaded, rules_of(loaded, wish, now)))
     report = create_race(loaded, open_races(loaded), wish, now_s=now)
-    print_race(report, as_json=as_json)
+    print_race(report)
     console.suggest(
         [
             (f"dr-race submit {report.race}", "submit the model of run.env"),
@@ -235,7 +234,6 @@ def edit(
     collision_penalty: CollisionPenalty = None,
     max_submissions: MaxSubmissions = None,
     seed: Seed = None,
-    as_json: AsJson = False,
 ) -> None:
     """Change the rules of a race in which nobody has driven yet.
 
@@ -269,7 +267,7 @@ def edit(
     loaded = settings()
     bucket, found = found_race(loaded, race)
     wish = replace(wish_of(read_rules(bucket, found)), **changes)
-    print_race(change_rules(loaded, bucket, found, wish), as_json=as_json)
+    print_race(change_rules(loaded, bucket, found, wish))
 
 
 app = typer.Typer(
@@ -294,7 +292,7 @@ app.command()(edit)
 
 
 @app.command("list")
-def list_all(as_json: AsJson = False) -> None:
+def list_all() -> None:
     """List the races of the bucket, the newest first.
 
     Example: dr-race list
@@ -306,11 +304,11 @@ def list_all(as_json: AsJson = False) -> None:
     bucket = races_to_look_at(loaded)
     found = RaceList(loaded.bucket, []) if bucket is None else list_races(bucket)
     console.warn(*found.damaged)
-    console.emit(found, race_view.races(found), as_json=as_json)
+    console.emit(found, race_view.races(found))
 
 
 @app.command()
-def show(race: Race, as_json: AsJson = False) -> None:
+def show(race: Race) -> None:
     """Show leaderboard, queue and submissions of a race.
 
     Example: dr-race show friday-cup
@@ -318,40 +316,44 @@ def show(race: Race, as_json: AsJson = False) -> None:
     from drcli.races.organise import show_race
 
     bucket, found = found_race(settings(), race)
-    print_race(show_race(bucket, found), as_json=as_json)
+    print_race(show_race(bucket, found))
 
 
 @app.command()
 def submit(
     race: Race,
-    prefix: Annotated[str | None, prefix_option("Submit this model instead.")] = None,
+    model: Annotated[
+        str | None,
+        models_argument("MODEL", "Prefix of the model; that of run.env if left out."),
+    ] = None,
+    prefix: Annotated[str | None, prefix_option("Same as MODEL.")] = None,
     checkpoint: Annotated[str, checkpoint_option("Submit")] = "best",
     racer: Annotated[
         str | None, typer.Option("--racer", metavar="NAME", help="Your name (DR_RACER_NAME).")
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
-    """Submit a checkpoint of the model of run.env to a race.
+    """Submit a checkpoint of a model to a race.
 
     The race gets a copy: you can train on, or delete the model. Submits the best checkpoint unless
     --checkpoint chooses another.
 
-    Example: dr-race submit friday-cup --racer Ann
+    Example: dr-race submit friday-cup team/model-1 --racer Ann
     """
     from drcli.races.submissions import submit as submit_to
 
+    if model and prefix:
+        raise typer.BadParameter("MODEL and --prefix both name the model; use only one.")
+    prefix = model or prefix
     loaded = settings()
     bucket, found = found_race(loaded, race)
     taken = submit_to(loaded, bucket, found, prefix=prefix, checkpoint=checkpoint, racer=racer)
-    console.emit(taken, race_view.taken(taken), as_json=as_json)
+    console.emit(taken, race_view.taken(taken))
     if not taken.queue:
         console.suggest([(f"dr-race run {found}", "drive what was submitted")])
 
 
 @app.command()
-def withdraw(
-    race: Race, submission: _Submission, force: Force = False, as_json: AsJson = False
-) -> None:
+def withdraw(race: Race, submission: _Submission, force: Force = False) -> None:
     """Remove a submission, with all that it drove.
 
     Example: dr-race withdraw friday-cup 3f9a01c2
@@ -363,7 +365,7 @@ def withdraw(
     entry = stored.submissions[stored.find(submission)]
     question = f"Withdraw {entry.racer}'s {entry.model} and its laps? It cannot be undone."
     prompts.agree(question, yes=force)
-    print_race(submissions.withdraw(bucket, found, submission), as_json=as_json)
+    print_race(submissions.withdraw(bucket, found, submission))
 
 
 @app.command()
@@ -373,7 +375,6 @@ def move(
     place: Annotated[
         int, typer.Argument(metavar="PLACE", min=1, help="In the queue; 1 is driven next.")
     ],
-    as_json: AsJson = False,
 ) -> None:
     """Put a waiting submission at another place of the queue.
 
@@ -382,11 +383,11 @@ def move(
     from drcli.races import submissions
 
     bucket, found = found_race(settings(), race)
-    print_race(submissions.move(bucket, found, submission, place), as_json=as_json)
+    print_race(submissions.move(bucket, found, submission, place))
 
 
 @app.command()
-def restart(race: Race, submission: _Submission, as_json: AsJson = False) -> None:
+def restart(race: Race, submission: _Submission) -> None:
     """Let a submission be driven again, such as one that has failed.
 
     Example: dr-race restart friday-cup 3f9a01c2
@@ -394,7 +395,7 @@ def restart(race: Race, submission: _Submission, as_json: AsJson = False) -> Non
     from drcli.races import submissions
 
     bucket, found = found_race(settings(), race)
-    print_race(submissions.restart(bucket, found, submission), as_json=as_json)
+    print_race(submissions.restart(bucket, found, submission))
 
 
 @app.command()
@@ -407,7 +408,6 @@ def run(
     limit: Annotated[
         int, typer.Option("-n", "--limit", metavar="N", min=0, help="Only the next N; 0 for all.")
     ] = 0,
-    as_json: AsJson = False,
 ) -> None:
     """Drive what waits in the queue, and what is submitted meanwhile.
 
@@ -417,11 +417,11 @@ def run(
 
     Example: dr-race run friday-cup
     """
-    drive(race, quiet=quiet, video=video, limit=limit, as_json=as_json)
+    drive(race, quiet=quiet, video=video, limit=limit)
 
 
 @app.command()
-def stop(race: Race, as_json: AsJson = False) -> None:
+def stop(race: Race) -> None:
     """Stop the process on this machine that drives a queue.
 
     Example: dr-race stop friday-cup
@@ -431,11 +431,11 @@ def stop(race: Race, as_json: AsJson = False) -> None:
     bucket, found = found_race(settings(), race)
     stopped = stop_queue(bucket, found)
     text = f"Stopped the queue of {found} (process {stopped.pid}). What was driven is kept."
-    console.emit(stopped, text, as_json=as_json)
+    console.emit(stopped, text)
 
 
 @app.command("open")
-def open_again(race: Race, closes: Closes = None, as_json: AsJson = False) -> None:
+def open_again(race: Race, closes: Closes = None) -> None:
     """Take submissions from now on.
 
     Example: dr-race open friday-cup --closes 1d
@@ -447,11 +447,11 @@ def open_again(race: Race, closes: Closes = None, as_json: AsJson = False) -> No
 
     bucket, found = found_race(settings(), race)
     until = None if closes is None else parse_time("--closes", closes, time.time())
-    print_race(open_race(bucket, found, until), as_json=as_json)
+    print_race(open_race(bucket, found, until))
 
 
 @app.command()
-def close(race: Race, as_json: AsJson = False) -> None:
+def close(race: Race) -> None:
     """Take no more submissions; what waits is still driven, and then there is a winner.
 
     Example: dr-race close friday-cup
@@ -459,7 +459,7 @@ def close(race: Race, as_json: AsJson = False) -> None:
     from drcli.races.organise import close_race
 
     bucket, found = found_race(settings(), race)
-    print_race(close_race(bucket, found), as_json=as_json)
+    print_race(close_race(bucket, found))
 
 
 @app.command()
@@ -476,7 +476,6 @@ def export(
         bool, typer.Option("--videos", help="Put the videos of the leaderboard into the page.")
     ] = False,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Write a race as a CSV table, or as one HTML file that needs no network.
 
@@ -497,13 +496,11 @@ def export(
         refuse_replacing(page, force=force)
     films = videos_of(report, bucket) if videos else {}
     written = export_race(report, csv_path=csv, html_path=page, videos=films)
-    console.emit(written, race_view.exported(written), as_json=as_json)
+    console.emit(written, race_view.exported(written))
 
 
 @app.command()
-def delete(
-    race: Race, force: Force = False, dry_run: DryRun = False, as_json: AsJson = False
-) -> None:
+def delete(race: Race, force: Force = False, dry_run: DryRun = False) -> None:
     """Delete a race with submissions, results and videos; the models of the racers stay.
 
     Example: dr-race delete friday-cup
@@ -516,10 +513,10 @@ def delete(
         console.err.print(race_view.deleted(planned))
         prompts.agree("Delete this race? It cannot be undone.", yes=force)
         planned = delete_race(bucket, found)
-    console.emit(planned, race_view.deleted(planned), as_json=as_json)
+    console.emit(planned, race_view.deleted(planned))
 
 
-def drive(race: str, *, quiet: bool, video: bool | None, limit: int, as_json: bool) -> None:
+def drive(race: str, *, quiet: bool, video: bool | None, limit: int) -> None:
     """Drive a queue here, or in the background."""
     from drcli.cli.fetch_tracks import bring_tracks
     from drcli.races.queue_process import launch_queue
@@ -532,7 +529,7 @@ def drive(race: str, *, quiet: bool, video: bool | None, limit: int, as_json: bo
         if limit:
             raise typer.BadParameter("-n limits what is driven here; leave out -q.")
         started = launch_queue(loaded, bucket, found, video=video)
-        console.emit(started, race_view.started(started), as_json=as_json)
+        console.emit(started, race_view.started(started))
         return
     report = run_queue(loaded, bucket, found, video=video, limit=limit, on_progress=console.say)
-    print_race(report, as_json=as_json)
+    print_race(report)

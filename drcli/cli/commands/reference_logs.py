@@ -10,7 +10,7 @@ import typer
 from drcli.base.errors import Absent
 from drcli.cli import console
 from drcli.cli.log_tail import POLL_S, show_log
-from drcli.cli.options import AsJson
+from drcli.cli.options import text_only
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 
@@ -36,6 +36,7 @@ _Evaluation = Annotated[
 _Whole = Annotated[bool, typer.Option("-a", "--all", help="Show the whole log first.")]
 
 
+@text_only
 def logs_sagemaker(wait_s: _Wait = 0.0, whole: _Whole = False) -> None:
     """Follow the trainer's log while the training runs.
 
@@ -46,6 +47,7 @@ def logs_sagemaker(wait_s: _Wait = 0.0, whole: _Whole = False) -> None:
     _follow(_TRAINER, wait_s, whole=whole)
 
 
+@text_only
 def logs_robomaker(
     wait_s: _Wait = 0.0,
     replica: _Replica = 1,
@@ -61,12 +63,12 @@ def logs_robomaker(
     _follow(_robomaker(replica, evaluation), wait_s, whole=whole)
 
 
-def find_sagemaker(as_json: AsJson = False) -> None:
+def find_sagemaker() -> None:
     """Print the process number of the trainer. Exits 1 when no training is running.
 
     Example: dr-find-sagemaker
     """
-    _print(_TRAINER, as_json=as_json)
+    _print(_TRAINER)
 
 
 def find_robomaker(
@@ -77,7 +79,6 @@ def find_robomaker(
         ),
     ] = None,
     evaluation: _Evaluation = False,
-    as_json: AsJson = False,
 ) -> None:
     """Print the process numbers of the simulation workers, one per line.
 
@@ -85,10 +86,10 @@ def find_robomaker(
 
     Example: dr-find-robomaker -n 1
     """
-    _print(_robomaker(replica, evaluation), as_json=as_json)
+    _print(_robomaker(replica, evaluation))
 
 
-def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
+def get_robomaker_stats(replica: _Replica = 1) -> None:
     """Show how fast a simulation worker drove in its last iteration.
 
     Counts all its cars together; 1.0 x is real time. Exits 1 when it is not running.
@@ -102,7 +103,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
     if not found:
         raise wanted.absent()
     report = speed_of(found[0], settings().run)
-    console.emit(report, summary_view.speed(report), as_json=as_json)
+    console.emit(report, summary_view.speed(report))
 
 
 @dataclass(frozen=True)
@@ -154,12 +155,12 @@ def _follow(wanted: _Wanted, wait_s: float, *, whole: bool) -> None:
     show_log(Path(found[0].log), None if whole else TAIL_LINES, lambda: bool(wanted.find()))
 
 
-def _print(wanted: _Wanted, *, as_json: bool) -> None:
+def _print(wanted: _Wanted) -> None:
     from drcli.run.worker_processes import ProcessReport
 
     report = ProcessReport([process for process in wanted.find() if process.alive])
     lines = "\n".join(str(process.pid) for process in report.processes)
-    if as_json or lines:
-        console.emit(report, lines, as_json=as_json)
+    if console.as_json or lines:
+        console.emit(report, lines)
     if not lines:
         raise wanted.absent()

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from drcli.base.errors import ProblemsError, SettingsError
 from drcli.cli import console
-from drcli.cli.options import AsJson, Replace, in_options, world_option
+from drcli.cli.options import Replace, in_options, world_option
 from drcli.cli.views import iterations
 from drcli.cli.views.iterations import CURVE_COLUMNS
 from drcli.cli.views.layout import Fitted, Rows, counted, indented
@@ -200,7 +200,7 @@ _World = Annotated[str | None, world_option("Track to try it on; DR_WORLD_NAME i
 
 
 @app.command()
-def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> None:
+def check(file: _File = None, world: _World = None) -> None:
     """Try a reward function on a drive over the track, and report its problems.
 
     Finds what `dr validate` and a start find. In addition, scripted drivers drive along the centre
@@ -213,7 +213,7 @@ def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> 
 
     with _on_track(world) as settings, console.waiting("Trying the reward function ..."):
         report = checking.check(settings, file, working_folder())
-    console.emit(report, show_check(report), as_json=as_json)
+    console.emit(report, show_check(report))
     if not report.works:
         first, *more = report.errors
         raise SettingsError(
@@ -228,7 +228,6 @@ def plot(
     out: Annotated[Path, typer.Option("-o", "--out", help="The picture.")] = Path("reward.png"),
     world: _World = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Draw the rewards of a function on a map of the track and along the lap.
 
@@ -238,7 +237,7 @@ def plot(
 
     with _on_track(world) as settings, console.waiting("Trying the reward function ..."):
         report = plotting.plot(settings, file, out, working_folder(), force=force)
-    console.emit(report, show_plot(report), as_json=as_json)
+    console.emit(report, show_plot(report))
 
 
 @app.command()
@@ -250,7 +249,6 @@ def compare(
         Path | None, typer.Option("-o", "--out", help="Draw both into this picture.")
     ] = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Compare the rewards of two functions for the same drivers.
 
@@ -260,7 +258,7 @@ def compare(
 
     with _on_track(world) as settings, console.waiting("Trying both reward functions ..."):
         report = comparing.compare(settings, first, second, out, working_folder(), force=force)
-    console.emit(report, comparison(report), as_json=as_json)
+    console.emit(report, comparison(report))
 
 
 @contextmanager

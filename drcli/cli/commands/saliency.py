@@ -13,7 +13,6 @@ from drcli.cli import console
 from drcli.cli import evaluation_options as options
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import (
-    AsJson,
     Replace,
     checkpoint_option,
     in_options,
@@ -131,7 +130,6 @@ def saliency(
     reverse: options.Reverse = None,
     seed: options.Seed = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Show which pixels move the car: one episode, explained picture by picture.
 
@@ -190,7 +188,7 @@ def saliency(
             explain_model.write_page(html, explained)
     report = explain_model.report_of(explained, prefix, name, html, stills)
     console.warn(*report.notes)
-    console.emit(report, show_saliency(report), as_json=as_json)
+    console.emit(report, show_saliency(report))
 
 
 def _configured(settings: "Settings") -> "CheckpointChoice":

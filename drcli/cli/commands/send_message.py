@@ -7,7 +7,6 @@ import typer
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings
 
 
@@ -28,7 +27,6 @@ class MessageReport:
 
 def send_message(
     text: Annotated[str, typer.Argument(metavar="TEXT", help="What to say.")],
-    as_json: AsJson = False,
 ) -> None:
     """Send a message to every place that trainings send theirs to, to try the settings.
 
@@ -57,7 +55,7 @@ def send_message(
         {name: f"{error} {error.remedy}" for name, error in results.items() if error is not None},
     )
     said = "\n".join(f"Sent to {name}." for name in report.sent)
-    console.emit(report, said or None, as_json=as_json)
+    console.emit(report, said or None)
     failures = [error for error in results.values() if error is not None]
     if failures:
         raise StorageError(

@@ -5,11 +5,13 @@ import os
 import typer
 
 from drcli.base.errors import DrError
+from drcli.cli.options import text_only
 from drcli.cli.working_folder import working_folder
 
 EXPERIMENT = "_DR_EXPERIMENT"
 
 
+@text_only
 def shell_env() -> None:
     """Print the settings as lines for `eval` in bash or zsh.
 

@@ -15,7 +15,7 @@ import typer
 from drcli.base.errors import Absent, NotAvailable, ProblemsError, SettingsError, StorageError
 from drcli.cli import console, prompts
 from drcli.cli.commands.spot_watch import watch
-from drcli.cli.options import AsJson, DryRun
+from drcli.cli.options import DryRun, text_only
 from drcli.cli.spot_options import Profile, Region, StackName, Yes, account, usual_region
 from drcli.cli.views import spot_view
 from drcli.cli.working_folder import working_folder
@@ -67,7 +67,6 @@ def create_base(
     yes: Yes = False,
     region: Region = None,
     profile: Profile = None,
-    as_json: AsJson = False,
 ) -> None:
     """Make a bucket and a topic that several trainings share.
 
@@ -89,7 +88,7 @@ def create_base(
     with console.waiting(f"Making the stack {stack} ..."):
         made = create_stack(ours, stack, base_template(stack), tags, roles=False)
     report = BaseReport(stack, ours.region, made.bucket, made.outputs["Topic"])
-    console.emit(report, spot_view.base(stack, ours.region, made.bucket), as_json=as_json)
+    console.emit(report, spot_view.base(stack, ours.region, made.bucket))
     console.suggest([(f"dr-spot create NAME --base {stack}", "start a training")])
 
 
@@ -176,7 +175,6 @@ def create(
     yes: Yes = False,
     region: Region = None,
     profile: Profile = None,
-    as_json: AsJson = False,
 ) -> None:
     """Train the model that run.env describes on a spot machine.
 
@@ -231,7 +229,7 @@ def create(
         console.warn(*plan.notes)
         if dry_run:
             planned = spot_view.Planned.of(plan, ours.region)
-            console.emit(planned, spot_view.plan(plan, ours.region), as_json=as_json)
+            console.emit(planned, spot_view.plan(plan, ours.region))
             return
         console.say(spot_view.plan_text(plan, ours.region))
         prompts.agree("Start it?", yes=yes, remedy="Add --yes to start it without a question.")
@@ -239,7 +237,7 @@ def create(
             upload_custom_files(loaded.custom_files, loaded.storage, console.say)
         with console.waiting(f"Making the stack {stack} ..."):
             report = creation.carry_out(ours, plan)
-    console.emit(report, spot_view.created(report), as_json=as_json)
+    console.emit(report, spot_view.created(report))
     console.suggest(
         [
             ("dr-spot list", "see how it is"),
@@ -254,7 +252,6 @@ def add_access(
     address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Your public IP address.")],
     region: Region = None,
     profile: Profile = None,
-    as_json: AsJson = False,
 ) -> None:
     """Open port 22 of a stack's machines for one address.
 
@@ -268,7 +265,7 @@ def add_access(
     ours = account(region, profile)
     added = stacks.add_access(ours, need_stack(ours, stack, "training"), address)
     report = AccessReport(stack, added)
-    console.emit(report, f"{added} may reach port 22 of the machines of {stack}.", as_json=as_json)
+    console.emit(report, f"{added} may reach port 22 of the machines of {stack}.")
 
 
 def subscribe(
@@ -276,7 +273,6 @@ def subscribe(
     email: Annotated[str, typer.Argument(metavar="MAIL", help="Your mail address.")],
     region: Region = None,
     profile: Profile = None,
-    as_json: AsJson = False,
 ) -> None:
     """Send the messages of a stack to a mail address, which must agree first.
 
@@ -290,7 +286,7 @@ def subscribe(
     stacks.subscribe(ours, found.outputs["Topic"], email)
     report = AccessReport(stack, email)
     said = f"Amazon has sent a mail to {email}; messages come after a click on its link."
-    console.emit(report, said, as_json=as_json)
+    console.emit(report, said)
 
 
 @contextmanager
@@ -380,7 +376,6 @@ def stop(
     ] = 600,
     region: Region = None,
     profile: Profile = None,
-    as_json: AsJson = False,
 ) -> None:
     """Stop the training of a stack, check that the model is in the bucket, and remove the stack.
 
@@ -400,7 +395,7 @@ def stop(
         checkpoint = stack_end.verified_checkpoint(ours, found)
     with console.waiting(f"Removing the stack {stack} ..."):
         report = stack_end.remove_training(ours, found, checkpoint)
-    console.emit(report, spot_view.stopped(report), as_json=as_json)
+    console.emit(report, spot_view.stopped(report))
 
 
 def delete(
@@ -411,7 +406,6 @@ def delete(
     yes: Yes = False,
     region: Region = None,
     profile: Profile = None,
-    as_json: AsJson = False,
 ) -> None:
     """Delete a stack and everything that it has made.
 
@@ -442,7 +436,7 @@ def delete(
             stack_end.remove_base(ours, found, keep_bucket=keep)
         gone = 0 if keep or content is None else content.objects
         report = DeletedBase(stack, found.bucket, gone, keep)
-        console.emit(report, spot_view.base_deleted(stack, gone, kept=keep), as_json=as_json)
+        console.emit(report, spot_view.base_deleted(stack, gone, kept=keep))
         return
     if keep_bucket:
         raise SettingsError(
@@ -458,7 +452,7 @@ def delete(
     )
     with console.waiting(f"Deleting the stack {stack} ..."):
         done = stack_end.remove_training(ours, found, "")
-    console.emit(done, spot_view.stopped(done), as_json=as_json)
+    console.emit(done, spot_view.stopped(done))
 
 
 # `dr-spot list`, `prices`, `cost`, `logs` and `ssh`.
@@ -467,7 +461,7 @@ def delete(
 _EVERY = "all"
 
 
-def list_all(region: Region = None, profile: Profile = None, as_json: AsJson = False) -> None:
+def list_all(region: Region = None, profile: Profile = None) -> None:
     """List the stacks, their machines and trainings, and what they have cost.
 
     A machine that could not be set up says so here.
@@ -480,7 +474,7 @@ def list_all(region: Region = None, profile: Profile = None, as_json: AsJson = F
     ours = account(region, profile)
     with console.waiting(f"Looking for stacks in {ours.region} ...", only_live=True):
         found = StackReports(ours.region, [report_on(ours, each) for each in our_stacks(ours)])
-    console.emit(found, spot_view.stacks(found), as_json=as_json)
+    console.emit(found, spot_view.stacks(found))
 
 
 def prices(
@@ -509,7 +503,6 @@ def prices(
         int, typer.Option("--limit", metavar="N", min=1, help="Show only the first N.")
     ] = 40,
     profile: Profile = None,
-    as_json: AsJson = False,
 ) -> None:
     """Compare spot prices by type and zone, per hour and per simulation worker.
 
@@ -556,14 +549,13 @@ def prices(
         raise StorageError(missing[-1], remedy="Choose other types or regions.")
     found = Offers(arranged(offers, keys[order.casefold()], classes)[:limit], missing)
     console.warn(*missing)
-    console.emit(found, spot_view.offers(found), as_json=as_json)
+    console.emit(found, spot_view.offers(found))
 
 
 def cost(
     stack: StackName,
     region: Region = None,
     profile: Profile = None,
-    as_json: AsJson = False,
 ) -> None:
     """Show what the machines of a stack have cost: their hours, at the prices of these hours.
 
@@ -578,9 +570,10 @@ def cost(
     marks = read_marks(ours.bucket(found.bucket), stack)
     report = cost_of(ours, stack, machines_of(ours, found, marks))
     console.warn(*report.notes)
-    console.emit(report, spot_view.cost(report), as_json=as_json)
+    console.emit(report, spot_view.cost(report))
 
 
+@text_only
 def logs(
     stack: StackName,
     name: Annotated[
@@ -624,6 +617,7 @@ def logs(
     console.write("".join(f"{line}\n" for line in text[-lines:]))
 
 
+@text_only
 def ssh(stack: StackName, region: Region = None, profile: Profile = None) -> None:
     """Open a shell on the machine of a stack, without an open port.
 

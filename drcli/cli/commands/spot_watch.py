@@ -16,7 +16,6 @@ import typer
 from drcli.base.errors import Absent, SettingsError
 from drcli.base.processes import STOPS, handle, is_alive, restore, started_s
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.outside.notices.notice_watch import Announced, Notice, NoticeWatch, soonest
 from drcli.run.interruption_watch import MARGIN_S, SAVE_S, due
 from drcli.run.outcome import INTERRUPTED
@@ -260,7 +259,6 @@ def watch(
             "--hook", metavar="CMD", help="Program that exits 0 when the machine goes away."
         ),
     ] = "",
-    as_json: AsJson = False,
 ) -> None:
     """Watch for the notice that this machine will be taken away, for a program other than drcli.
 
@@ -310,7 +308,7 @@ def watch(
         report = watching.wait()
     if command or pid is not None:
         console.say(report.text)
-        console.emit(report, None, as_json=as_json)
+        console.emit(report, None)
     else:
-        console.emit(report, report.text, as_json=as_json)
+        console.emit(report, report.text)
     raise typer.Exit(report.exit_code)

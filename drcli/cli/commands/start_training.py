@@ -16,7 +16,6 @@ from drcli.cli import console, prompts
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.log_tail import Tail
 from drcli.cli.options import (
-    AsJson,
     Force,
     checkpoint_option,
     parsed_checkpoint,
@@ -277,7 +276,6 @@ def start_training(
         ),
     ] = None,
     force: Force = False,
-    as_json: AsJson = False,
 ) -> None:
     """Train the model that run.env describes.
 
@@ -313,7 +311,7 @@ def start_training(
     if on_end is not None:
         loaded = loaded.replaced(on_end=on_end)
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
-    how = _How(quiet, verbose, foreground, as_json, followed)
+    how = _How(quiet, verbose, foreground, followed)
     with nullcontext() if foreground or resume_or_start else early_training.begun(loaded):
         from drcli.model.files.hyperparameters import method_of
         from drcli.run.plan import StartOptions
@@ -380,7 +378,6 @@ class _How:
     quiet: bool
     verbose: bool
     foreground: bool
-    as_json: bool
     followed: list[str]
 
 
@@ -400,7 +397,7 @@ def _resume_or_start(loaded: "Settings", options: "StartOptions", how: _How, *, 
         planned = prepare_next(loaded, options, wait=wait)
         if isinstance(planned, NothingToDo):
             console.say(planned.sentence)
-            console.emit(inspect(loaded.run), None, as_json=how.as_json)
+            console.emit(inspect(loaded.run), None)
             return 0
         try:
             return _run(loaded, planned, how)
@@ -415,7 +412,7 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
     from drcli.run.plan import RunPlan
     from drcli.run.status import inspect
 
-    quiet, verbose, foreground, as_json = how.quiet, how.verbose, how.foreground, how.as_json
+    quiet, verbose, foreground = how.quiet, how.verbose, how.foreground
     followed, folder = how.followed, loaded.directory
     if not quiet:
         if isinstance(planned, RunPlan):
@@ -445,7 +442,7 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
                 message="The training has ended, but the record of its end could not be written.",
                 remedy="Read how it ended with `dr-logs supervisor`.",
             )
-        code = _end(report, loaded.model_prefix, as_json=as_json)
+        code = _end(report, loaded.model_prefix)
     else:
         with console.waiting("Starting the workers ...", only_live=True):
             pid = training.launch(planned)
@@ -455,8 +452,8 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
             )
         if quiet:
             console.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
-            if as_json:
-                console.emit(inspect(loaded.run), None, as_json=True)
+            if console.as_json:
+                console.emit(inspect(loaded.run), None)
             return 0
         console.suggest(NEXT)
         ended = until_the_end(loaded.run, display)
@@ -464,7 +461,7 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
             console.say("Detached; the training continues.")
             console.suggest(NEXT)
             return 130
-        code = _end(ended, loaded.model_prefix, as_json=as_json)
+        code = _end(ended, loaded.model_prefix)
     return code
 
 
@@ -483,8 +480,8 @@ def _followed(
     return ["trainer"] * trainer + [f"sim-{worker or 0}"] * sim
 
 
-def _end(report: "RunReport", prefix: str, *, as_json: bool) -> int:
-    console.emit(report, None, as_json=as_json)
+def _end(report: "RunReport", prefix: str) -> int:
+    console.emit(report, None)
     if report.state in ("stopped", "interrupted") or report.exit_code == 0:
         console.say(views.end_text(report))
         if commands := views.next_commands(report, prefix):

@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings_or_defaults, working_folder
 
 
@@ -55,7 +54,6 @@ def start_worker(
             "--end-with-parent", help="End when the process that has started this one ends."
         ),
     ] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Drive for a training that runs on another machine.
 
@@ -93,5 +91,5 @@ def start_worker(
         say=console.say,
         ends_with=os.getppid() if end_with_parent else None,
     )
-    console.emit(report, report.message, as_json=as_json)
+    console.emit(report, report.message)
     raise typer.Exit(report.code)

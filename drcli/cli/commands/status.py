@@ -4,12 +4,11 @@ from dataclasses import replace
 
 from drcli.base.errors import WorkerDied
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view, training_view
 from drcli.cli.working_folder import settings
 
 
-def status(as_json: AsJson = False) -> None:
+def status() -> None:
     """Show whether the training is running and how well the car drives.
 
     Exits 5 when a worker has died, so that a script can react.
@@ -23,7 +22,7 @@ def status(as_json: AsJson = False) -> None:
     report = inspect(config)
     report = replace(report, notes=notes_of_run(config, report))
     console.warn(*report.damaged)
-    console.emit(report, training_view.run(report), as_json=as_json)
+    console.emit(report, training_view.run(report))
     if commands := training_view.next_commands(report, loaded.model_prefix):
         console.suggest(commands)
     if report.state == "lost" or report.dead:
@@ -34,7 +33,7 @@ def status(as_json: AsJson = False) -> None:
         )
 
 
-def summary(as_json: AsJson = False) -> None:
+def summary() -> None:
     """Show settings, bucket, runs and machine on one page.
 
     Lists what runs in this folder under every DR_RUN_ID. Starts no server, and waits at most two
@@ -45,4 +44,4 @@ def summary(as_json: AsJson = False) -> None:
     from drcli.run.summary import summarize
 
     report = summarize(settings())
-    console.emit(report, summary_view.summary(report), as_json=as_json)
+    console.emit(report, summary_view.summary(report))

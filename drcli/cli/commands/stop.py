@@ -4,7 +4,6 @@ from dataclasses import replace
 
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 
@@ -16,7 +15,7 @@ AFTERWARDS = [
 AFTER_NOTHING = [("dr-start-training -w", "start again")]
 
 
-def stop_training(as_json: AsJson = False) -> None:
+def stop_training() -> None:
     """Stop the running training.
 
     What was learned so far stays in the bucket; dr-start-training --resume continues it, and
@@ -36,13 +35,13 @@ def stop_training(as_json: AsJson = False) -> None:
         if stopped is None:
             raise
         said = f"Stopped the training of {stopped.model}; the settings are broken now."
-        console.emit(stopping.StopReport([stopped]), said, as_json=as_json)
+        console.emit(stopping.StopReport([stopped]), said)
         return
     waiting = stopping.stop_waiting(loaded.directory, loaded.run_id)
     if not stopping.is_running(loaded.run):
         ended = stopping.StopReport(waiting)
         said = summary_view.stopped(ended) if waiting else "No training is running."
-        console.emit(ended, said, as_json=as_json)
+        console.emit(ended, said)
         return
     with console.waiting("Stopping the training; waiting for its workers to exit ..."):
         report = stopping.stop(loaded.run)
@@ -61,11 +60,11 @@ def stop_training(as_json: AsJson = False) -> None:
     else:
         newest = "it has no checkpoint yet"
     said = f"Stopped the training of {model}; {newest}."
-    console.emit(stopping.StopReport([stopped, *waiting]), said, as_json=as_json)
+    console.emit(stopping.StopReport([stopped, *waiting]), said)
     console.suggest(AFTERWARDS if last or report.unreachable else AFTER_NOTHING)
 
 
-def stop_evaluation(as_json: AsJson = False) -> None:
+def stop_evaluation() -> None:
     """Stop the running evaluations of this DR_RUN_ID, whichever shell started them.
 
     They end within a second with exit code 143 and without results. Does nothing when none is
@@ -76,10 +75,10 @@ def stop_evaluation(as_json: AsJson = False) -> None:
     from drcli.run import stopping
 
     report = stopping.StopReport(stopping.stop_evaluations(working_folder(), settings().run_id))
-    console.emit(report, summary_view.stopped_evaluations(report), as_json=as_json)
+    console.emit(report, summary_view.stopped_evaluations(report))
 
 
-def stop_all(as_json: AsJson = False) -> None:
+def stop_all() -> None:
     """Stop everything that was started in this folder.
 
     Stops the console, the trainings and evaluations of every DR_RUN_ID, and the folder's local S3
@@ -97,4 +96,4 @@ def stop_all(as_json: AsJson = False) -> None:
         viewer = stop_viewer(folder)  # first: an open page would start the S3 server again
         report = stopping.stop_all(folder, lambda: settings().storage)
         report = replace(report, viewer=viewer is not None)
-    console.emit(report, summary_view.stopped(report), as_json=as_json)
+    console.emit(report, summary_view.stopped(report))

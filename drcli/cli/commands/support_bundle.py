@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from drcli.cli import console
-from drcli.cli.options import AsJson, ReplaceOrYes
+from drcli.cli.options import ReplaceOrYes
 from drcli.cli.views import doctor_view
 from drcli.cli.working_folder import current_folder, working_folder
 
@@ -23,7 +23,6 @@ def support_bundle(
         typer.Option("--without-files", help="Leave out your reward function and its two files."),
     ] = False,
     force: ReplaceOrYes = False,
-    as_json: AsJson = False,
 ) -> None:
     """Pack what helps others to help you, without secrets.
 
@@ -43,7 +42,7 @@ def support_bundle(
     target = current_folder() / target
     with console.waiting("Collecting; this takes about ten seconds ..."):
         report = make_bundle(folder, target, with_custom_files=not without_files, overwrite=force)
-    console.emit(report, doctor_view.bundle(report), as_json=as_json)
+    console.emit(report, doctor_view.bundle(report))
     path = shlex.quote(report.file)
     manifest = "drcli-support/manifest.json"
     console.suggest(

@@ -13,7 +13,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing, refuse_replacing, rewrite
 from drcli.cli import console, prompts
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.cli.options import AsJson, DryRun, Force, Replace, wipe_option
+from drcli.cli.options import DryRun, Force, Replace, text_only, wipe_option
 from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import settings, working_folder
 from drcli.config.presets import model_file
@@ -158,7 +158,6 @@ def start(
     ] = None,
     force: Force = False,
     dry_run: DryRun = False,
-    as_json: AsJson = False,
 ) -> None:
     """Start a sweep, or continue it.
 
@@ -179,7 +178,7 @@ def start(
         begun = SweepStart(loaded, file)
     plan = begun.planned(parallel)
     if dry_run:
-        console.emit(plan, planned(plan), as_json=as_json)
+        console.emit(plan, planned(plan))
         return
     if html is not None and not plan.continues:  # a sweep that goes on updates its page
         refuse_replacing(html, force=force)
@@ -200,7 +199,7 @@ def start(
         report, problem = try_to_compare(begun, report, page)
     if problem:
         console.warn(problem)
-    console.emit(report, sweep(report), as_json=as_json)
+    console.emit(report, sweep(report))
     if report.best:
         best = next(trial for trial in report.trials if trial.best)
         console.suggest(
@@ -214,7 +213,7 @@ def start(
 
 
 @app.command("list")
-def list_all(as_json: AsJson = False) -> None:
+def list_all() -> None:
     """List the sweeps of the bucket, the newest first.
 
     Example: dr-sweep list
@@ -224,13 +223,12 @@ def list_all(as_json: AsJson = False) -> None:
 
     found = list_sweeps(bucket_to_look_at(settings().transfer, upload=False))
     console.warn(*found.damaged)
-    console.emit(found, sweeps(found), as_json=as_json)
+    console.emit(found, sweeps(found))
 
 
 @app.command()
 def show(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the sweep.")],
-    as_json: AsJson = False,
 ) -> None:
     """Show the trainings of a sweep, the best first.
 
@@ -248,10 +246,11 @@ def show(
             f"s3://{bucket.name} has no sweep {name}.", remedy="List them with `dr-sweep list`."
         )
     report = report_of(record, bucket.name)
-    console.emit(report, sweep(report), as_json=as_json)
+    console.emit(report, sweep(report))
 
 
 @app.command()
+@text_only
 def init(
     file: Annotated[
         Path | None, typer.Argument(metavar="FILE", help=f"Where to write it; {EXAMPLE}.")

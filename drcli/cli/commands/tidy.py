@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from drcli.cli import console, prompts
-from drcli.cli.options import AsJson, DryRun, Force, KeepModels, models_argument
+from drcli.cli.options import DryRun, Force, KeepModels, models_argument
 from drcli.cli.views import removal_view
 from drcli.cli.working_folder import settings
 
@@ -40,7 +40,6 @@ def tidy(
     ] = 0.0,
     force: Force = False,
     dry_run: DryRun = False,
-    as_json: AsJson = False,
 ) -> None:
     """Delete what is left over in the bucket, and free its space.
 
@@ -69,4 +68,4 @@ def tidy(
         with console.waiting("Deleting ..."):
             report = tidying.tidy(report, loaded)
     view = removal_view.surplus if dry_run or not report.items else removal_view.tidied
-    console.emit(report, view(report), as_json=as_json)
+    console.emit(report, view(report))

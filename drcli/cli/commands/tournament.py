@@ -6,7 +6,6 @@ import typer
 
 from drcli.cli import completion
 from drcli.cli.commands.race import drive
-from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings
 
 
@@ -28,7 +27,6 @@ def start_tournament(
             "--video/--no-video", help="Film every pair; without this, if the encoder is there."
         ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Drive the pairs of a head-to-head race, or go on with them.
 
@@ -42,4 +40,4 @@ def start_tournament(
         from drcli.races.organise import only_tournament
 
         race = only_tournament(open_bucket(settings().storage, patience_s=COMMAND_PATIENCE_S))
-    drive(race, quiet=quiet, video=video, limit=0, as_json=as_json)
+    drive(race, quiet=quiet, video=video, limit=0)

@@ -12,7 +12,7 @@ from rich.text import Text
 from drcli.base.errors import SettingsError, shown
 from drcli.base.files import refuse_replacing
 from drcli.cli import completion, console
-from drcli.cli.options import AsJson, Replace
+from drcli.cli.options import Replace
 from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings, working_folder
 from drcli.config.value_types import CarName
@@ -110,7 +110,7 @@ _Force = Annotated[bool, typer.Option("-f", "--force", help="Replace a track of 
 
 
 @app.command("list")
-def list_all(as_json: AsJson = False) -> None:
+def list_all() -> None:
     """List all tracks: the built-in ones and those in the folder DR_TRACKS_DIR.
 
     Example: dr-tracks list --json
@@ -121,7 +121,7 @@ def list_all(as_json: AsJson = False) -> None:
     found = list_tracks(settings().tracks_folder, memory)
     for sentence in found.unreadable:
         console.warn(sentence)
-    console.emit(found, track_list(found), as_json=as_json)
+    console.emit(found, track_list(found))
 
 
 @app.command()
@@ -129,7 +129,6 @@ def show(
     name: _Name,
     png: Annotated[Path | None, typer.Option("--png", help="Also write a picture.")] = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Show a track: facts and a small map.
 
@@ -143,17 +142,17 @@ def show(
     wanted = settings().race.replaced(world_name=name)
     if not name.endswith(ROUTE_FILES) and not is_installed(wanted):
         raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
-    columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
+    columns = MAP_COLUMNS if console.as_json else min(MAP_COLUMNS, console.columns())
     known = _known_line(name)
     view = show_track(
         name, wanted.tracks_folder, png, columns=columns, line=known.line if known else None
     )
     view = replace(view, limit=known.text if known else "")
-    console.emit(view, track(view), as_json=as_json)
+    console.emit(view, track(view))
 
 
 @app.command()
-def line(name: _Name, reverse: _Reverse = False, car: _Car = None, as_json: AsJson = False) -> None:
+def line(name: _Name, reverse: _Reverse = False, car: _Car = None) -> None:
     """Print the fastest line of the car on a track, as a list for a reward function.
 
     Each row has x and y in metres and the speed there in m/s.
@@ -163,13 +162,11 @@ def line(name: _Name, reverse: _Reverse = False, car: _Car = None, as_json: AsJs
     from drcli.drive.racer_limit import fastest_line_of
 
     found = fastest_line_of(_asked(name, car, reverse=reverse))
-    console.emit(found, show_line(found), as_json=as_json)
+    console.emit(found, show_line(found))
 
 
 @app.command()
-def limit(
-    name: _Name, reverse: _Reverse = False, car: _Car = None, as_json: AsJson = False
-) -> None:
+def limit(name: _Name, reverse: _Reverse = False, car: _Car = None) -> None:
     """Show the fastest lap of the car on a track; compute it where it is not known.
 
     Computing takes a few seconds, and a minute or two in which the simulated car drives the line.
@@ -180,7 +177,7 @@ def limit(
     from drcli.drive.racer_limit import computed_line_of
 
     found = computed_line_of(_asked(name, car, reverse=reverse))
-    console.emit(found, Text(found.text), as_json=as_json)
+    console.emit(found, Text(found.text))
 
 
 def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
@@ -210,7 +207,6 @@ def add(
         float | None, typer.Option("--length", help="Metres of a lap; needed by .svg files.")
     ] = None,
     force: _Force = False,
-    as_json: AsJson = False,
 ) -> None:
     """Check a route and put it into the folder DR_TRACKS_DIR.
 
@@ -221,7 +217,7 @@ def add(
     folder = settings().tracks_folder
     facts = add_track(file, folder, name=name, width_m=width, length_m=length, replace=force)
     _warn_if_built_in(facts.name)
-    console.emit(facts, track_facts(facts), as_json=as_json)
+    console.emit(facts, track_facts(facts))
 
 
 @app.command()
@@ -234,7 +230,6 @@ def fetch(
     ] = None,
     called: Annotated[str | None, typer.Option("--name", help="Its name here.")] = None,
     force: _Force = False,
-    as_json: AsJson = False,
 ) -> None:
     """Download a community track into the folder DR_TRACKS_DIR.
 
@@ -245,7 +240,7 @@ def fetch(
     s = settings()
     facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
     _warn_if_built_in(facts.name)
-    console.emit(facts, track_facts(facts), as_json=as_json)
+    console.emit(facts, track_facts(facts))
 
 
 def _warn_if_built_in(name: str) -> None:

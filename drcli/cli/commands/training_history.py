@@ -13,7 +13,7 @@ from rich.text import Text
 
 from drcli.base.files import refuse_replacing
 from drcli.cli import completion, console, prompts
-from drcli.cli.options import AsJson, DryRun, Force, Replace
+from drcli.cli.options import DryRun, Force, Replace
 from drcli.cli.views.layout import Rows, counted, fitted, indented
 from drcli.cli.working_folder import settings
 
@@ -418,7 +418,6 @@ def list_trainings(
         typer.Option("--csv", metavar="FILE", help="Write a CSV table; - for standard output."),
     ] = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """List trainings, the newest last.
 
@@ -452,7 +451,7 @@ def list_trainings(
         _write(csv, csv_table(known, found.trainings))
         if str(csv) == "-":
             return
-    console.emit(found, show_trainings(found), as_json=as_json)
+    console.emit(found, show_trainings(found))
 
 
 @app.command()
@@ -463,7 +462,6 @@ def show(
         typer.Option("--save", metavar="FOLDER", help="Write the files of the training there."),
     ] = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Show all that was recorded of a training.
 
@@ -473,7 +471,7 @@ def show(
 
     bucket, known = _known()
     found = details_of(bucket, known, training, save=save, force=force)
-    console.emit(found, details(found), as_json=as_json)
+    console.emit(found, details(found))
 
 
 @app.command()
@@ -487,7 +485,6 @@ def compare(
             autocompletion=completion.model_prefixes,
         ),
     ],
-    as_json: AsJson = False,
 ) -> None:
     """Compare two trainings: settings, files, machine, and what they came to.
 
@@ -499,7 +496,7 @@ def compare(
     bucket, known = _known()
     one, other = (compared(bucket, known, name) for name in (before, after))
     found = compare_trainings(one, other)
-    console.emit(found, comparison(found), as_json=as_json)
+    console.emit(found, comparison(found))
 
 
 @app.command()
@@ -512,7 +509,6 @@ def tree(
             autocompletion=completion.model_prefixes,
         ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Show which training began with whose weights, and what each has changed.
 
@@ -522,7 +518,7 @@ def tree(
 
     _, known = _known()
     found = family_tree(known, None if training is None else known.find(training))
-    console.emit(found, show_tree(found), as_json=as_json)
+    console.emit(found, show_tree(found))
 
 
 @app.command()
@@ -532,7 +528,6 @@ def forget(
     ],
     force: Force = False,
     dry_run: DryRun = False,
-    as_json: AsJson = False,
 ) -> None:
     """Delete the records of trainings, with the copies of their files; models stay.
 
@@ -551,7 +546,7 @@ def forget(
         console.err.print(forgotten(found))
         prompts.agree("Delete these records? It cannot be undone.", yes=force)
         training_details.forget(bucket, records)
-    console.emit(found, forgotten(found), as_json=as_json)
+    console.emit(found, forgotten(found))
 
 
 def _known() -> "tuple[Bucket, KnownTrainings]":

@@ -5,7 +5,6 @@ from typing import Annotated, Literal, get_args
 import typer
 
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings
 
@@ -16,7 +15,6 @@ def url(
     what: Annotated[
         What, typer.Argument(metavar="WHAT", help="bucket, model, custom-files, metrics or all.")
     ] = "all",
-    as_json: AsJson = False,
 ) -> None:
     """Show the addresses of bucket, model, custom files and metrics, ready to paste.
 
@@ -30,7 +28,7 @@ def url(
     loaded = settings()
     names = [name for name in get_args(PlaceName) if what in ("all", name)]
     report = addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
-    console.emit(report, summary_view.addresses(report), as_json=as_json, folded=False)
+    console.emit(report, summary_view.addresses(report), folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"
         console.say(

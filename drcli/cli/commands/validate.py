@@ -7,13 +7,11 @@ import typer
 
 from drcli.base.errors import SettingsError
 from drcli.cli import console
-from drcli.cli.options import AsJson
 from drcli.cli.views import settings_view
 from drcli.cli.working_folder import settings, working_folder
 
 
 def validate(
-    as_json: AsJson = False,
     console_compatible: Annotated[
         bool,
         typer.Option(
@@ -35,7 +33,7 @@ def validate(
     folder = working_folder()
     with console.waiting(f"Checking {folder} ..."):
         report = everything.validate(folder, console_compatible=console_compatible)
-    console.emit(report, settings_view.problems(report), as_json=as_json)
+    console.emit(report, settings_view.problems(report))
     if not report.ok and not force:
         raise typer.Exit(SettingsError.code)
 
@@ -57,7 +55,6 @@ class Checked:
 
 def update(
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing.")] = False,
-    as_json: AsJson = False,
 ) -> None:
     """Check whether the settings are right.
 
@@ -79,4 +76,4 @@ def update(
         console.warn(*report.warnings)
         files = " and ".join(report.files)
         console.say(f"{report.settings} settings of {files} are right; there is nothing to reload.")
-    console.emit(report, None, as_json=as_json)
+    console.emit(report, None)

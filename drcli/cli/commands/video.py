@@ -11,7 +11,7 @@ from rich.text import Text
 from drcli.base.errors import SettingsError
 from drcli.base.processes import until_sigterm
 from drcli.cli import console
-from drcli.cli.options import AsJson, Replace, checkpoint_option, parsed_checkpoint, world_option
+from drcli.cli.options import Replace, checkpoint_option, parsed_checkpoint, world_option
 from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings_for_files
 from drcli.model.model_store import ModelStore
@@ -206,7 +206,6 @@ def video(
         ),
     ] = None,
     force: Replace = False,
-    as_json: AsJson = False,
 ) -> None:
     """Make a video of a lap: the view from behind, what the car sees, map, time, probabilities.
 
@@ -291,7 +290,7 @@ def video(
             ghosts=ghost or [],
         )
     console.warn(*report.notes)
-    console.emit(report, show_video(report), as_json=as_json)
+    console.emit(report, show_video(report))
 
 
 def _refuse_clashes(

@@ -1,14 +1,14 @@
 """Commands of viewer and console."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 import typer
 
+from drcli.base.errors import Absent
 from drcli.cli import console
 from drcli.cli.open_page import open_page
-from drcli.cli.options import AsJson
 from drcli.cli.stopped_process import show_stopped
 from drcli.cli.working_folder import settings_or_defaults, working_folder
 
@@ -44,15 +44,26 @@ Port = Annotated[
     int | None,
     typer.Option("-p", metavar="PORT", min=1, max=65_535, help="Port; else DR_WEBVIEWER_PORT."),
 ]
+
+
+def _height(name: str) -> Any:
+    return typer.Option(name, metavar="PIXELS", min=16, max=1080, help="Height of the pictures.")
+
+
+def _quality(name: str) -> Any:
+    return typer.Option(name, metavar="N", min=1, max=95, help="Quality of JPEG, 1 to 95.")
+
+
 Width = Annotated[
-    int, typer.Option("-w", metavar="PIXELS", min=16, max=1920, help="Width of the pictures.")
+    int,
+    typer.Option(
+        "-w", "--width", metavar="PIXELS", min=16, max=1920, help="Width of the pictures."
+    ),
 ]
-Height = Annotated[
-    int, typer.Option("-h", metavar="PIXELS", min=16, max=1080, help="Height of the pictures.")
-]
-Quality = Annotated[
-    int, typer.Option("-q", metavar="N", min=1, max=95, help="Quality of JPEG, 1 to 95.")
-]
+Height = Annotated[int, _height("--height")]
+FormerHeight = Annotated[int, _height("-h")]
+Quality = Annotated[int, _quality("--quality")]
+FormerQuality = Annotated[int, _quality("-q")]
 Topic = Annotated[str, typer.Option("-t", metavar="TOPIC", help="What the pictures show.")]
 
 _UNUSED = "Accepted for scripts written for DeepRacer-for-Cloud; the page chooses it itself."
@@ -63,83 +74,90 @@ UnusedQuality = Annotated[int | None, typer.Option("-q", min=1, metavar="N", hel
 UnusedTopic = Annotated[str | None, typer.Option("-t", metavar="TOPIC", help=_UNUSED)]
 
 
-def start_viewer(
-    port: Port = None,
-    program: Program = "",
-    browser: Browser = False,
-    width: UnusedWidth = None,
-    height: UnusedHeight = None,
-    quality: UnusedQuality = None,
-    topic: UnusedTopic = None,
-    as_json: AsJson = False,
-) -> None:
-    """Start the console, a web page on this machine, and print its address.
+app = typer.Typer(
+    help="Open the console, a web page on this machine: trainings, models and races.\n\n"
+    "`dr console` alone starts it and opens it in a browser.\n\n"
+    "Example: dr console"
+)
+
+
+@app.command("open")
+def open_console(port: Port = None, program: Program = "", browser: Browser = True) -> None:
+    """Start the console if it does not run, and open it in a browser.
+
+    Example: dr-console open
+    """
+    _start(port, browser=browser, program=program)
+
+
+@app.command()
+def start(port: Port = None, program: Program = "", browser: Browser = False) -> None:
+    """Start the console, and print its address.
 
     The page shows trainings live, models, evaluations and races, and does what the commands do. It
-    runs in the background until dr-stop-viewer or dr-stop-all. The address contains a token that a
+    runs in the background until dr-console stop or dr-stop-all. The address contains a token that a
     browser keeps. Only those who have it can open the page: on this machine or, with
     DR_WEBVIEWER_HOST, on others. One console serves all DR_RUN_IDs of a folder. Exits 7 without the
     extra web.
 
-    Example: dr-start-viewer
+    Example: dr-console start
     """
-    _start(port, as_json=as_json, browser=browser, program=program)
+    _start(port, browser=browser, program=program)
 
 
-def console_page(
-    port: Port = None, program: Program = "", browser: Browser = True, as_json: AsJson = False
-) -> None:
-    """Start the console, a web page on this machine, and open it in a browser.
-
-    As dr-start-viewer, which prints its address only.
-
-    Example: dr console
-    """
-    _start(port, as_json=as_json, browser=browser, program=program)
-
-
-def update_viewer(
-    port: Port = None,
-    program: Program = "",
-    width: UnusedWidth = None,
-    height: UnusedHeight = None,
-    quality: UnusedQuality = None,
-    topic: UnusedTopic = None,
-    as_json: AsJson = False,
-) -> None:
+@app.command()
+def restart(port: Port = None, program: Program = "") -> None:
     """Start the console again, with the settings of now.
 
     It does not need this to show new trainings or workers. Pages that are open connect again.
     Trainings and evaluations go on; a film, an export or an analysis that the page is making ends
     with the old console, and the new one says so.
 
-    Example: dr-update-viewer
+    Example: dr-console restart
     """
-    _start(port, again=True, as_json=as_json, browser=False, program=program)
+    _start(port, again=True, browser=False, program=program)
 
 
-def stop_viewer(as_json: AsJson = False) -> None:
+@app.command("stop")
+def stop_viewer() -> None:
     """Stop the console of this folder.
 
     Does nothing when none is running. Trainings and evaluations go on; a film, an export or an
     analysis that the page is making ends, and the next console says so.
 
-    Example: dr-stop-viewer
+    Example: dr-console stop
     """
     from drcli.web.viewer_process import stop_viewer
 
     record = stop_viewer(working_folder())
     pid = None if record is None else record.pid
-    show_stopped("the console", pid, none="No console is running.", as_json=as_json)
+    show_stopped("the console", pid, none="No console is running.")
 
 
-def view_stream(
+@app.command()
+def status() -> None:
+    """Print the address of the console, if it runs.
+
+    Exits 1 if none is running in this folder.
+
+    Example: dr-console status
+    """
+    from drcli.web.viewer_process import report_of, running_viewer
+
+    record = running_viewer(working_folder())
+    if record is None:
+        raise Absent("No console is running.", remedy="Start it with `dr console`.")
+    report = report_of(record, started=False)
+    console.emit(report, report.url, folded=False)
+
+
+@app.command()
+def stream(
     topic: Topic = USUAL_TOPIC,
     width: Width = 480,
     height: Height = 360,
     quality: Quality = 75,
     program: Program = "",
-    as_json: AsJson = False,
 ) -> None:
     """Print the addresses of live pictures as MJPEG, one for each simulation worker.
 
@@ -147,7 +165,7 @@ def view_stream(
     the console if it does not run. kvs_stream and main_camera show the car from behind, camera what
     it sees. An address contains the token of the console: keep it to yourself.
 
-    Example: dr-view-stream -t /racecar/camera/zed/rgb/image_rect_color
+    Example: dr-console stream -t /racecar/camera/zed/rgb/image_rect_color
     """
     from drcli.web.listen import STREAM, TOPICS
 
@@ -165,20 +183,66 @@ def view_stream(
         urlunsplit((*page[:2], STREAM, urlencode({**query, **worker, **token}, safe="/"), ""))
         for worker in ({"worker": k} if k else {} for k in range(loaded.workers))
     ]
-    console.emit(StreamReport(topic, urls), "\n".join(urls), as_json=as_json, folded=False)
-    if program and not as_json:
+    console.emit(StreamReport(topic, urls), "\n".join(urls), folded=False)
+    if program and not console.as_json:
         open_page(urls[0], program)
 
 
-def _start(
-    port: int | None, *, again: bool = False, as_json: bool, browser: bool, program: str
+# Former names, with the options of DeepRacer-for-Cloud.
+
+
+def start_viewer(
+    port: Port = None,
+    program: Program = "",
+    browser: Browser = False,
+    width: UnusedWidth = None,
+    height: UnusedHeight = None,
+    quality: UnusedQuality = None,
+    topic: UnusedTopic = None,
 ) -> None:
+    """Start the console, and print its address, as `dr console start`.
+
+    Example: dr-start-viewer
+    """
+    start(port, program, browser)
+
+
+def update_viewer(
+    port: Port = None,
+    program: Program = "",
+    width: UnusedWidth = None,
+    height: UnusedHeight = None,
+    quality: UnusedQuality = None,
+    topic: UnusedTopic = None,
+) -> None:
+    """Start the console again, with the settings of now, as `dr console restart`.
+
+    Example: dr-update-viewer
+    """
+    restart(port, program)
+
+
+def view_stream(
+    topic: Topic = USUAL_TOPIC,
+    width: Width = 480,
+    height: FormerHeight = 360,
+    quality: FormerQuality = 75,
+    program: Program = "",
+) -> None:
+    """Print the addresses of live pictures as MJPEG, as `dr console stream`.
+
+    Example: dr-view-stream
+    """
+    stream(topic, width, height, quality, program)
+
+
+def _start(port: int | None, *, again: bool = False, browser: bool, program: str) -> None:
     report = _started(settings_or_defaults(), port, again=again)
     url = report.url or ""
-    console.emit(report, url, as_json=as_json, folded=False)
+    console.emit(report, url, folded=False)
     if report.needs_token:
         console.say("Everybody who has this address can start trainings here. Keep it to yourself.")
-    if (browser or program) and not as_json:
+    if (browser or program) and not console.as_json:
         open_page(url, program)
 
 
@@ -199,5 +263,5 @@ def _warn_of_old(report: "ViewerReport", config: "WebConfig") -> None:
         token = "" if report.needs_token else ", and asks for no token"
         console.warn(
             f"The console runs already, on {report.host} port {report.port}{token}. "
-            "`dr-update-viewer` starts it again with the settings of now."
+            "`dr console restart` starts it again with the settings of now."
         )

@@ -21,7 +21,7 @@ async function answerOf(method, path, body, signal) {
     if (error.name === "AbortError") throw error;
     throw new ApiError(0, {
       message: "The console does not answer.",
-      remedy: "Start it with `dr-start-viewer`; the page connects again by itself.",
+      remedy: "Start it with `dr console start`; the page connects again by itself.",
     });
   }
 }

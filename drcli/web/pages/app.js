@@ -170,7 +170,7 @@ function connection() {
           ]
         : [
             "No connection. The page tries again by itself; if the console was stopped, start it with ",
-            h("code", {}, "dr-start-viewer"),
+            h("code", {}, "dr console start"),
             ".",
           ],
     );

@@ -69,7 +69,7 @@ export async function keepFile(path, name) {
   } catch {
     throw new ApiError(0, {
       message: "The console does not answer.",
-      remedy: "Start it with `dr-start-viewer`.",
+      remedy: "Start it with `dr console start`.",
     });
   }
   if (!answer.ok) {

@@ -86,7 +86,7 @@ export function settingField(facts, { label = facts.name, change, places = false
       parts.push(`Filled in: ${facts.value || "empty"}.`);
     if (facts.environment)
       parts.push(
-        `The environment of the console sets it and overrides the files; \`unset ${facts.name}\` and \`dr-update-viewer\` take that back.`,
+        `The environment of the console sets it and overrides the files; \`unset ${facts.name}\` and \`dr console restart\` take that back.`,
       );
     if (facts.effect !== "used") parts.push(`No effect here: ${facts.reason}.`);
     fill(help, prose(parts.join(" ")));

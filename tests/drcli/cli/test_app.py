@@ -155,7 +155,7 @@ def test_a_width_that_nobody_can_read_is_not_believed(working_folder, columns):
 
 
 def test_help_lists_all_exit_codes(dr, capsys):
-    dr("--help")
+    dr("--help", "--all")
 
     shown = capsys.readouterr().out
     codes = [line.split()[0] for line in shown[shown.index("Exit codes:") :].splitlines()[1:]]

@@ -47,7 +47,7 @@ def trained(working_folder, words):
 
 
 def test_commands_come_with_what_they_do(working_folder, answers):
-    assert answers("dr stat") == {"status": "Show the training: state, curves, checkpoints."}
+    assert answers("dr stat") == {"status": "Show state, curves and checkpoints."}
 
 
 def test_no_command_of_our_own_scripts_is_shown(working_folder, words):

@@ -27,28 +27,30 @@ class Terminal:
         return True
 
 
-def test_json_holds_fields_and_properties_of_a_report(capsys):
-    console.emit(Weather([25.0]), "warm", as_json=True)
+def test_json_holds_fields_and_properties_of_a_report(monkeypatch, capsys):
+    monkeypatch.setattr(console, "as_json", True)
+    console.emit(Weather([25.0]), "warm")
 
     printed = capsys.readouterr()
     assert json.loads(printed.out) == {"degrees": [25.0], "warm": True}
     assert printed.err == ""
 
 
-def test_numbers_that_json_does_not_know_become_null(capsys):
-    console.emit(Weather([float("nan"), float("inf")]), "", as_json=True)
+def test_numbers_that_json_does_not_know_become_null(monkeypatch, capsys):
+    monkeypatch.setattr(console, "as_json", True)
+    console.emit(Weather([float("nan"), float("inf")]), "")
 
     assert json.loads(capsys.readouterr().out)["degrees"] == [None, None]
 
 
 def test_a_pipe_gets_the_rendered_report_in_whole_lines_without_blanks_at_their_end(capsys):
-    console.emit(Weather([25.0]), "warm " * 40, as_json=False)
+    console.emit(Weather([25.0]), "warm " * 40)
 
     assert capsys.readouterr().out == ("warm " * 40).rstrip() + "\n"
 
 
 def test_a_report_is_printed_as_it_is_whatever_stands_in_its_names(capsys):
-    console.emit(Weather([25.0]), "/a [red]/:car:/run.env", as_json=False)
+    console.emit(Weather([25.0]), "/a [red]/:car:/run.env")
     console.say("/a [red]/:car:/run.env")
 
     printed = capsys.readouterr()

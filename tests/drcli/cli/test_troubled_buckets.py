@@ -94,7 +94,17 @@ WITHOUT_BUCKET = {
     *("view-stream", "console", "send-message", "stop-metrics", "set-upload-model", "car", "spot"),
     *("droa-login", "droa-logout", "droa-list-models", "droa-get-model", "droa-download-logs"),
     *("droa-delete-model", "droa-import-model", "init", "bench", "update", "update-env", "reload"),
-    *("explain", "local-aws", "completion", "tracks", "reward"),
+    *(
+        "explain",
+        "local-aws",
+        "completion",
+        "tracks",
+        "reward",
+        "help",
+        "version",
+        "droa",
+        "metrics",
+    ),
     "config",  # its check is that of validate
     "support-bundle",  # it has what doctor and status say
     "start-metrics",  # it shows what is on this machine, and says so

@@ -71,7 +71,7 @@ def test_the_page_says_that_the_console_is_away_and_finds_it_again(working_folde
         connection(page).get_by_text("Connected").wait_for()
         port = first.port
     connection(page).get_by_text("No connection").wait_for()
-    assert "dr-start-viewer" in connection(page).inner_text()
+    assert "dr console start" in connection(page).inner_text()
     assert "`" not in connection(page).inner_text()
     with served_console(working_folder, port=port):
         connection(page).get_by_text("Connected").wait_for()

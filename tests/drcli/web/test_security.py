@@ -226,7 +226,7 @@ def test_a_browser_without_the_token_gets_a_page_that_says_where_it_is_found():
     program = page(TOKEN, here_only=True).get("/api/folder").json()["error"]
     assert program["message"] == "This console needs its token."
     assert "dr console" in program["remedy"]
-    assert "dr-start-viewer" in program["remedy"]
+    assert "dr console start" in program["remedy"]
 
 
 @pytest.mark.parametrize(
@@ -281,7 +281,7 @@ def test_a_wrong_token_gives_no_cookie(given):
 
     assert answer.status_code == 401
     assert "set-cookie" not in answer.headers
-    assert "dr-start-viewer" in answer.text
+    assert "dr console start" in answer.text
 
 
 def test_who_guesses_must_wait_and_others_need_not(monkeypatch):

@@ -656,7 +656,9 @@ def _answer_with_explanations(folder: Path, answer: Callable[[str, object], None
     answer("run.tensorboard_server.stop_tensorboard", ServerRecord(4243, 1.0, 6006))
     viewer = ViewerReport("http://127.0.0.1:8100/", 4243, "127.0.0.1", 8100, False, True)
     answer("web.viewer_process.start_viewer", viewer)
-    answer("web.viewer_process.stop_viewer", ViewerRecord(4243, 1.0, "127.0.0.1", 8100))
+    record = ViewerRecord(4243, 1.0, "127.0.0.1", 8100)
+    answer("web.viewer_process.stop_viewer", record)
+    answer("web.viewer_process.running_viewer", record)
 
 
 def _answer_as_car(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str, object], None]) -> None:
@@ -691,8 +693,7 @@ def _answer_as_amazon(
     region, bucket = "ap-southeast-2", "racing-bucket-1a2b3c4d5e6f"
     topic = f"arn:aws:sns:{region}:123456789012:racing"
     ours = SimpleNamespace(region=region, profile=None, bucket=lambda name: None)
-    for module in ("create", "end", "look"):
-        answer(f"cli.commands.spot_{module}.account", ours)
+    answer("cli.commands.spot.account", ours)
     tags = {"drcli:kind": "training", "drcli:model": MODEL, "drcli:bucket": bucket}
     stack = Stack("my-run", "CREATE_COMPLETE", 1.79e9, tags, {"Topic": topic})
     answer("outside.aws.stacks.need_stack", stack)

@@ -71,6 +71,27 @@ def test_the_console_is_opened_unless_that_is_not_wanted(dr, working_folder, sta
     assert opened == [(PAGE, "")]
 
 
+def test_a_console_that_runs_tells_its_address(dr, working_folder, monkeypatch, capsys):
+    assert dr("console", "status") == 1
+    assert "No console is running." in capsys.readouterr().err
+
+    record = ViewerRecord(4242, 1.0, "127.0.0.1", 8100, "secret")
+    monkeypatch.setattr(viewer_process, "running_viewer", lambda folder: record)
+
+    assert dr("console", "status") == 0
+    assert capsys.readouterr().out == f"{PAGE}\n"
+
+
+def test_pictures_are_asked_for_with_long_options_and_h_is_help(
+    dr, working_folder, started, capsys
+):
+    assert dr("console", "stream", "--width", "320", "--height", "240", "--quality", "50") == 0
+    assert "&quality=50&width=320&height=240" in capsys.readouterr().out
+
+    assert dr("console", "stream", "-h") == 0
+    assert capsys.readouterr().out.startswith("Usage: dr console stream ")
+
+
 @pytest.mark.parametrize("host", ["10.0.0.5", "127.0.0.1", "localhost"])
 def test_an_address_with_a_token_comes_with_a_warning(
     dr, working_folder, started, capsys, monkeypatch, host
@@ -99,7 +120,7 @@ def test_a_console_that_runs_without_a_token_is_told(dr, working_folder, started
     started.runs = ViewerRecord(4242, 1.0, "127.0.0.1", 8100)  # of an earlier version
     dr("start-viewer")
 
-    assert "asks for no token. `dr-update-viewer`" in capsys.readouterr().err
+    assert "asks for no token. `dr console restart`" in capsys.readouterr().err
 
 
 def test_settings_that_a_running_console_does_not_have_are_said(
@@ -113,7 +134,7 @@ def test_settings_that_a_running_console_does_not_have_are_said(
     printed = capsys.readouterr()
     assert printed.out == "http://127.0.0.1:34567/enter?token=secret\n"
     assert "port 34567" in printed.err
-    assert "dr-update-viewer" in printed.err
+    assert "dr console restart" in printed.err
 
 
 def test_wrong_settings_leave_a_running_console_alone(dr, working_folder, started, capsys):
