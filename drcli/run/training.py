@@ -55,7 +55,7 @@ EXIT_S = 15.0
 """A late supervisor may already have workers, which get ten seconds."""
 
 
-def launch(plan: RunPlan | EndWorkPlan) -> int:
+def launch(plan: "RunPlan | EndWorkPlan") -> int:
     """A supervisor that outlives this process.
 
     Raises:
