@@ -12,15 +12,14 @@ from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.before_start import Examined, Plans, examine_stages
 from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
+from drcli.checks.config_check import Report, Skipped
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.stage_rules import StagesReview, review_stages
 from drcli.checks.start_rules import probe, review_owner, start_problems
 from drcli.config.settings import Settings
-from drcli.config.settings_report import check_settings
 from drcli.config.track_names import track_problems
-from drcli.config.unused_names import WithoutEffect
 from drcli.model import keys
 from drcli.model.files.custom_files import FILE_RULES, InputFile, find, local_file
 from drcli.model.model_store import ModelStore
@@ -30,48 +29,6 @@ from drcli.rewards.reward_rules import read_source, review_source
 from drcli.rewards.reward_style import review_style
 from drcli.rewards.try_inputs import as_given, races_of
 from drcli.workers.ray_extra import workers_here
-
-# The report on the rules in a working folder.
-
-
-@dataclass(frozen=True)
-class Skipped:
-    """Rules that could not be checked.
-
-    Attributes:
-        rules: Their numbers.
-        reason: Why, as a sentence.
-    """
-
-    rules: tuple[str, ...]
-    reason: str
-
-
-@dataclass(frozen=True)
-class Report:
-    """All problems of a working folder.
-
-    Attributes:
-        directory: The folder. Places inside it are named relative to it.
-        console_compatible: Whether the model is also meant for training on a DeepRacer console.
-        errors: Problems that prevent a training from starting.
-        warnings: Things that work but may surprise you.
-        skipped: Rules that could not be checked.
-        notes: What `dr-start-training` will ask.
-    """
-
-    directory: str
-    console_compatible: bool
-    errors: tuple[Problem, ...]
-    warnings: tuple[Problem, ...]
-    skipped: tuple[Skipped, ...]
-    notes: tuple[Problem, ...] = ()
-
-    @property
-    def ok(self) -> bool:
-        """Whether a training could start."""
-        return not self.errors
-
 
 BUCKET_RULES = ("V-09", "V-10", "V-13", "V-35", "V-50")
 
@@ -254,77 +211,3 @@ def _relative(item: Problem, directory: Path) -> Problem:
         text.replace(start, "") for text in (item.file, item.message, item.remedy)
     )
     return replace(item, file=file, message=message, remedy=remedy)
-
-
-# Checks the settings, then all other rules, for `dr config check`.
-
-
-@dataclass(frozen=True)
-class WrongSetting:
-    """An error in the settings.
-
-    Attributes:
-        where: Place, such as `run.env line 7`.
-        what: Key, value and problem, without a full stop.
-        remedy: How to fix it, starting with a verb.
-    """
-
-    where: str
-    what: str
-    remedy: str
-
-    def __str__(self) -> str:
-        return f"{self.where}: {self.what}."
-
-
-@dataclass(frozen=True)
-class FullCheck:
-    """All problems of the settings, and those that the other rules found.
-
-    Attributes:
-        directory: The working folder.
-        errors: Errors in the settings, in the order in which they were read.
-        warnings: Things that are allowed but may surprise you.
-        without_effect: Settings in the files that have no effect here, by reason.
-        rules: The report on the other rules; None if they were not checked.
-    """
-
-    directory: str
-    errors: tuple[WrongSetting, ...]
-    warnings: tuple[str, ...]
-    without_effect: tuple[WithoutEffect, ...]
-    rules: Report | None = None
-
-    @property
-    def valid(self) -> bool:
-        """Whether there are no errors."""
-        return not self.errors and (self.rules is None or self.rules.ok)
-
-
-def check_alone(directory: Path) -> FullCheck:
-    check = check_settings(directory)
-    errors = tuple(
-        WrongSetting(error.where, error.message.removesuffix("."), error.remedy)
-        for error in check.errors
-    )
-    return FullCheck(check.directory, errors, check.warnings, check.without_effect)
-
-
-def with_rules(check: FullCheck) -> FullCheck:
-    # Settings are checked without what these load.
-    from drcli.checks.settings_rules import review_settings
-
-    directory = Path(check.directory)
-    reviewed = review_settings(directory)
-    settings = reviewed.settings
-    known = () if settings is None else (*settings.problems, *track_problems(settings.races))
-    idle = {name for group in check.without_effect for name in group.names}
-
-    def new(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:
-        return tuple(each for each in problems if each not in known and each.key not in idle)
-
-    rules = validate(directory, reviewed=reviewed)
-    rules = replace(
-        rules, errors=new(rules.errors), warnings=new(rules.warnings), notes=new(rules.notes)
-    )
-    return replace(check, rules=rules)

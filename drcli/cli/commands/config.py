@@ -57,7 +57,7 @@ def check(
 
     Example: dr-config check --json
     """
-    from drcli.checks.validate import check_alone, with_rules
+    from drcli.checks.config_check import check_alone, with_rules
 
     report = check_alone(working_folder())
     if report.valid and not settings_only:

@@ -13,7 +13,7 @@ from drcli.cli.views.layout import INDENT, counted, fitted, indented
 
 if TYPE_CHECKING:
     from drcli.base.errors import Problem
-    from drcli.checks.validate import FullCheck, Report
+    from drcli.checks.config_check import FullCheck, Report
     from drcli.config.editing import Edit
     from drcli.config.presets import PresetReports, PresetValue
     from drcli.config.settings_report import Value, Values

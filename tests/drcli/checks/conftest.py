@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from drcli.base.errors import Problem
-from drcli.checks.validate import Report, validate
+from drcli.checks.config_check import Report
+from drcli.checks.validate import validate
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 from drcli.rewards.try_inputs import try_inputs

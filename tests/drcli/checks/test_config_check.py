@@ -1,8 +1,8 @@
 """What `dr config check` checks, and how often."""
 
 from drcli.checks import parameter_rules
+from drcli.checks.config_check import check_alone, with_rules
 from drcli.checks.doctor import diagnose
-from drcli.checks.validate import check_alone, with_rules
 from drcli.config import settings_report
 from drcli.config.loading import load_settings
 

@@ -20,8 +20,8 @@ from drcli.checks.bench.machine_benchmark import (
     WorkSpeed,
 )
 from drcli.checks.bench.work_order import Rates, Ready
+from drcli.checks.config_check import Report, Skipped
 from drcli.checks.doctor.findings import DoctorReport, Finding
-from drcli.checks.validate import Report, Skipped
 from drcli.cli.commands.spot_watch import WatchReport
 from drcli.convert.car_rules import CarAction
 from drcli.model import race_keys

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.checks.validate import check_alone
+from drcli.checks.config_check import check_alone
 from drcli.config.loading import load_settings
 from drcli.config.presets import model_file, preset_names, preset_of, presets_folder
 from drcli.config.settings import catalogue

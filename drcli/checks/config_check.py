@@ -1,0 +1,120 @@
+"""Checks the settings, then all other rules, for `dr config check`; the report on rules."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from drcli.base.errors import Problem
+from drcli.config.settings_report import check_settings
+from drcli.config.track_names import track_problems
+from drcli.config.unused_names import WithoutEffect
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """Rules that could not be checked.
+
+    Attributes:
+        rules: Their numbers.
+        reason: Why, as a sentence.
+    """
+
+    rules: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """All problems of a working folder.
+
+    Attributes:
+        directory: The folder. Places inside it are named relative to it.
+        console_compatible: Whether the model is also meant for training on a DeepRacer console.
+        errors: Problems that prevent a training from starting.
+        warnings: Things that work but may surprise you.
+        skipped: Rules that could not be checked.
+        notes: What `dr-start-training` will ask.
+    """
+
+    directory: str
+    console_compatible: bool
+    errors: tuple[Problem, ...]
+    warnings: tuple[Problem, ...]
+    skipped: tuple[Skipped, ...]
+    notes: tuple[Problem, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether a training could start."""
+        return not self.errors
+
+
+@dataclass(frozen=True)
+class WrongSetting:
+    """An error in the settings.
+
+    Attributes:
+        where: Place, such as `run.env line 7`.
+        what: Key, value and problem, without a full stop.
+        remedy: How to fix it, starting with a verb.
+    """
+
+    where: str
+    what: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what}."
+
+
+@dataclass(frozen=True)
+class FullCheck:
+    """All problems of the settings, and those that the other rules found.
+
+    Attributes:
+        directory: The working folder.
+        errors: Errors in the settings, in the order in which they were read.
+        warnings: Things that are allowed but may surprise you.
+        without_effect: Settings in the files that have no effect here, by reason.
+        rules: The report on the other rules; None if they were not checked.
+    """
+
+    directory: str
+    errors: tuple[WrongSetting, ...]
+    warnings: tuple[str, ...]
+    without_effect: tuple[WithoutEffect, ...]
+    rules: Report | None = None
+
+    @property
+    def valid(self) -> bool:
+        """Whether there are no errors."""
+        return not self.errors and (self.rules is None or self.rules.ok)
+
+
+def check_alone(directory: Path) -> FullCheck:
+    check = check_settings(directory)
+    errors = tuple(
+        WrongSetting(error.where, error.message.removesuffix("."), error.remedy)
+        for error in check.errors
+    )
+    return FullCheck(check.directory, errors, check.warnings, check.without_effect)
+
+
+def with_rules(check: FullCheck) -> FullCheck:
+    # Settings are checked without what these load.
+    from drcli.checks.settings_rules import review_settings
+    from drcli.checks.validate import validate
+
+    directory = Path(check.directory)
+    reviewed = review_settings(directory)
+    settings = reviewed.settings
+    known = () if settings is None else (*settings.problems, *track_problems(settings.races))
+    idle = {name for group in check.without_effect for name in group.names}
+
+    def new(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:
+        return tuple(each for each in problems if each not in known and each.key not in idle)
+
+    rules = validate(directory, reviewed=reviewed)
+    rules = replace(
+        rules, errors=new(rules.errors), warnings=new(rules.warnings), notes=new(rules.notes)
+    )
+    return replace(check, rules=rules)
