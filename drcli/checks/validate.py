@@ -11,8 +11,8 @@ from drcli.base.errors import Problem, ProblemsError, StorageError, of_severity
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.before_start import Examined, Plans, examine_stages
+from drcli.checks.check_report import Report, Skipped
 from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
-from drcli.checks.config_check import Report, Skipped
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.settings_rules import SettingsReview, review_settings

@@ -131,7 +131,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "config.settings_report:Values": ("config show",),
     "checks.config_check:FullCheck": ("config check",),
     "config.editing:Edit": ("config set",),
-    "checks.config_check:Report": ("validate",),
+    "checks.check_report:Report": ("validate",),
     "checks.doctor.findings:DoctorReport": ("doctor",),
     "checks.bench.machine_benchmark:BenchReport": ("bench",),
     "run.support_bundle:BundleReport": ("support-bundle",),

@@ -13,7 +13,8 @@ from drcli.cli.views.layout import INDENT, counted, fitted, indented
 
 if TYPE_CHECKING:
     from drcli.base.errors import Problem
-    from drcli.checks.config_check import FullCheck, Report
+    from drcli.checks.check_report import Report
+    from drcli.checks.config_check import FullCheck
     from drcli.config.editing import Edit
     from drcli.config.presets import PresetReports, PresetValue
     from drcli.config.settings_report import Value, Values

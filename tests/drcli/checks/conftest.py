@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drcli.base.errors import Problem
-from drcli.checks.config_check import Report
+from drcli.checks.check_report import Report
 from drcli.checks.validate import validate
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore

@@ -1,6 +1,6 @@
 """What `dr config check` checks, and how often."""
 
-from drcli.checks import parameter_rules
+from drcli.checks import settings_rules
 from drcli.checks.config_check import check_alone, with_rules
 from drcli.checks.doctor import diagnose
 from drcli.config import settings_report
@@ -15,7 +15,7 @@ def test_the_settings_are_loaded_twice_at_most(folder, monkeypatch):
         return load_settings(*arguments, **options)
 
     monkeypatch.setattr(settings_report, "load_settings", load)
-    monkeypatch.setattr(parameter_rules, "load_settings", load)
+    monkeypatch.setattr(settings_rules, "load_settings", load)
 
     report = with_rules(check_alone(folder.path))
 

@@ -20,7 +20,7 @@ from drcli.checks.bench.machine_benchmark import (
     WorkSpeed,
 )
 from drcli.checks.bench.work_order import Rates, Ready
-from drcli.checks.config_check import Report, Skipped
+from drcli.checks.check_report import Report, Skipped
 from drcli.checks.doctor.findings import DoctorReport, Finding
 from drcli.cli.commands.spot_watch import WatchReport
 from drcli.convert.car_rules import CarAction
