@@ -27,7 +27,7 @@ from drcli.config import secret_environment
 from drcli.drive.reward_access import SCRATCH, freedoms_told
 from drcli.records.job import LOG_ENCODING
 from drcli.records.reward import MOST_BYTES, Answer, CallFailure, Calls, Load
-from drcli.workers import reward_failures
+from drcli.workers import print_limit
 from drcli.workers.pulse import companions
 from drsim.episode.reward import OnRewardError, Rewarded, RewardHost, RewardParams
 from drsim.episode.reward_deadline import STUCK
@@ -165,7 +165,7 @@ class RewardProcess(RewardHost):
 def _relay(pipe: IO[bytes]) -> None:
     with io.TextIOWrapper(pipe, "utf-8", "backslashreplace", newline="") as lines:
         for line in iter(lambda: lines.readline(_LONGEST_LINE), ""):
-            reward_failures.print_theirs(line)
+            print_limit.print_theirs(line)
 
 
 def _error(failure: CallFailure) -> RewardError:

@@ -27,7 +27,7 @@ from drcli.model.lease import OTHERS_TRUSTED_S, POINTER_TRUSTED_S, Ownership
 from drcli.model.model_store import ModelStore
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import ActivityRecord, json_log, log_file, reward_log
-from drcli.workers import reward_failures
+from drcli.workers import print_limit
 from drcli.workers.pulse import Pulse, memory_shortage
 
 # The logs of a worker: its own, as JSON lines, and what the racer's code prints.
@@ -50,7 +50,7 @@ class WorkerLogs:
             if settings.log_json:
                 self._json = JsonLog(json_log(path), max_bytes, name)
                 copies.append(self._json.printed)
-        reward_failures.install(copies)
+        print_limit.install(copies)
 
     def end(self) -> None:
         if self._prints is not None:
@@ -68,7 +68,7 @@ class _RewardLog(logging.Handler):
         add_handler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        if record.name == reward_failures.reward_logger.name:
+        if record.name == print_limit.reward_logger.name:
             self.file.write(f"{record_text(record)}\n")
 
     def end(self) -> None:
@@ -193,7 +193,7 @@ def run(
         raise SystemExit(_explain(error, job, name).code) from None
     finally:
         requests.end()
-        reward_failures.end_limit()
+        print_limit.end_limit()
         logs.end()
         # Otherwise Python searches all objects for garbage at exit, which takes nearly a second.
         gc.freeze()
@@ -205,14 +205,14 @@ def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace
 
 
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
-    reward_failures.end_limit()
+    print_limit.end_limit()
     memory = memory_shortage(error)
     logger = _logger
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
     if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
         from drcli.workers.reward_failures import reward_failure
 
-        error, logger = reward_failure(error), reward_failures.reward_logger
+        error, logger = reward_failure(error), print_limit.reward_logger
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)
         if memory:  # its own fault or not: a new process may have enough

@@ -71,7 +71,7 @@ def loop(racer, monkeypatch):
     def run(*laps, seen=(), **options):
         rounds, left = Rounds(racer.bucket, laps), list(seen)
 
-        def newest(settings, bucket, prefix):
+        def newest(settings, model):
             number = len(rounds.plans)
             rounds.newest = left.pop(0) if left else f"{number}_Step-{number}.ckpt"
             return rounds.newest

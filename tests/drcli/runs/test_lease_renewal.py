@@ -129,7 +129,7 @@ def test_an_owner_that_is_held_up_between_reading_and_writing_does_not_write(ser
     server.now_s += RENEW_S
     slow = Slow(clock=server.clock)
     slow._objects = server.bucket._objects
-    renewal._bucket = slow
+    renewal._model = ModelStore(slow, PREFIX)
 
     renewal.step()
 

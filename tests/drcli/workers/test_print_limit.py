@@ -2,8 +2,8 @@
 
 import pytest
 
-from drcli.workers import reward_failures
-from drcli.workers.reward_failures import (
+from drcli.workers import print_limit
+from drcli.workers.print_limit import (
     BURST_CHARACTERS,
     CHARACTERS_S,
     TEXT_CHARACTERS,
@@ -79,12 +79,12 @@ def test_nothing_is_said_where_nothing_is_missing(limit, warnings):
 
 def test_copies_get_what_the_limit_admits_of_what_is_printed(limit, monkeypatch, capsys):
     copied = []
-    monkeypatch.setattr(reward_failures, "_limit", limit)
-    monkeypatch.setattr(reward_failures, "_copies", ())
-    reward_failures.install([copied.append])
+    monkeypatch.setattr(print_limit, "_limit", limit)
+    monkeypatch.setattr(print_limit, "_copies", ())
+    print_limit.install([copied.append])
 
     for _ in range(40_000):
-        reward_failures.print_theirs(STEP)
+        print_limit.print_theirs(STEP)
     print("own\n" * 20_000, end="")
 
     printed = capsys.readouterr().out

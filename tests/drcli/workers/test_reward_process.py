@@ -318,7 +318,7 @@ def test_a_working_folder_or_home_inside_of_a_folder_of_programs_keeps_its_secre
     allowed: list[Path] = []
     monkeypatch.setattr(reward_access, "_SYSTEM", (str(folder), "/usr"))
     monkeypatch.setattr(reward_access, "confine", lambda *each: allowed.extend(chain(*each[:2])))
-    monkeypatch.setattr(reward_access.signal_guard, "install", lambda: None)
+    monkeypatch.setattr(reward_access.confinement, "install", lambda: None)
     monkeypatch.setattr("tempfile.tempdir", None)
     monkeypatch.setenv("TMPDIR", "/tmp")
 

@@ -16,7 +16,7 @@ from drcli.records.run_record import json_log, log_file
 PROGRAM = """
 import sys
 from drcli.base.log import plain, traces
-from drcli.workers import reward_failures, worker_process
+from drcli.workers import print_limit, worker_process
 
 def main(job, lifeline):
     plain.info("Policy training> x")
@@ -24,8 +24,8 @@ def main(job, lifeline):
     print("our own")
     sys.stdout.flush()
     for text in ("theirs 1.5\\n", "no end"):
-        reward_failures.print_theirs(text)
-    reward_failures.reward_logger.warning("It failed.")
+        print_limit.print_theirs(text)
+    print_limit.reward_logger.warning("It failed.")
 
 worker_process.run("sim-1", main)
 """
