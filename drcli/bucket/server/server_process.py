@@ -22,6 +22,7 @@ from drcli.bucket.endpoint import Endpoint
 from drcli.config.run_config import Engine, StorageConfig
 
 _TERM_PATIENCE_S = 5.0
+_EXEC_PATIENCE_S = 1.0
 
 
 def start_detached(
@@ -61,9 +62,25 @@ def end(pid: int, mark: str) -> None:
         wait_until(lambda: not is_running(pid, mark), patience_s=_TERM_PATIENCE_S)
 
 
+def _has_command_line(pid: int) -> bool:
+    """Whether /proc tells it by now, or never will.
+
+    Linux shows none for a moment after `subprocess.Popen` has returned, for the new program is not
+    laid out yet. A process that has ended has no program either.
+    """
+    if Path(f"/proc/{pid}/cmdline").read_bytes():
+        return True
+    try:
+        Path(f"/proc/{pid}/exe").readlink()
+    except OSError:
+        return True
+    return False
+
+
 def _command_line(pid: int) -> str:
     if Path("/proc/self/cmdline").exists():  # Linux, where a small image may lack `ps`
         try:
+            wait_until(lambda: _has_command_line(pid), patience_s=_EXEC_PATIENCE_S)
             # Decoded like a path, so that the mark is found in any locale.
             return os.fsdecode(Path(f"/proc/{pid}/cmdline").read_bytes()).replace("\0", " ")
         except (FileNotFoundError, ProcessLookupError):

@@ -59,13 +59,14 @@ class Calls(NamedTuple):
 
 def calls_of(request: SandboxRequest) -> Calls:
     waypoints = [[(x, y) for x, y in points] for points in request.waypoints]
-    for calls in request.sequences:
-        for params in calls:
-            params["waypoints"] = waypoints[params["is_reversed"]]
+    sequences = [
+        [{**params, "waypoints": waypoints[params["is_reversed"]]} for params in calls]
+        for calls in request.sequences
+    ]
     if request.races is None:
-        return Calls(request.sequences, [], [])
+        return Calls(sequences, [], [])
     samples, races, problems = sample_races(request.races)
-    return Calls([*request.sequences, *samples], races, problems)
+    return Calls([*sequences, *samples], races, problems)
 
 
 def try_function(

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -40,6 +41,22 @@ def test_a_process_of_a_folder_with_an_umlaut_is_known_in_the_c_locale(sleeper, 
     )
 
     assert answer.stdout == "True\n"
+
+
+def test_a_process_whose_program_is_not_laid_out_yet_is_known(sleeper, monkeypatch):
+    process, mark = sleeper
+    read, answers = Path.read_bytes, [b"", b""]
+    monkeypatch.setattr(Path, "read_bytes", lambda path: answers.pop() if answers else read(path))
+
+    assert server_process.is_running(process.pid, mark)
+
+
+def test_a_process_that_has_ended_is_not_running_before_its_parent_knows(sleeper):
+    process, mark = sleeper
+    process.kill()
+    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+
+    assert not server_process.is_running(process.pid, mark)
 
 
 def test_a_process_with_the_mark_is_ended_and_any_other_is_left_alone(sleeper):

@@ -50,6 +50,12 @@ class Watcher:
         self.peer.close()
 
 
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """These viewers neither read nor write while cars drive, which takes long on a busy machine."""
+    monkeypatch.setattr(live_server, "SILENCE_S", 300.0)
+
+
 @pytest.fixture
 def drive():
     drive = SmallDrive()
@@ -293,16 +299,15 @@ def test_a_viewer_that_does_not_read_blocks_nobody_and_is_sent_away(drive, tmp_p
 )
 def test_visitors_that_do_not_know_the_key_are_sent_away(tmp_path, words):
     with shown(tmp_path) as (show, address):
-        peer = socket.create_connection((HOST, address.port), timeout=SOON_S)
-        peer.sendall(words)
-        peer.shutdown(socket.SHUT_WR)
         received = b""
-        try:
-            while part := peer.recv(4096):
-                received += part
-        except ConnectionResetError:
-            pass
-        peer.close()
+        with socket.create_connection((HOST, address.port), timeout=SOON_S) as peer:
+            peer.sendall(words)
+            # The server may have hung up by now.
+            with contextlib.suppress(OSError):
+                peer.shutdown(socket.SHUT_WR)
+            with contextlib.suppress(ConnectionResetError):
+                while part := peer.recv(4096):
+                    received += part
 
         assert len(received) <= 64, "nothing but a greeting"
         assert not show._server.viewers
