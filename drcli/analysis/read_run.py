@@ -26,6 +26,7 @@ from drcli.analysis.read_traces import (
 )
 from drcli.analysis.run import Run, deepracer_logs, spans
 from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_module
 from drcli.config.settings import Settings
 from drcli.tracks.limit_store import StoredLimit
 from drcli.tracks.track_limit import limit_of
@@ -33,6 +34,8 @@ from drsim.track.track import Track
 
 if TYPE_CHECKING:
     import pandas as pd
+else:
+    pd = lazy_module("pandas")
 
 MOST_TRACE_BYTES = 1 << 30
 """About five million steps; of more, every n-th iteration is read."""
@@ -86,8 +89,6 @@ def run_of(source: ModelSource, tracks: Path, directory: Path) -> Run:
         SettingsError: There is nothing in it to analyse.
         StorageError: The bucket cannot be read.
     """
-    import pandas as pd
-
     problems = [*source.problems, *source.files.problems]
     facts = model_facts(source, problems)
     reading = _read_steps(source, facts, problems)

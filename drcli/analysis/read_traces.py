@@ -22,10 +22,15 @@ from typing import TYPE_CHECKING, Any
 from drcli.analysis.model_source import ModelSource
 from drcli.analysis.run import deepracer_logs
 from drcli.base.errors import DrError
+from drcli.base.installation import lazy_module
 from drcli.records.trace import COLUMNS, TraceRow, largest, number_or_nan, read_rows
 
 if TYPE_CHECKING:
     import pandas as pd
+else:
+    pd = lazy_module("pandas")
+
+types = lazy_module("pandas.api.types")
 
 # Repairs a damaged simtrace file for strict readers.
 #
@@ -226,8 +231,6 @@ def _handler(content: Mapping[str, bytes]) -> Any:
 
 
 def _is_sound(frame: "pd.DataFrame") -> bool:
-    from pandas.api import types
-
     if not set(STEP_COLUMNS) <= set(frame.columns):
         return False
     for name in STEP_COLUMNS:
@@ -267,8 +270,6 @@ def packed(frame: "pd.DataFrame") -> "pd.DataFrame":
 
 def _joined(batches: "list[dict[str, pd.Series]]") -> "pd.DataFrame":
     """Each column is given up as soon as it is copied."""
-    import pandas as pd
-
     labels: dict[str, None] = {}
     for batch in batches:
         labels |= dict.fromkeys(batch["episode_status"].cat.categories)
@@ -289,8 +290,6 @@ def _joined(batches: "list[dict[str, pd.Series]]") -> "pd.DataFrame":
 
 
 def _unknown(count: int) -> "pd.Series":
-    import pandas as pd
-
     return pd.Series(float("nan"), index=range(count), dtype="float32")
 
 

@@ -14,9 +14,15 @@ import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+from drcli.base.installation import lazy_module
 from drcli.base.system_calls import name_place
+
+if TYPE_CHECKING:
+    import psutil
+else:
+    psutil = lazy_module("psutil")
 
 Freedom = Literal["files", "sockets", "signals"]
 FREEDOMS: tuple[Freedom, ...] = ("files", "sockets", "signals")
@@ -212,6 +218,4 @@ def _is_own_group(group: int) -> bool:
 
 
 def _children() -> set[int]:
-    import psutil  # loaded here: hardly any reward function starts a program
-
     return {child.pid for child in psutil.Process().children(recursive=True)}

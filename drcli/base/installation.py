@@ -19,6 +19,7 @@ from functools import cache
 from importlib import metadata, util
 from pathlib import Path
 from traceback import walk_tb
+from types import ModuleType
 from typing import Any
 
 from drcli.base.errors import NotAvailable
@@ -236,6 +237,8 @@ if __name__ == "__main__":
 
 
 _INSTALL = {
+    "deepracer": 'pip install "drcli[analysis]"',
+    "pandas": 'pip install "drcli[analysis]"',
     "onnx": 'pip install "drcli[onnx]"',
     "onnxruntime": 'pip install "drcli[onnx]"',
     "openvino": 'pip install "drcli[openvino]"',
@@ -244,11 +247,24 @@ _INSTALL = {
 }
 
 
-def library(name: str, module: str = "") -> Any:
-    """NotAvailable if it cannot be loaded."""
+class _LazyModule(ModuleType):
+    def __getattr__(self, name: str) -> Any:
+        return getattr(library(self.__name__), name)
+
+
+def lazy_module(name: str) -> Any:
+    """A module that is imported at its first use; for what takes long to load or may be missing."""
+    return _LazyModule(name)
+
+
+def library(module: str) -> Any:
+    """NotAvailable if an optional one cannot be loaded."""
+    name = module.partition(".")[0]
+    if name not in _INSTALL:
+        return importlib.import_module(module)
     require(name)
     try:
-        return importlib.import_module(module or name)
+        return importlib.import_module(module)
     except (ImportError, OSError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else "no reason given"
         raise import_error(error) or NotAvailable(

@@ -17,6 +17,9 @@ from types import ModuleType
 from typing import Literal
 
 from drcli.base.errors import NotAvailable
+from drcli.base.installation import lazy_module
+
+ctypes = lazy_module("ctypes")
 
 fcntl: ModuleType | None
 resource: ModuleType | None
@@ -161,8 +164,6 @@ def end_with_parent() -> None:
 
 def _control_process(what: int, value: int) -> None:
     if sys.platform == "linux":
-        import ctypes  # loaded here: not every Python has it
-
         ctypes.CDLL(None).prctl(what, value, 0, 0, 0)
 
 

@@ -6,12 +6,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli.base.errors import StorageError
+from drcli.base.installation import lazy_module
 from drcli.config import secret_environment
 from drcli.config.run_config import Engine
 
 if TYPE_CHECKING:
     from boto3.session import Session
     from botocore.session import Session as CoreSession
+
+boto3_session = lazy_module("boto3.session")
+configprovider = lazy_module("botocore.configprovider")
+boto = lazy_module("botocore.exceptions")
+core = lazy_module("botocore.session")
 
 
 @dataclass(frozen=True)
@@ -93,10 +99,8 @@ def session_of(profile: str | None, setting: str) -> "Session":
     Raises:
         StorageError: There is no such profile, or the files cannot be read.
     """
-    # Imported here: boto3 takes a quarter of a second, which other commands do not need.
-    from boto3.session import Session
-
-    return Session(botocore_session=_profile_session(profile, setting))
+    session: Session = boto3_session.Session(botocore_session=_profile_session(profile, setting))
+    return session
 
 
 _used: list[object] = []
@@ -136,28 +140,23 @@ def read_profile(profile: str | None, setting: str) -> Profile:
     Raises:
         StorageError: There is no such profile, or the files cannot be read.
     """
-    from botocore.configprovider import ConfiguredEndpointProvider
-
     files = _profile_session(profile, setting)
     scoped = files.get_scoped_config()
-    provider = ConfiguredEndpointProvider(
+    provider = configprovider.ConfiguredEndpointProvider(
         full_config=files.full_config, scoped_config=scoped, client_name="s3"
     )
     return Profile(provider.provide(), scoped.get("region"))
 
 
 def _profile_session(profile: str | None, setting: str) -> "CoreSession":
-    from botocore.exceptions import BotoCoreError, ProfileNotFound
-    from botocore.session import Session
-
-    session = Session(profile=profile)
+    session: CoreSession = core.Session(profile=profile)
     try:
         session.get_scoped_config()
-    except ProfileNotFound as e:
+    except boto.ProfileNotFound as e:
         if profile == DEFAULT:
             return _profile_session(None, setting)
         raise _no_profile(profile, setting) from e
-    except BotoCoreError as e:
+    except boto.BotoCoreError as e:
         raise StorageError(
             f"The AWS files cannot be used ({setting} is '{profile or ''}'): {e}.",
             remedy="Correct ~/.aws/config and ~/.aws/credentials.",

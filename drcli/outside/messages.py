@@ -7,15 +7,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.installation import lazy_module
 from drcli.base.json_record import json_default
 from drcli.bucket.endpoint import lend_to_refreshes, session_of
 from drcli.config import secret_environment
 from drcli.config.groups.train_settings import MessageSettings
 from drcli.outside.web_request import USER_AGENT, explain
+
+if TYPE_CHECKING:
+    import requests
+else:
+    requests = lazy_module("requests")
+
+boto = lazy_module("botocore.exceptions")
+botocore_config = lazy_module("botocore.config")
 
 # Sends a mail through a mail server.
 
@@ -131,8 +140,6 @@ def publish(
     Raises:
         StorageError: The topic does not exist, the keys may not publish, or nobody answers.
     """
-    from botocore.exceptions import BotoCoreError, ClientError
-
     try:
         client = _client(topic, profile, timeout_s)
         client.publish(
@@ -142,7 +149,7 @@ def publish(
             MessageAttributes={"event": {"DataType": "String", "StringValue": event}},
             **_order(topic, text),
         )
-    except (BotoCoreError, ClientError, ValueError, IndexError) as error:
+    except (boto.BotoCoreError, boto.ClientError, ValueError, IndexError) as error:
         raise StorageError(
             f"The SNS topic {topic} does not take messages: {error}.",
             remedy="Check DR_SNS_TOPIC_ARN, the access keys, and that they allow sns:Publish.",
@@ -150,9 +157,7 @@ def publish(
 
 
 def _client(topic: str, profile: str | None, timeout_s: float) -> Any:
-    from botocore.config import Config
-
-    config = Config(
+    config = botocore_config.Config(
         retries={"total_max_attempts": 1, "mode": "standard"},
         connect_timeout=timeout_s,
         read_timeout=timeout_s,
@@ -213,8 +218,6 @@ def post(url: str, body: dict[str, Any], timeout_s: float) -> None:
     Raises:
         StorageError: The server refuses, or does not answer.
     """
-    import requests
-
     try:
         answer = requests.post(
             url,

@@ -12,13 +12,20 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drcli.base.clock import elapsed_s
 from drcli.base.errors import WorkerDied
+from drcli.base.installation import lazy_module
 from drcli.base.log import get_logger
 from drcli.base.system_calls import open_files
 from drcli.records.heartbeat import PulseRecord, open_pulse_file, pulse_file, short_activity
 from drcli.records.job import WorkerExit
+
+if TYPE_CHECKING:
+    import psutil
+else:
+    psutil = lazy_module("psutil")
 
 BEAT_S = 2.0
 STACKS_SIGNAL = getattr(signal, "SIGUSR2", None)
@@ -127,8 +134,6 @@ def own_memory_bytes() -> int:
         pages += int((_PROC / "self" / "statm").read_bytes().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError):
-        import psutil  # not needed on Linux
-
         return int(psutil.Process().memory_info().rss)
 
 

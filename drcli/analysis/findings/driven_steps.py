@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drcli.analysis.run import Run
+from drcli.base.installation import lazy_module
 from drsim.arrays import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     import pandas as pd
+else:
+    pd = lazy_module("pandas")
 
 STEP_S = 1.0 / 15.0
 """The car decides 15 times in a simulated second."""
@@ -112,8 +115,6 @@ def _numbers(frame: "pd.DataFrame", name: str) -> Floats:
         return np.full(len(frame), np.nan)
     column = frame[name]
     if column.dtype.kind not in "fiub":
-        import pandas as pd
-
         column = pd.to_numeric(column, errors="coerce")
     values = np.asarray(column, dtype=np.float64)
     endless = np.isinf(values)

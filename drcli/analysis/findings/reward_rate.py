@@ -8,11 +8,14 @@ import numpy as np
 
 from drcli.analysis.findings.driven_steps import DrivenSteps
 from drcli.analysis.findings.lap_slowing import LapSlowing, change_t
+from drcli.base.installation import lazy_module
 from drcli.model.files.action_space import ActionSpace
 from drsim.arrays import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     import pandas as pd
+else:
+    pd = lazy_module("pandas")
 
 PARTS, STEPS_IN_PART = 20, 20
 """So that a bend is not compared with a straight. The finer the better: a reward that is only paid
@@ -312,8 +315,6 @@ class RewardFunctionTime:
 
 def reward_function_time(steps: "pd.DataFrame") -> RewardFunctionTime | None:
     """None if the trace does not have it."""
-    import pandas as pd
-
     for name, unit in COLUMNS.items():
         if name in steps:
             measured = pd.to_numeric(steps[name], errors="coerce")

@@ -8,12 +8,15 @@ import hashlib
 import socket
 from typing import TYPE_CHECKING, Any
 
+from drcli.base.installation import lazy_module
 from drcli.outside.car.car_address import CarAddress, CarError, CarLogin
 
 if TYPE_CHECKING:
     from ssl import SSLContext
 
     import requests
+else:
+    requests = lazy_module("requests")
 
 CONNECT_TIMEOUT_S = 5.0
 
@@ -45,8 +48,7 @@ def readable(fingerprint: str) -> str:
 
 def trusting_session(login: CarLogin) -> "requests.Session":
     """Accepts only the car of a login; uses no proxy."""
-    import requests
-    from requests.adapters import HTTPAdapter
+    from requests.adapters import HTTPAdapter  # a base class cannot be loaded lazily
 
     class Unsigned(HTTPAdapter):
         def init_poolmanager(self, *args: Any, **named: Any) -> None:

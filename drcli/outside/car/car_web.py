@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 from typing import TYPE_CHECKING, Any, Self
 
 from drcli.base.errors import SettingsError, shown
+from drcli.base.installation import lazy_module
 from drcli.outside.car.car_address import (
     LOGIN_HOURS,
     CarAddress,
@@ -29,6 +30,10 @@ from drcli.outside.car.car_certificate import (
 
 if TYPE_CHECKING:
     import requests
+else:
+    requests = lazy_module("requests")
+
+urllib3 = lazy_module("urllib3.exceptions")
 
 TOKEN_COOKIE = "deepracer_token"
 ANSWER_TIMEOUT_S = 15.0
@@ -125,16 +130,15 @@ class CarWeb:
         """Redirects are not followed: cookies would go with them."""
         import warnings
 
-        import requests
-        from urllib3.exceptions import InsecureRequestWarning
-
         # Flask compares the address of the page that a change comes from.
         headers = {"Referer": f"{self.address.url}/"}
         if method in _CHANGES:
             headers["X-CSRFToken"] = self._login.csrf_token
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", InsecureRequestWarning)  # asked for by --insecure
+                warnings.simplefilter(
+                    "ignore", urllib3.InsecureRequestWarning
+                )  # asked for by --insecure
                 return self._session.request(
                     method,
                     self.address.url + path,

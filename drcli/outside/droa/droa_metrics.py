@@ -5,12 +5,18 @@ import math
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drcli.base.archive import read_packed, unpack_readable
 from drcli.base.errors import SettingsError, StorageError
+from drcli.base.installation import lazy_module
 from drcli.outside.droa.droa_api import Droa, RemoteModel
 from drcli.records.episode_metrics import is_clean
+
+if TYPE_CHECKING:
+    import requests
+else:
+    requests = lazy_module("requests")
 
 
 @dataclass(frozen=True)
@@ -80,8 +86,6 @@ class ModelReport:
 
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
     """Of training; SettingsError without any."""
-    import requests
-
     url = model.text("trainingMetricsUrl")
     none = SettingsError(
         f"The model {model.name} ({model.model_id}) has no training metrics.",
