@@ -1,17 +1,13 @@
 """Numbers the episodes of all workers, and makes a row for each."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from drcli.analysis.run import Numbers, deepracer_logs, spans
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.records.trace import STEP_S
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
-else:
-    pd = lazy_module("pandas")
 
 EPISODE_COLUMNS = (
     *("iteration", "worker", "episode", "steps", "start_at", "progress", "time", "dist"),

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -22,16 +22,14 @@ from drcli.analysis.model_source import ModelSource
 from drcli.analysis.read_traces import STEP_COLUMNS, TraceFile, read_traces, trainer_logs
 from drcli.analysis.run import StoredEvaluation, spans
 from drcli.base.errors import DrError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError
 from drcli.records.episode_metrics import EpisodeMetrics, decode_metrics, is_clean, most_episodes
 from drcli.records.iteration import IterationRecord, decode_history, is_clean_lap
 from drcli.records.trace import STATUS_LABELS, VIOLATIONS
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
-else:
-    pd = lazy_module("pandas")
 
 R = TypeVar("R", EpisodeMetrics, IterationRecord)
 

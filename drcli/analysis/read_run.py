@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,16 +25,14 @@ from drcli.analysis.read_traces import (
 )
 from drcli.analysis.run import Run, deepracer_logs, spans
 from drcli.base.errors import SettingsError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.config.settings import Settings
 from drcli.tracks.limit_store import StoredLimit
 from drcli.tracks.track_limit import limit_of
 from drsim.track.track import Track
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
-else:
-    pd = lazy_module("pandas")
 
 MOST_TRACE_BYTES = 1 << 30
 """About five million steps; of more, every n-th iteration is read."""

@@ -17,20 +17,17 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from drcli.analysis.model_source import ModelSource
 from drcli.analysis.run import deepracer_logs
 from drcli.base.errors import DrError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.records.trace import COLUMNS, TraceRow, largest, number_or_nan, read_rows
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
-else:
-    pd = lazy_module("pandas")
-
-types = lazy_module("pandas.api.types")
+    from pandas.api import types
 
 # Repairs a damaged simtrace file for strict readers.
 #

@@ -18,7 +18,7 @@ from drcli.analysis.report.map_section import bounds_of, ground_cells, located, 
 from drcli.analysis.report.summary_sections import lap_section, learner_section, reward_section
 from drcli.analysis.run import Run
 from drcli.base.files import make_picture_folder, refuse_replacing, rewrite
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, LINES, png
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-collections = lazy_module("matplotlib.collections")
+with lazy_imports():
+    from matplotlib import collections
 
 # Draws the track with what was driven on it.
 

@@ -14,15 +14,13 @@ import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.system_calls import name_place
 
-if TYPE_CHECKING:
+with lazy_imports():
     import psutil
-else:
-    psutil = lazy_module("psutil")
 
 Freedom = Literal["files", "sockets", "signals"]
 FREEDOMS: tuple[Freedom, ...] = ("files", "sockets", "signals")

@@ -3,6 +3,7 @@
 `python -m drcli.base.installation` mends it, for scripts/install.sh, without libraries.
 """
 
+import builtins
 import importlib
 import importlib.util
 import json
@@ -13,13 +14,15 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata, util
 from pathlib import Path
+from threading import RLock, get_ident
 from traceback import walk_tb
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from drcli.base.errors import NotAvailable
@@ -252,9 +255,32 @@ class _LazyModule(ModuleType):
         return getattr(library(self.__name__), name)
 
 
-def lazy_module(name: str) -> Any:
-    """A module that is imported at its first use; for what takes long to load or may be missing."""
-    return _LazyModule(name)
+_importing = RLock()
+
+
+@contextmanager
+def lazy_imports() -> Iterator[None]:
+    """Load the modules that are imported inside at their first use, or say how to install them.
+
+    For `import module` and `from package import module`; other names cannot wait.
+    """
+
+    def lazy(
+        name: str, _: Any = None, __: Any = None, names: Sequence[str] | None = (), *___: Any
+    ) -> Any:
+        if get_ident() != thread:
+            return usual(name, _, __, names or (), *___)
+        if not names:
+            return _LazyModule(name)
+        return SimpleNamespace(**{each: _LazyModule(f"{name}.{each}") for each in names})
+
+    with _importing:
+        usual, thread = builtins.__import__, get_ident()
+        builtins.__import__ = lazy
+        try:
+            yield
+        finally:
+            builtins.__import__ = usual
 
 
 def library(module: str) -> Any:

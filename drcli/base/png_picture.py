@@ -6,15 +6,16 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-matplotlib = lazy_module("matplotlib")
-backend_agg = lazy_module("matplotlib.backends.backend_agg")
-figures = lazy_module("matplotlib.figure")
-layout_engine = lazy_module("matplotlib.layout_engine")
+with lazy_imports():
+    import matplotlib
+    from matplotlib import figure as figures
+    from matplotlib import layout_engine
+    from matplotlib.backends import backend_agg
 
 _DPI = 100
 _STYLE: dict[Any, Any] = {

@@ -17,17 +17,15 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import DrError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.system_calls import ExitWait, adopt_orphans, end_with_parent
 
-if TYPE_CHECKING:
+with lazy_imports():
     import psutil
-else:
-    psutil = lazy_module("psutil")
 
 _PROC = Path("/proc")
 _START_FIELD = 19

@@ -17,9 +17,10 @@ from types import ModuleType
 from typing import Literal
 
 from drcli.base.errors import NotAvailable
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 
-ctypes = lazy_module("ctypes")
+with lazy_imports():
+    import ctypes
 
 fcntl: ModuleType | None
 resource: ModuleType | None

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli.base.errors import StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.config import secret_environment
 from drcli.config.run_config import Engine
 
@@ -14,10 +14,11 @@ if TYPE_CHECKING:
     from boto3.session import Session
     from botocore.session import Session as CoreSession
 
-boto3_session = lazy_module("boto3.session")
-configprovider = lazy_module("botocore.configprovider")
-boto = lazy_module("botocore.exceptions")
-core = lazy_module("botocore.session")
+with lazy_imports():
+    from boto3 import session as boto3_session
+    from botocore import configprovider
+    from botocore import exceptions as boto
+    from botocore import session as core
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from drcli.base import errors
 from drcli.base.clock import delays_s
 from drcli.base.errors import DiskFull, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.system_calls import flush_to_disk, is_disk_full
 from drcli.bucket.bucket import (
     Listing,
@@ -45,11 +45,12 @@ from drcli.config import secret_environment
 if TYPE_CHECKING:
     from mypy_boto3_s3.client import S3Client
 
-botocore_config = lazy_module("botocore.config")
-boto = lazy_module("botocore.exceptions")
-boto3_exceptions = lazy_module("boto3.exceptions")
-botocore_parsers = lazy_module("botocore.parsers")
-s3_transfer = lazy_module("boto3.s3.transfer")
+with lazy_imports():
+    from boto3 import exceptions as boto3_exceptions
+    from boto3.s3 import transfer as s3_transfer
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
+    from botocore import parsers as botocore_parsers
 
 # Says only once that a server does not answer.
 

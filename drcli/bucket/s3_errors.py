@@ -9,12 +9,13 @@ from email.utils import parsedate_to_datetime
 from typing import Any
 
 from drcli.base.errors import DiskFull, NoAnswer, NoKeys, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import TEST_FOLDER, ObjectMissing
 from drcli.bucket.endpoint import Endpoint, SettingNames
 
-boto = lazy_module("botocore.exceptions")
-botocore_parsers = lazy_module("botocore.parsers")
+with lazy_imports():
+    from botocore import exceptions as boto
+    from botocore import parsers as botocore_parsers
 
 MISSING_CODES = frozenset({"NoSuchKey", "404"})
 _KEY_CODES = frozenset(

@@ -17,11 +17,12 @@ from rich.segment import Segment, Segments
 from rich.text import Text
 
 from drcli.base.errors import OutputLost
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import keys_of
 from drcli.config import activation
 
-rich_progress = lazy_module("rich.progress")
+with lazy_imports():
+    from rich import progress as rich_progress
 
 Advance = Callable[[int], None]
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.framing import WireError, framed, receive
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
 from drcli.live.live_moment import Moment, Rider
@@ -28,8 +28,8 @@ from drsim.viewing.car_eye import FollowingCamera
 from drsim.viewing.placed_things import Thing
 from drsim.viewing.world_view import WorldView
 
-Image = lazy_module("PIL.Image")
-ImageDraw = lazy_module("PIL.ImageDraw")
+with lazy_imports():
+    from PIL import Image, ImageDraw
 
 MOST_VIEWERS = 8
 GREETING_S = 3.0

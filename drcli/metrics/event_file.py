@@ -8,14 +8,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.metrics.figure_events import Event, Point, TrainingFacts
 
-event_pb2 = lazy_module("tensorboard.compat.proto.event_pb2")
-summary_pb2 = lazy_module("tensorboard.compat.proto.summary_pb2")
-tensor_pb2 = lazy_module("tensorboard.compat.proto.tensor_pb2")
-types_pb2 = lazy_module("tensorboard.compat.proto.types_pb2")
-record_writer = lazy_module("tensorboard.summary.writer.record_writer")
+with lazy_imports():
+    from tensorboard.compat.proto import event_pb2, summary_pb2, tensor_pb2, types_pb2
+    from tensorboard.summary.writer import record_writer
 
 PATTERN = "events.out.tfevents.*"
 FROM_HISTORY = ".history"

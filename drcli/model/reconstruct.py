@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import Fingerprint, from_json
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.model import keys
@@ -32,7 +32,8 @@ from drcli.records.iteration import EVALUATION_FIELDS, IterationRecord
 from drcli.records.scores import EvaluationResult, Score, Scores
 from drcli.records.trace import read_csv
 
-safetensors = lazy_module("safetensors")
+with lazy_imports():
+    import safetensors
 
 _TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 

@@ -7,24 +7,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import json_default
 from drcli.bucket.endpoint import lend_to_refreshes, session_of
 from drcli.config import secret_environment
 from drcli.config.groups.train_settings import MessageSettings
 from drcli.outside.web_request import USER_AGENT, explain
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
-else:
-    requests = lazy_module("requests")
-
-boto = lazy_module("botocore.exceptions")
-botocore_config = lazy_module("botocore.config")
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
 
 # Sends a mail through a mail server.
 

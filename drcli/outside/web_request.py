@@ -2,21 +2,17 @@
 
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from drcli import __version__
 from drcli.base.clock import delays_s
 from drcli.base.errors import StorageError, cause_of
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.config.fields import hidden
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
-else:
-    requests = lazy_module("requests")
-
-urllib3 = lazy_module("urllib3.exceptions")
+    from urllib3 import exceptions as urllib3
 
 USER_AGENT = f"drcli/{__version__}"
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drcli.base.errors import refuse
 from drcli.base.files import refuse_replacing, rewrite
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, LINES, png
 from drcli.config.settings import Settings
 from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array, scaled, try_rewards
@@ -23,10 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-matplotlib = lazy_module("matplotlib")
-collections = lazy_module("matplotlib.collections")
-patches = lazy_module("matplotlib.patches")
-patheffects = lazy_module("matplotlib.patheffects")
+with lazy_imports():
+    import matplotlib
+    from matplotlib import collections, patches, patheffects
 
 Floats = NDArray[np.float64]
 

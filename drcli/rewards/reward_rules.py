@@ -10,13 +10,14 @@ from functools import cached_property
 
 from drcli.base.errors import Problem, ProblemsError, Severity, closest
 from drcli.base.files import decode
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.model.files.custom_files import InputFile
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 from drcli.rewards.sandbox.run_sandbox import REMEDIES
 
-pyflakes_checker = lazy_module("pyflakes.checker")
-pyflakes_messages = lazy_module("pyflakes.messages")
+with lazy_imports():
+    from pyflakes import checker as pyflakes_checker
+    from pyflakes import messages as pyflakes_messages
 
 # Finds conditions of a reward function that wait for step 0 or 1, which never comes.
 #

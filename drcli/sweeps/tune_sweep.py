@@ -27,7 +27,7 @@ from ray.tune.experiment import Trial
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from drcli.base.errors import BudgetUsedUp, DrError, WorkerDied
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import NotedSignals
 from drcli.bucket.bucket import Bucket, ObjectDamaged
 from drcli.bucket.endpoint import DEFAULT, session_of
@@ -46,7 +46,8 @@ from drcli.sweeps.trial_score import amount_of, comparable, levels_of, score_of
 from drcli.sweeps.tune_schedulers import METRIC, Halving, StopFlag, TuneTrial, Unsaved, scheduler_of
 from drcli.train.ray_cluster import connect, keys_for_nodes
 
-arrow_fs = lazy_module("pyarrow.fs")
+with lazy_imports():
+    from pyarrow import fs as arrow_fs
 
 # The bucket as an Apache Arrow file system, for Ray Tune.
 

@@ -10,14 +10,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 
-if TYPE_CHECKING:
+with lazy_imports():
     import numpy as np
-else:
-    np = lazy_module("numpy")
 
 SHIPPED = Path(__file__).with_name("limits.npz")
 """From `scripts/compute_limits.py`."""

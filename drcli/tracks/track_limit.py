@@ -7,17 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.config import track_names
 from drcli.config.run_config import RaceConfig
 from drcli.tracks.limit_store import SHIPPED, LimitKey, StoredLimit, fingerprint, read_limits
 
-if TYPE_CHECKING:
+with lazy_imports():
     import numpy as np
-else:
-    np = lazy_module("numpy")
 
 LIMIT, BEST_KNOWN, COMPUTED = "the limit", "the best known lap", "the computed lap"
 """What a lap is called: computed and driven within 3 %; driven only; computed only."""

@@ -16,14 +16,15 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 from starlette.types import Receive, Scope, Send
 
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.config.settings import Settings
 from drcli.live.live_record import LiveMessage, LiveView
 from drcli.web.answers import BadRequest, error_of, status_of
 from drcli.web.listen import STREAM, TOPICS, USUAL_TOPIC
 from drcli.web.served_folder import ServedFolder
 
-Image = lazy_module("PIL.Image")
+with lazy_imports():
+    from PIL import Image
 
 MOST_STREAMS = 8
 BOUNDARY = "picture"

@@ -12,20 +12,17 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drcli.base.clock import elapsed_s
 from drcli.base.errors import WorkerDied
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.log import get_logger
 from drcli.base.system_calls import open_files
 from drcli.records.heartbeat import PulseRecord, open_pulse_file, pulse_file, short_activity
 from drcli.records.job import WorkerExit
 
-if TYPE_CHECKING:
+with lazy_imports():
     import psutil
-else:
-    psutil = lazy_module("psutil")
 
 BEAT_S = 2.0
 STACKS_SIGNAL = getattr(signal, "SIGUSR2", None)

@@ -2,18 +2,15 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drcli.analysis.run import Run
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drsim.arrays import Bools, Floats, Ints
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
-else:
-    pd = lazy_module("pandas")
 
 STEP_S = 1.0 / 15.0
 """The car decides 15 times in a simulated second."""

@@ -2,20 +2,17 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drcli.analysis.findings.driven_steps import DrivenSteps
 from drcli.analysis.findings.lap_slowing import LapSlowing, change_t
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.model.files.action_space import ActionSpace
 from drsim.arrays import Bools, Floats, Ints
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
-else:
-    pd = lazy_module("pandas")
 
 PARTS, STEPS_IN_PART = 20, 20
 """So that a bend is not compared with a straight. The finer the better: a reward that is only paid

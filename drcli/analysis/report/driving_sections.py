@@ -24,7 +24,7 @@ from drcli.analysis.report.markup import (
     table,
 )
 from drcli.analysis.run import Run, StoredEvaluation
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, LINES, png
 from drcli.tracks.limit_store import StoredLimit
 from drcli.tracks.track_limit import LapRow, LostPlace, limit_text, lost_places
@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-collections = lazy_module("matplotlib.collections")
+with lazy_imports():
+    from matplotlib import collections
 
 
 def ends_section(ends: EpisodeEnds | None, off: WheelsOff | None) -> Section | None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +23,12 @@ from drcli.analysis.report.markup import (
     table,
 )
 from drcli.analysis.run import Run, StoredEvaluation
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.records.trace import STEP_S, VIOLATIONS
 from drsim.track.track import Track
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
-else:
-    pd = lazy_module("pandas")
 
 # Speed and slip angle of a car, from its positions.
 

@@ -12,7 +12,7 @@ from statistics import median
 from typing import Any, Literal
 
 from drcli.base.errors import StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import this_machine
 from drcli.bucket.bucket import TEST_FOLDER, ObjectMissing
 from drcli.bucket.connect import open_bucket, open_upload_bucket
@@ -25,7 +25,8 @@ from drcli.config.settings import Settings
 from drcli.model import keys, lease
 from drcli.model.model_store import ModelStore
 
-boto = lazy_module("botocore.exceptions")
+with lazy_imports():
+    from botocore import exceptions as boto
 
 # Tries what drcli does with a bucket, folder by folder, and measures the speed.
 #

@@ -7,14 +7,15 @@ from functools import cached_property
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.bucket.endpoint import Endpoint, session_of
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import error_code, error_text
 from drcli.config import secret_environment
 
-boto = lazy_module("botocore.exceptions")
-botocore_config = lazy_module("botocore.config")
+with lazy_imports():
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
 
 PROFILE_SETTING = "DR_LOCAL_S3_PROFILE"
 

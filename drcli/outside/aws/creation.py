@@ -9,7 +9,7 @@ from shlex import quote
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import error_code
 from drcli.config.settings import Settings
@@ -53,7 +53,8 @@ from drcli.outside.aws.training_template import (
     training_template,
 )
 
-boto = lazy_module("botocore.exceptions")
+with lazy_imports():
+    from botocore import exceptions as boto
 
 # What is asked for, and its checks that need no machine.
 

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.training_template import Architecture, Image
 
-boto = lazy_module("botocore.exceptions")
+with lazy_imports():
+    from botocore import exceptions as boto
 
 Processor = Literal["x86", "arm", "any"]
 

@@ -7,10 +7,10 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from drcli.base.errors import DrError, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError, parse_json
 from drcli.bucket.endpoint import session_of
 from drcli.config import secret_environment
@@ -18,13 +18,10 @@ from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
 from drcli.outside.aws.instance_types import InstanceType
 from drcli.outside.notices.metadata_service import ec2_metadata
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
-else:
-    requests = lazy_module("requests")
-
-boto = lazy_module("botocore.exceptions")
-botocore_config = lazy_module("botocore.config")
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
 
 # Interruption rates from Amazon's public Spot Advisor.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code
 from drcli.model import keys, lease
 from drcli.model.checkpoints import CheckpointStore
@@ -19,7 +19,8 @@ from drcli.outside.aws.machine_marks import ENDED, read_marks
 from drcli.outside.aws.machines import Machine, machines_of
 from drcli.outside.aws.stacks import Pause, Stack, delete_stack, our_stacks
 
-boto = lazy_module("botocore.exceptions")
+with lazy_imports():
+    from botocore import exceptions as boto
 
 STOP_COMMAND = (
     "cd /opt/drcli/racer && exec runuser -u drcli -- "

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code, error_text
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.training_template import KIND_TAG, MODEL_TAG, STACK_TAG
 
-boto = lazy_module("botocore.exceptions")
+with lazy_imports():
+    from botocore import exceptions as boto
 
 BUCKET_TAG, ENDS_TAG = "drcli:bucket", "drcli:ends"
 

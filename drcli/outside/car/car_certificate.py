@@ -8,15 +8,15 @@ import hashlib
 import socket
 from typing import TYPE_CHECKING, Any
 
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.outside.car.car_address import CarAddress, CarError, CarLogin
 
 if TYPE_CHECKING:
     from ssl import SSLContext
 
+
+with lazy_imports():
     import requests
-else:
-    requests = lazy_module("requests")
 
 CONNECT_TIMEOUT_S = 5.0
 

@@ -6,10 +6,10 @@ failures have status 200 and `success: false`.
 
 from dataclasses import replace
 from html.parser import HTMLParser
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from drcli.base.errors import SettingsError, shown
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.outside.car.car_address import (
     LOGIN_HOURS,
     CarAddress,
@@ -28,12 +28,9 @@ from drcli.outside.car.car_certificate import (
     unreachable,
 )
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
-else:
-    requests = lazy_module("requests")
-
-urllib3 = lazy_module("urllib3.exceptions")
+    from urllib3 import exceptions as urllib3
 
 TOKEN_COOKIE = "deepracer_token"
 ANSWER_TIMEOUT_S = 15.0

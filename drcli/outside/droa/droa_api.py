@@ -7,22 +7,19 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from urllib.parse import quote, urlencode
 
 from drcli.base.errors import SettingsError, StorageError, shown
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.outside.droa.droa_session import DroaSession, Keys
 from drcli.outside.web_request import Pause, Web
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
-else:
-    requests = lazy_module("requests")
-
-botocore_auth = lazy_module("botocore.auth")
-awsrequest = lazy_module("botocore.awsrequest")
-botocore_credentials = lazy_module("botocore.credentials")
+    from botocore import auth as botocore_auth
+    from botocore import awsrequest
+    from botocore import credentials as botocore_credentials
 
 # Models at DeepRacer on AWS.
 

@@ -7,20 +7,17 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.files import hand_out
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.outside.droa.droa_api import DELETABLE, AssetType, Droa, RemoteModel
 from drcli.outside.droa.droa_import import POLL_S, Progress, Waiting
 from drcli.outside.web_request import ATTEMPTS, explain, polls
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
-else:
-    requests = lazy_module("requests")
 
 ASSET_PATIENCE_S = 300.0
 _PIECE_BYTES = 1 << 16

@@ -11,7 +11,7 @@ from typing import Any
 
 from drcli.base import errors as notices
 from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError, of_severity
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code
 from drcli.outside.droa.droa_api import Droa, RemoteModel
 from drcli.outside.droa.droa_package import is_wanted
@@ -19,9 +19,10 @@ from drcli.outside.droa.droa_rules import check_description, check_name, package
 from drcli.outside.droa.droa_session import DroaSession, aws_client, aws_failure
 from drcli.outside.web_request import polls
 
-boto3_exceptions = lazy_module("boto3.exceptions")
-boto = lazy_module("botocore.exceptions")
-s3_transfer = lazy_module("boto3.s3.transfer")
+with lazy_imports():
+    from boto3 import exceptions as boto3_exceptions
+    from boto3.s3 import transfer as s3_transfer
+    from botocore import exceptions as boto
 
 # Copies models to the bucket from which DeepRacer on AWS imports.
 

@@ -5,18 +5,16 @@ import math
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from drcli.base.archive import read_packed, unpack_readable
 from drcli.base.errors import SettingsError, StorageError
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.outside.droa.droa_api import Droa, RemoteModel
 from drcli.records.episode_metrics import is_clean
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
-else:
-    requests = lazy_module("requests")
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from drcli.base import errors
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.files import read_regular
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code, error_text
 from drcli.outside.droa.droa_site import Site
 from drcli.outside.web_request import CONNECT_TIMEOUT_S, READ_TIMEOUT_S, USER_AGENT
@@ -24,10 +24,11 @@ from drcli.outside.web_request import CONNECT_TIMEOUT_S, READ_TIMEOUT_S, USER_AG
 if TYPE_CHECKING:
     from botocore.session import Session
 
-botocore = lazy_module("botocore")
-botocore_config = lazy_module("botocore.config")
-core = lazy_module("botocore.session")
-boto = lazy_module("botocore.exceptions")
+with lazy_imports():
+    import botocore
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
+    from botocore import session as core
 
 # Temporary keys, kept between commands, never a password.
 #

@@ -4,18 +4,15 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from drcli.base.errors import SettingsError, StorageError, shown
-from drcli.base.installation import lazy_module
+from drcli.base.installation import lazy_imports
 from drcli.config.fields import hidden
 from drcli.outside.web_request import Web
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
-else:
-    requests = lazy_module("requests")
 
 # Reads env.js, in which a DeepRacer on AWS names its parts.
 #
