@@ -14,7 +14,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -265,14 +265,12 @@ def lazy_imports() -> Iterator[None]:
     For `import module` and `from package import module`; other names cannot wait.
     """
 
-    def lazy(
-        name: str, _: Any = None, __: Any = None, names: Sequence[str] | None = (), *___: Any
-    ) -> Any:
+    def lazy(name: str, *rest: Any, **named: Any) -> Any:
         if get_ident() != thread:
-            return usual(name, _, __, names or (), *___)
-        if not names:
-            return _LazyModule(name)
-        return SimpleNamespace(**{each: _LazyModule(f"{name}.{each}") for each in names})
+            return usual(name, *rest, **named)
+        if names := rest[2]:
+            return SimpleNamespace(**{each: _LazyModule(f"{name}.{each}") for each in names})
+        return _LazyModule(name)
 
     with _importing:
         usual, thread = builtins.__import__, get_ident()
