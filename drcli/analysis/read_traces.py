@@ -19,6 +19,10 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any
 
+import numpy as np
+from deepracer.logs.handler import FileHandler
+from deepracer.logs.misc import LogFolderType
+
 from drcli.analysis.model_source import ModelSource
 from drcli.analysis.run import deepracer_logs
 from drcli.base.errors import DrError
@@ -207,9 +211,6 @@ def _by_library(data: Mapping[TraceFile, bytes]) -> "pd.DataFrame | None":
 
 
 def _handler(content: Mapping[str, bytes]) -> Any:
-    from deepracer.logs.handler import FileHandler
-    from deepracer.logs.misc import LogFolderType
-
     class Handler(FileHandler):  # type: ignore[misc]
         type = LogFolderType.DRFC_MODEL_MULTIPLE_WORKERS
         training_simtrace_path = "training-simtrace"
@@ -250,8 +251,6 @@ def _is_sound(frame: "pd.DataFrame") -> bool:
 
 
 def _is_within(column: "pd.Series", limit: float) -> bool:
-    import numpy as np
-
     return bool((np.abs(column.to_numpy(dtype=np.float64)) < limit).all())
 
 

@@ -466,8 +466,9 @@ class S3Bucket:
         for failure in answer.get("Errors", []):
             if passes(failure.get("Code", "")):
                 # As an answer of its own, so that `_retry` asks again.
+                # The ignored check: the types want what only botocore adds.
                 response = {"Error": failure, "ResponseMetadata": answer["ResponseMetadata"]}
-                raise boto.ClientError(response, "DeleteObjects")
+                raise boto.ClientError(response, "DeleteObjects")  # type: ignore[arg-type]
             if failure.get("Code") not in MISSING_CODES:
                 attempt = Attempt("delete", self.endpoint, self.name, str(failure.get("Key")))
                 raise explain_entry(failure.get("Code", ""), failure.get("Message", ""), attempt)

@@ -311,7 +311,6 @@ def check_alone(directory: Path) -> FullCheck:
 
 def with_rules(check: FullCheck) -> FullCheck:
     # Settings are checked without what these load.
-    from drcli.checks.parameter_rules import review_settings
 
     directory = Path(check.directory)
     reviewed = review_settings(directory)

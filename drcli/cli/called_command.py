@@ -12,6 +12,10 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from drcli.bucket.request_count import CountFile
+from drcli.cli.app import main as run
+from drcli.config import secret_environment
+
 NICENESS = 15
 """19 is the most."""
 
@@ -30,10 +34,6 @@ def main() -> None:
     with suppress(OSError):
         os.nice(NICENESS)
     threading.Thread(target=_end_with, args=(call["caller"],), daemon=True).start()
-
-    from drcli.bucket.request_count import CountFile
-    from drcli.cli.app import main as run
-    from drcli.config import secret_environment
 
     secret_environment.keep(call["secrets"])
     requests = CountFile(Path(call["folder"]), "commands", call["session"])

@@ -284,6 +284,7 @@ def _found(bucket: Bucket, key: str) -> bytes:
 
 def _is_safetensors(data: bytes) -> bool:
     try:
-        return bool(data) and bool(safetensors.deserialize(data))
+        # The type is ignored because safetensors has no type for it.
+        return bool(data) and bool(safetensors.deserialize(data))  # type: ignore[no-untyped-call]
     except (safetensors.SafetensorError, ValueError):
         return False

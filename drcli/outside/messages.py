@@ -1,8 +1,11 @@
 """Sends messages about a training."""
 
 import hashlib
+import json
 import os
 import re
+import smtplib
+import ssl
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from email.message import EmailMessage
@@ -54,8 +57,6 @@ class Mail:
             SettingsError: The password needs encryption.
             StorageError: The server refuses, or does not answer.
         """
-        import smtplib
-
         message = EmailMessage()
         message["Subject"] = " ".join(subject.split())
         message["From"] = self._sender
@@ -84,9 +85,6 @@ class Mail:
             ) from None
 
     def _deliver(self, message: EmailMessage, timeout_s: float) -> None:
-        import smtplib
-        import ssl
-
         context = ssl.create_default_context()
         user, password = unquote(self._url.username or ""), unquote(self._url.password or "")
         server: smtplib.SMTP
@@ -305,7 +303,5 @@ def _to_topic(topic: str, profile: str | None, message: Message) -> None:
 
 def _body(message: Message) -> dict[str, Any]:
     """For Slack and Mattermost, and Discord."""
-    import json
-
     facts = json.loads(json.dumps(message.facts, default=json_default))
     return body_of(message.event, message.subject, message.text, facts)

@@ -6,6 +6,7 @@ only offsets, speeds and times at stations along the centre line.
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -114,8 +115,6 @@ def read_limits(file: Path) -> Mapping[LimitKey, StoredLimit]:
 
 @lru_cache(maxsize=4)
 def _read(file: Path, changed: int) -> Mapping[LimitKey, StoredLimit]:
-    import zipfile
-
     try:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             heads = json.loads(stored["heads"].tobytes())

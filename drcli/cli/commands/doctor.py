@@ -2,10 +2,14 @@
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.views import doctor_view
 from drcli.cli.working_folder import working_folder
+
+with lazy_imports():
+    from drcli.checks.doctor import diagnose
 
 
 def doctor(as_json: AsJson = False) -> None:
@@ -18,11 +22,9 @@ def doctor(as_json: AsJson = False) -> None:
 
     Example: dr-doctor
     """
-    from drcli.checks.doctor.diagnose import diagnose
-
     folder = working_folder()
     with console.waiting("Examining this machine and the bucket ...", only_live=True):
-        report = diagnose(folder)
+        report = diagnose.diagnose(folder)
     console.emit(report, doctor_view.findings(report), as_json=as_json)
     if report.exit_code:
         raise typer.Exit(report.exit_code)

@@ -6,10 +6,16 @@ from typing import Annotated
 import typer
 
 from drcli.base.errors import Absent
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console
 from drcli.cli.open_page import open_page
 from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings
+from drcli.transfer.report_place import report_file
+
+with lazy_imports():
+    from drcli.analysis import analysis, outputs, read_run
+    from drcli.run import stopping
 
 _NOTHING_RUNS = "No log analysis is running. dr-start-loganalysis writes a file; it starts nothing."
 
@@ -49,17 +55,12 @@ def start_loganalysis(
 
     Example: dr-start-loganalysis
     """
-    from drcli.analysis.analysis import analyse
-    from drcli.analysis.outputs import write_report
-    from drcli.analysis.read_run import read_run
-    from drcli.transfer.report_place import report_file
-
     loaded = settings()
     with console.waiting(f"Reading {what or loaded.model_prefix} ..."):
-        run = read_run(loaded, what)
+        run = read_run.read_run(loaded, what)
     path = report_file(loaded.directory, run.name)
     with console.waiting("Writing the report ..."):
-        written = write_report(path, analyse(run))
+        written = outputs.write_report(path, analysis.analyse(run))
     console.warn(*written.problems)
     address = ReportAddress(run.name, str(path), path.as_uri())
     console.emit(address, f"{address.html}\n{address.url}", as_json=as_json, folded=False)
@@ -72,8 +73,6 @@ def url_loganalysis(as_json: AsJson = False) -> None:
 
     Example: dr-url-loganalysis
     """
-    from drcli.transfer.report_place import report_file
-
     loaded = settings()
     path = report_file(loaded.directory, loaded.model_prefix)
     if not path.is_file():
@@ -108,6 +107,4 @@ def logs_loganalysis(as_json: AsJson = False) -> None:
 def _say_nothing_runs(*, as_json: bool) -> None:
     console.say(_NOTHING_RUNS)
     if as_json:
-        from drcli.run.stopping import StopReport
-
-        console.emit(StopReport(), "", as_json=True)
+        console.emit(stopping.StopReport(), "", as_json=True)

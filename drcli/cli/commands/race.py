@@ -1,11 +1,15 @@
 """`dr race`."""
 
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_replacing
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import (
     AsJson,
@@ -20,6 +24,21 @@ from drcli.cli.race_access import Closes, Race, found_race, open_races, print_ra
 from drcli.cli.views import race_view
 from drcli.cli.working_folder import settings
 from drcli.races.race_records import Pairing, RaceKind, Ranking
+from drcli.races.stored_race import read_rules
+
+with lazy_imports():
+    from drcli.cli import fetch_tracks
+    from drcli.races import (
+        organise,
+        queue_process,
+        race_export,
+        race_queue,
+        race_report,
+        race_settings,
+        race_wish,
+        stored_race,
+        submissions,
+    )
 
 # Options of `dr race create`.
 
@@ -133,9 +152,6 @@ def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None
     Raises:
         typer.BadParameter: The race has no such objects.
     """
-    from drcli.base.errors import SettingsError
-    from drcli.races import race_wish
-
     try:
         return race_wish.object_settings(race_type, obstacles, bots)
     except SettingsError as error:
@@ -173,16 +189,9 @@ def create(
 
     Example: dr-race create "Friday Cup" --world bean --rank best-average --closes 2h
     """
-    import time
-
-    from drcli.cli.fetch_tracks import bring_tracks
-    from drcli.races.organise import create_race
-    from drcli.races.race_settings import settings_of_rules
-    from drcli.races.race_wish import RaceWish, parse_time, rules_of
-
     now = time.time()
     objects = object_settings(race_type, obstacles, bots)
-    wish = RaceWish(
+    wish = race_wish.RaceWish(
         name=name,
         world=world,
         reverse=reverse,
@@ -194,16 +203,18 @@ def create(
         off_track_penalty_s=off_track_penalty,
         collision_penalty_s=collision_penalty,
         max_submissions=max_submissions,
-        opens_at=None if opens is None else parse_time("--opens", opens, now),
-        closes_at=None if closes is None else parse_time("--closes", closes, now),
+        opens_at=None if opens is None else race_wish.parse_time("--opens", opens, now),
+        closes_at=None if closes is None else race_wish.parse_time("--closes", closes, now),
         seed=seed,
         pairing=pairing,
         sensors=tuple(sensor or ()),
         settings=tuple(objects.items()),
     )
     loaded = settings()
-    bring_tracks(settings_of_rules(loaded, rules_of(loaded, wish, now)))
-    report = create_race(loaded, open_races(loaded), wish, now_s=now)
+    fetch_tracks.bring_tracks(
+        race_settings.settings_of_rules(loaded, race_wish.rules_of(loaded, wish, now))
+    )
+    report = organise.create_race(loaded, open_races(loaded), wish, now_s=now)
     print_race(report, as_json=as_json)
     console.suggest(
         [
@@ -244,11 +255,6 @@ def edit(
 
     Example: dr-race edit friday-cup --laps 5 --rank best-average
     """
-    from dataclasses import replace
-
-    from drcli.races.organise import change_rules, wish_of
-    from drcli.races.stored_race import read_rules
-
     given = {
         "name": name,
         "world": world,
@@ -268,8 +274,8 @@ def edit(
         raise typer.BadParameter("Say what to change, such as --laps 5.")
     loaded = settings()
     bucket, found = found_race(loaded, race)
-    wish = replace(wish_of(read_rules(bucket, found)), **changes)
-    print_race(change_rules(loaded, bucket, found, wish), as_json=as_json)
+    wish = replace(organise.wish_of(read_rules(bucket, found)), **changes)
+    print_race(organise.change_rules(loaded, bucket, found, wish), as_json=as_json)
 
 
 app = typer.Typer(
@@ -299,12 +305,11 @@ def list_all(as_json: AsJson = False) -> None:
 
     Example: dr-race list
     """
-    from drcli.races.organise import list_races
-    from drcli.races.race_report import RaceList
-
     loaded = settings()
     bucket = races_to_look_at(loaded)
-    found = RaceList(loaded.bucket, []) if bucket is None else list_races(bucket)
+    found = (
+        race_report.RaceList(loaded.bucket, []) if bucket is None else organise.list_races(bucket)
+    )
     console.warn(*found.damaged)
     console.emit(found, race_view.races(found), as_json=as_json)
 
@@ -315,10 +320,8 @@ def show(race: Race, as_json: AsJson = False) -> None:
 
     Example: dr-race show friday-cup
     """
-    from drcli.races.organise import show_race
-
     bucket, found = found_race(settings(), race)
-    print_race(show_race(bucket, found), as_json=as_json)
+    print_race(organise.show_race(bucket, found), as_json=as_json)
 
 
 @app.command()
@@ -338,11 +341,11 @@ def submit(
 
     Example: dr-race submit friday-cup --racer Ann
     """
-    from drcli.races.submissions import submit as submit_to
-
     loaded = settings()
     bucket, found = found_race(loaded, race)
-    taken = submit_to(loaded, bucket, found, prefix=prefix, checkpoint=checkpoint, racer=racer)
+    taken = submissions.submit(
+        loaded, bucket, found, prefix=prefix, checkpoint=checkpoint, racer=racer
+    )
     console.emit(taken, race_view.taken(taken), as_json=as_json)
     if not taken.queue:
         console.suggest([(f"dr-race run {found}", "drive what was submitted")])
@@ -356,8 +359,6 @@ def withdraw(
 
     Example: dr-race withdraw friday-cup 3f9a01c2
     """
-    from drcli.races import stored_race, submissions
-
     bucket, found = found_race(settings(), race)
     stored = stored_race.read_race(bucket, found)
     entry = stored.submissions[stored.find(submission)]
@@ -379,8 +380,6 @@ def move(
 
     Example: dr-race move friday-cup 3f9a01c2 1
     """
-    from drcli.races import submissions
-
     bucket, found = found_race(settings(), race)
     print_race(submissions.move(bucket, found, submission, place), as_json=as_json)
 
@@ -391,8 +390,6 @@ def restart(race: Race, submission: _Submission, as_json: AsJson = False) -> Non
 
     Example: dr-race restart friday-cup 3f9a01c2
     """
-    from drcli.races import submissions
-
     bucket, found = found_race(settings(), race)
     print_race(submissions.restart(bucket, found, submission), as_json=as_json)
 
@@ -426,10 +423,8 @@ def stop(race: Race, as_json: AsJson = False) -> None:
 
     Example: dr-race stop friday-cup
     """
-    from drcli.races.queue_process import stop_queue
-
     bucket, found = found_race(settings(), race)
-    stopped = stop_queue(bucket, found)
+    stopped = queue_process.stop_queue(bucket, found)
     text = f"Stopped the queue of {found} (process {stopped.pid}). What was driven is kept."
     console.emit(stopped, text, as_json=as_json)
 
@@ -440,14 +435,9 @@ def open_again(race: Race, closes: Closes = None, as_json: AsJson = False) -> No
 
     Example: dr-race open friday-cup --closes 1d
     """
-    import time
-
-    from drcli.races.organise import open_race
-    from drcli.races.race_wish import parse_time
-
     bucket, found = found_race(settings(), race)
-    until = None if closes is None else parse_time("--closes", closes, time.time())
-    print_race(open_race(bucket, found, until), as_json=as_json)
+    until = None if closes is None else race_wish.parse_time("--closes", closes, time.time())
+    print_race(organise.open_race(bucket, found, until), as_json=as_json)
 
 
 @app.command()
@@ -456,10 +446,8 @@ def close(race: Race, as_json: AsJson = False) -> None:
 
     Example: dr-race close friday-cup
     """
-    from drcli.races.organise import close_race
-
     bucket, found = found_race(settings(), race)
-    print_race(close_race(bucket, found), as_json=as_json)
+    print_race(organise.close_race(bucket, found), as_json=as_json)
 
 
 @app.command()
@@ -482,21 +470,18 @@ def export(
 
     Example: dr-race export friday-cup --html cup.html --videos
     """
-    from drcli.races.organise import show_race
-    from drcli.races.race_export import export_race, videos_of
-
     for given in (csv, html):
         if given is not None:
             refuse_replacing(given, force=force)
     bucket, found = found_race(settings(), race)
-    report = show_race(bucket, found)
+    report = organise.show_race(bucket, found)
     page = Path(f"{found}.html") if html is None and csv is None else html
     if videos and page is None:
         raise typer.BadParameter("--videos puts videos into a page; add --html FILE.")
     if page is not None:
         refuse_replacing(page, force=force)
-    films = videos_of(report, bucket) if videos else {}
-    written = export_race(report, csv_path=csv, html_path=page, videos=films)
+    films = race_export.videos_of(report, bucket) if videos else {}
+    written = race_export.export_race(report, csv_path=csv, html_path=page, videos=films)
     console.emit(written, race_view.exported(written), as_json=as_json)
 
 
@@ -508,31 +493,27 @@ def delete(
 
     Example: dr-race delete friday-cup
     """
-    from drcli.races.organise import delete_race
-
     bucket, found = found_race(settings(), race)
-    planned = delete_race(bucket, found, dry_run=True)
+    planned = organise.delete_race(bucket, found, dry_run=True)
     if not dry_run:
         console.err.print(race_view.deleted(planned))
         prompts.agree("Delete this race? It cannot be undone.", yes=force)
-        planned = delete_race(bucket, found)
+        planned = organise.delete_race(bucket, found)
     console.emit(planned, race_view.deleted(planned), as_json=as_json)
 
 
 def drive(race: str, *, quiet: bool, video: bool | None, limit: int, as_json: bool) -> None:
     """Drive a queue here, or in the background."""
-    from drcli.cli.fetch_tracks import bring_tracks
-    from drcli.races.queue_process import launch_queue
-    from drcli.races.race_queue import race_conditions, run_queue
-
     loaded = settings()
     bucket, found = found_race(loaded, race)
-    bring_tracks(race_conditions(loaded, bucket, found))
+    fetch_tracks.bring_tracks(race_queue.race_conditions(loaded, bucket, found))
     if quiet:
         if limit:
             raise typer.BadParameter("-n limits what is driven here; leave out -q.")
-        started = launch_queue(loaded, bucket, found, video=video)
+        started = queue_process.launch_queue(loaded, bucket, found, video=video)
         console.emit(started, race_view.started(started), as_json=as_json)
         return
-    report = run_queue(loaded, bucket, found, video=video, limit=limit, on_progress=console.say)
+    report = race_queue.run_queue(
+        loaded, bucket, found, video=video, limit=limit, on_progress=console.say
+    )
     print_race(report, as_json=as_json)

@@ -14,12 +14,23 @@ from typing import Annotated, Literal
 import typer
 
 from drcli.base.errors import Absent, SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import STOPS, handle, is_alive, restore, started_s
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.outside.notices.notice_watch import Announced, Notice, NoticeWatch, soonest
-from drcli.run.interruption_watch import MARGIN_S, SAVE_S, due
+from drcli.outside.notices.notice_watch import (
+    Announced,
+    Notice,
+    NoticeWatch,
+    cloud_of_machine,
+    command_words,
+    soonest,
+    source_of,
+)
 from drcli.run.outcome import INTERRUPTED
+
+with lazy_imports():
+    from drcli.run import interruption_watch
 
 # Watches for the notice on behalf of another program, and ends it in time.
 
@@ -160,7 +171,9 @@ class ForeignWatch:
                 notice = Notice("signal", "interruption", "terminate", TERM_GRACE_S, text)
                 return Announced(notice, now_s)
             announced = self._watch.announced()
-            found = due(announced, now_s, on_rebalance=self._handling.on_rebalance)
+            found = interruption_watch.due(
+                announced, now_s, on_rebalance=self._handling.on_rebalance
+            )
             if found is not None:
                 return found
             time.sleep(POLL_S)
@@ -172,7 +185,11 @@ class ForeignWatch:
         left_s = found.left_s(time.monotonic())
         wait_s = self._handling.wait_s
         if wait_s is None:
-            wait_s = SAVE_S if left_s is None else max(MARGIN_S, left_s - MARGIN_S)
+            wait_s = (
+                interruption_watch.SAVE_S
+                if left_s is None
+                else max(interruption_watch.MARGIN_S, left_s - interruption_watch.MARGIN_S)
+            )
         deadline_s = time.monotonic() + wait_s
         other = self._run_on_notice(found)
         while time.monotonic() < deadline_s:
@@ -270,13 +287,6 @@ def watch(
 
     Example: dr-spot watch --on-notice ./save.sh -- python train.py
     """
-    from drcli.outside.notices.notice_watch import (
-        NoticeWatch,
-        cloud_of_machine,
-        command_words,
-        source_of,
-    )
-
     if command and pid is not None:
         raise typer.BadParameter("Give a program or --pid, not both.")
     if command and not command[0]:

@@ -3,10 +3,15 @@
 from dataclasses import replace
 
 from drcli.base.errors import WorkerDied
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view, training_view
 from drcli.cli.working_folder import settings
+
+with lazy_imports():
+    from drcli.run import status as run_status
+    from drcli.run import summary as run_summary
 
 
 def status(as_json: AsJson = False) -> None:
@@ -16,12 +21,10 @@ def status(as_json: AsJson = False) -> None:
 
     Example: dr-status --json
     """
-    from drcli.run.status import inspect, notes_of_run
-
     loaded = settings()
     config = loaded.run
-    report = inspect(config)
-    report = replace(report, notes=notes_of_run(config, report))
+    report = run_status.inspect(config)
+    report = replace(report, notes=run_status.notes_of_run(config, report))
     console.warn(*report.damaged)
     console.emit(report, training_view.run(report), as_json=as_json)
     if commands := training_view.next_commands(report, loaded.model_prefix):
@@ -42,7 +45,5 @@ def summary(as_json: AsJson = False) -> None:
 
     Example: dr-summary
     """
-    from drcli.run.summary import summarize
-
-    report = summarize(settings())
+    report = run_summary.summarize(settings())
     console.emit(report, summary_view.summary(report), as_json=as_json)

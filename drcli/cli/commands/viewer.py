@@ -6,16 +6,21 @@ from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.open_page import open_page
 from drcli.cli.options import AsJson
 from drcli.cli.stopped_process import show_stopped
 from drcli.cli.working_folder import settings_or_defaults, working_folder
+from drcli.web.listen import STREAM, TOPICS
 
 if TYPE_CHECKING:
     from drcli.config.run_config import WebConfig
     from drcli.config.settings import Settings
     from drcli.web.viewer_process import ViewerReport
+
+with lazy_imports():
+    from drcli.web import viewer_process
 
 USUAL_TOPIC = "/racecar/deepracer/kvs_stream"
 
@@ -126,9 +131,7 @@ def stop_viewer(as_json: AsJson = False) -> None:
 
     Example: dr-stop-viewer
     """
-    from drcli.web.viewer_process import stop_viewer
-
-    record = stop_viewer(working_folder())
+    record = viewer_process.stop_viewer(working_folder())
     pid = None if record is None else record.pid
     show_stopped("the console", pid, none="No console is running.", as_json=as_json)
 
@@ -149,8 +152,6 @@ def view_stream(
 
     Example: dr-view-stream -t /racecar/camera/zed/rgb/image_rect_color
     """
-    from drcli.web.listen import STREAM, TOPICS
-
     if topic not in TOPICS:
         raise typer.BadParameter(
             f"there is no topic {topic[:200]}; there are {', '.join(TOPICS)}.",
@@ -183,12 +184,10 @@ def _start(
 
 
 def _started(loaded: "Settings", port: int | None = None, *, again: bool = False) -> "ViewerReport":
-    from drcli.web.viewer_process import start_viewer
-
     if port is not None:
         loaded = settings_or_defaults({"DR_WEBVIEWER_PORT": str(port)})
     with console.waiting("Starting the console ..."):
-        report = start_viewer(loaded.directory, loaded.web, again=again)
+        report = viewer_process.start_viewer(loaded.directory, loaded.web, again=again)
     _warn_of_old(report, loaded.web)
     return report
 

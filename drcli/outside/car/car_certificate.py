@@ -6,14 +6,14 @@ later connections must match.
 
 import hashlib
 import socket
-from typing import TYPE_CHECKING, Any
+import ssl
+from ssl import SSLContext
+from typing import Any
+
+from requests.adapters import HTTPAdapter
 
 from drcli.base.installation import lazy_imports
 from drcli.outside.car.car_address import CarAddress, CarError, CarLogin
-
-if TYPE_CHECKING:
-    from ssl import SSLContext
-
 
 with lazy_imports():
     import requests
@@ -48,7 +48,6 @@ def readable(fingerprint: str) -> str:
 
 def trusting_session(login: CarLogin) -> "requests.Session":
     """Accepts only the car of a login; uses no proxy."""
-    from requests.adapters import HTTPAdapter  # a base class cannot be loaded lazily
 
     class Unsigned(HTTPAdapter):
         def init_poolmanager(self, *args: Any, **named: Any) -> None:
@@ -66,8 +65,6 @@ def trusting_session(login: CarLogin) -> "requests.Session":
 
 def _unchecked() -> "SSLContext":
     """Authorities take 0.1 s to load."""
-    import ssl
-
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
@@ -75,8 +72,6 @@ def _unchecked() -> "SSLContext":
 
 
 def unreachable(address: CarAddress, error: BaseException) -> CarError:
-    import ssl
-
     causes = list(_causes(error))
     text = " ".join(str(cause) for cause in causes)
     if any(isinstance(cause, socket.gaierror) for cause in causes) or "resolve" in text:

@@ -4,6 +4,7 @@ Requests need the cookie of a login; changes also need a token on the page (CSRF
 failures have status 200 and `success: false`.
 """
 
+import warnings
 from dataclasses import replace
 from html.parser import HTMLParser
 from typing import Any, Self
@@ -125,8 +126,6 @@ class CarWeb:
         self, method: str, path: str, *, timeout_s: float = ANSWER_TIMEOUT_S, **body: Any
     ) -> "requests.Response":
         """Redirects are not followed: cookies would go with them."""
-        import warnings
-
         # Flask compares the address of the page that a change comes from.
         headers = {"Referer": f"{self.address.url}/"}
         if method in _CHANGES:

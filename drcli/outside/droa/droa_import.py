@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from typing import Any
 
+from s3transfer.subscribers import BaseSubscriber
+
 from drcli.base import errors as notices
 from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError, of_severity
 from drcli.base.installation import lazy_imports
@@ -83,8 +85,6 @@ def remove_files(session: DroaSession, folder: str, names: list[str]) -> None:
 
 
 def _put(client: Any, bucket: str, key: str, data: bytes, watch: Watch) -> None:
-    from s3transfer.subscribers import BaseSubscriber
-
     class Progress(BaseSubscriber):
         def on_progress(self, future: Any, bytes_transferred: int, **_: Any) -> None:
             watch(bytes_transferred)
