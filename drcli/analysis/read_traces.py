@@ -20,8 +20,6 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from deepracer.logs.handler import FileHandler
-from deepracer.logs.misc import LogFolderType
 
 from drcli.analysis.model_source import ModelSource
 from drcli.analysis.run import deepracer_logs
@@ -31,6 +29,7 @@ from drcli.records.trace import COLUMNS, TraceRow, largest, number_or_nan, read_
 
 with lazy_imports():
     import pandas as pd
+    from deepracer.logs import handler, misc
     from pandas.api import types
 
 # Repairs a damaged simtrace file for strict readers.
@@ -211,8 +210,8 @@ def _by_library(data: Mapping[TraceFile, bytes]) -> "pd.DataFrame | None":
 
 
 def _handler(content: Mapping[str, bytes]) -> Any:
-    class Handler(FileHandler):  # type: ignore[misc]
-        type = LogFolderType.DRFC_MODEL_MULTIPLE_WORKERS
+    class Handler(handler.FileHandler):  # type: ignore[misc]
+        type = misc.LogFolderType.DRFC_MODEL_MULTIPLE_WORKERS
         training_simtrace_path = "training-simtrace"
         training_simtrace_split = r"(\d+)/training-simtrace/(\d+)-iteration\.csv$"
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.base.errors import Problem, ProblemsError, StorageError, of_severity
+from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.before_start import Examined, Plans, examine_stages
 from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
 from drcli.checks.machine_rules import review_gpu, review_memory
-from drcli.checks.parameter_rules import SettingsReview, review_parameters, review_settings
 from drcli.checks.stage_rules import StagesReview, review_stages
 from drcli.checks.start_rules import probe, review_owner, start_problems
 from drcli.config.settings import Settings
@@ -29,6 +29,9 @@ from drcli.rewards.reward_rules import read_source, review_source
 from drcli.rewards.reward_style import review_style
 from drcli.rewards.try_inputs import as_given, races_of
 from drcli.workers.ray_extra import workers_here
+
+with lazy_imports():
+    from drcli.checks import parameter_rules
 
 # The report on the rules in a working folder.
 
@@ -80,7 +83,7 @@ def validate(
     *,
     console_compatible: bool = False,
     environ: Mapping[str, str] | None = None,
-    reviewed: SettingsReview | None = None,
+    reviewed: "parameter_rules.SettingsReview | None" = None,
     here: bool = True,
 ) -> Report:
     """Check all rules; nothing in the folder changes.
@@ -90,7 +93,7 @@ def validate(
     """
     directory = directory.absolute()
     environ = os.environ if environ is None else environ
-    reviewed = reviewed or review_settings(directory, environ)
+    reviewed = reviewed or parameter_rules.review_settings(directory, environ)
     validation = _Validation(directory, console_compatible, environ, here, list(reviewed.problems))
     if reviewed.settings is None:
         validation.try_files_alone()
@@ -164,7 +167,7 @@ class _Validation:
         if reward is not None:
             source, wrong = read_source(reward)
             self.found += wrong if source is None else review_source(source)
-        self.found += review_parameters(
+        self.found += parameter_rules.review_parameters(
             files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), None
         ).problems
         reason = "Track and bucket are known once the settings are correct."
@@ -313,7 +316,7 @@ def with_rules(check: FullCheck) -> FullCheck:
     # Settings are checked without what these load.
 
     directory = Path(check.directory)
-    reviewed = review_settings(directory)
+    reviewed = parameter_rules.review_settings(directory)
     settings = reviewed.settings
     known = () if settings is None else (*settings.problems, *track_problems(settings.races))
     idle = {name for group in check.without_effect for name in group.names}

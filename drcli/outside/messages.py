@@ -4,8 +4,6 @@ import hashlib
 import json
 import os
 import re
-import smtplib
-import ssl
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from email.message import EmailMessage
@@ -22,6 +20,9 @@ from drcli.config.groups.train_settings import MessageSettings
 from drcli.outside.web_request import USER_AGENT, explain
 
 with lazy_imports():
+    import smtplib
+    import ssl
+
     import requests
     from botocore import config as botocore_config
     from botocore import exceptions as boto

@@ -1,7 +1,6 @@
 """`dr car`."""
 
 import os
-import ssl
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +25,8 @@ if TYPE_CHECKING:
     from drcli.outside.car.car_models import CarLoad, CarModels, CarUpload
 
 with lazy_imports():
+    import ssl
+
     from drcli.outside.car import car_driving, car_models
 
 # Shows a physical car.

@@ -48,7 +48,8 @@ if TYPE_CHECKING:
     from drcli.outside.droa.droa_site import SiteOptions
 
 with lazy_imports():
-    from drcli.model import checkpoint_choice, checkpoint_list
+    from drcli.model import checkpoint_choice as choices
+    from drcli.model import checkpoint_list
     from drcli.model.files import params_yaml
     from drcli.outside import web_request
     from drcli.outside.droa import (
@@ -417,7 +418,7 @@ def read_bucket_model(
     bucket = bucket_to_look_at(settings.transfer, upload=False)
     model = ModelStore(bucket, prefix)
     checkpoint_list.refuse_incomplete(settings.model, model)
-    chosen = checkpoint_choice.find_choice(ModelStore.of(settings.model, bucket, prefix), choice)
+    chosen = choices.find_choice(ModelStore.of(settings.model, bucket, prefix), choice)
     if not set(keys.TENSORFLOW_PARTS) <= set(chosen.parts):
         exported = export_droa.read_droa_export(
             settings, export_model.Selection(choice, prefix), world=None
@@ -425,9 +426,7 @@ def read_bucket_model(
         for note in exported.notes:
             errors.show(note)
         return export_droa.package_files(exported)
-    errors.show(
-        checkpoint_choice.sentence_about(ModelStore.of(settings.model, bucket, prefix), chosen)
-    )
+    errors.show(choices.sentence_about(ModelStore.of(settings.model, bucket, prefix), chosen))
     items = [
         *checkpoint_list.read_checkpoint(model, chosen),
         *checkpoint_list.read_model_files(

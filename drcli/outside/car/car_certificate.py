@@ -6,17 +6,16 @@ later connections must match.
 
 import hashlib
 import socket
-import ssl
-from ssl import SSLContext
 from typing import Any
-
-from requests.adapters import HTTPAdapter
 
 from drcli.base.installation import lazy_imports
 from drcli.outside.car.car_address import CarAddress, CarError, CarLogin
 
 with lazy_imports():
+    import ssl
+
     import requests
+    from requests import adapters
 
 CONNECT_TIMEOUT_S = 5.0
 
@@ -49,7 +48,7 @@ def readable(fingerprint: str) -> str:
 def trusting_session(login: CarLogin) -> "requests.Session":
     """Accepts only the car of a login; uses no proxy."""
 
-    class Unsigned(HTTPAdapter):
+    class Unsigned(adapters.HTTPAdapter):
         def init_poolmanager(self, *args: Any, **named: Any) -> None:
             pinned = login.fingerprint if login.trust == "fingerprint" else None
             context = _unchecked()
@@ -63,7 +62,7 @@ def trusting_session(login: CarLogin) -> "requests.Session":
     return session
 
 
-def _unchecked() -> "SSLContext":
+def _unchecked() -> "ssl.SSLContext":
     """Authorities take 0.1 s to load."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False

@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from typing import Any
 
-from s3transfer.subscribers import BaseSubscriber
-
 from drcli.base import errors as notices
 from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError, of_severity
 from drcli.base.installation import lazy_imports
@@ -25,6 +23,7 @@ with lazy_imports():
     from boto3 import exceptions as boto3_exceptions
     from boto3.s3 import transfer as s3_transfer
     from botocore import exceptions as boto
+    from s3transfer import subscribers
 
 # Copies models to the bucket from which DeepRacer on AWS imports.
 
@@ -85,7 +84,7 @@ def remove_files(session: DroaSession, folder: str, names: list[str]) -> None:
 
 
 def _put(client: Any, bucket: str, key: str, data: bytes, watch: Watch) -> None:
-    class Progress(BaseSubscriber):
+    class Progress(subscribers.BaseSubscriber):
         def on_progress(self, future: Any, bytes_transferred: int, **_: Any) -> None:
             watch(bytes_transferred)
 
