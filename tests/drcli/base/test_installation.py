@@ -37,6 +37,7 @@ def dr(packages: Path, *words: str) -> tuple[int, str]:
     python = packages.parents[2] / "bin" / "python"
     folder = packages.parents[3] / "work"
     folder.mkdir(exist_ok=True)
+    (folder / "run.env").touch()
     call = "import sys; from drcli.cli.program import main; sys.argv[0] = 'dr'; main()"
     done = subprocess.run(
         [python, "-P", "-c", call, *words],
