@@ -85,7 +85,7 @@ LAZY = {
     "drcli.outside": STORAGE | {"requests", "urllib3", "ssl", "s3transfer"},
     "drcli.analysis": {"pandas", "deepracer", "matplotlib"},
 }
-"""What a package may import inside functions only, because it takes long to load."""
+"""What a package may import in `lazy_imports()` only, because it takes long to load."""
 
 PROGRAMS = {"drcli.bucket.server.moto_server"}
 """Modules that are only run, as processes of their own."""
@@ -150,7 +150,7 @@ def test_modules_import_only_the_libraries_that_their_package_may():
     assert not wrong
 
 
-def test_modules_load_slow_libraries_only_inside_functions():
+def test_modules_load_slow_libraries_only_when_they_use_them():
     wrong = {
         (name, library)
         for name in modules().keys() - PROGRAMS
@@ -173,6 +173,12 @@ def test_what_runs_for_hours_does_not_load_what_workers_compute_with(program):
 
     assert len(loaded) > 50
     assert not {name for name in loaded if libraries(name, top_level_only=True) & heavy}
+
+
+def test_imports_stand_at_the_top_but_where_an_absent_library_is_an_answer():
+    inside = Counter(name for name in modules() for _ in range(facts(name).inside))
+
+    assert inside.total() <= 10, inside
 
 
 def test_no_modules_import_each_other_in_a_circle():
@@ -283,13 +289,15 @@ class Facts:
 
     Attributes:
         imports: Names of modules that it imports anywhere.
-        top_level: Those outside functions.
+        top_level: Those that are loaded with it.
+        inside: How many imports stand inside functions.
         prints: Lines of calls of `print`.
         documented: Whether it says what it holds.
     """
 
     imports: frozenset[str]
     top_level: frozenset[str]
+    inside: int
     prints: tuple[int, ...]
     documented: bool
 
@@ -304,9 +312,15 @@ def facts(name: str) -> Facts:
     return Facts(
         frozenset(_imports(nodes)),
         frozenset(_imports(tree.body)),
+        sum(isinstance(inner, ast.Import | ast.ImportFrom) for inner in _in_functions(nodes)),
         tuple(prints),
         ast.get_docstring(tree) is not None,
     )
+
+
+def _in_functions(nodes: Iterable[ast.AST]) -> set[ast.AST]:
+    functions = (node for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+    return {inner for function in functions for inner in ast.walk(function)}
 
 
 def _imports(nodes: Iterable[ast.AST]) -> Iterator[str]:

@@ -11,11 +11,6 @@ from drcli.base.errors import Problem, ProblemsError, StorageError, of_severity
 from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
-from drcli.checks.before_start import Examined, Plans, examine_stages
-from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
-from drcli.checks.machine_rules import review_gpu, review_memory
-from drcli.checks.stage_rules import StagesReview, review_stages
-from drcli.checks.start_rules import probe, review_owner, start_problems
 from drcli.config.settings import Settings
 from drcli.config.settings_report import check_settings
 from drcli.config.track_names import track_problems
@@ -31,7 +26,14 @@ from drcli.rewards.try_inputs import as_given, races_of
 from drcli.workers.ray_extra import workers_here
 
 with lazy_imports():
-    from drcli.checks import parameter_rules
+    from drcli.checks import (
+        before_start,
+        compatibility_rules,
+        machine_rules,
+        parameter_rules,
+        stage_rules,
+        start_rules,
+    )
 
 # The report on the rules in a working folder.
 
@@ -121,23 +123,23 @@ class _Validation:
 
     def try_everything(self, settings: Settings, *, whole: bool) -> None:
         trains = self._is_training(settings)
-        self.found += start_problems(settings, here=self.here)
+        self.found += start_rules.start_problems(settings, here=self.here)
         bucket = self._bucket(settings, trains=trains) if whole else None
         if not whole:
             self._skip(BUCKET_RULES, "The bucket is checked once the settings are correct.")
         files = self._files(settings, bucket)
-        staged = review_stages(settings, files, bucket, resumes=trains)
+        staged = stage_rules.review_stages(settings, files, bucket, resumes=trains)
         self.found += staged.problems
         if staged.stages:
             settings = staged.stages[0].settings
         examined = self._examined(settings, staged, files, bucket, trains=trains)
-        self.found += review_names(settings, console=self.console)
+        self.found += compatibility_rules.review_names(settings, console=self.console)
         if examined.source is not None:
             self.found += review_style(examined.source, console=self.console)
         parameters, metadata = examined.review.parameters, examined.review.metadata
         if metadata is not None:
             where = examined.files[keys.MODEL_METADATA_FILE].origin
-            self.found += review_actions(
+            self.found += compatibility_rules.review_actions(
                 metadata, parameters, settings, where, console=self.console
             )
         if self.console:
@@ -147,12 +149,12 @@ class _Validation:
             ]
         if parameters is not None:
             origin = examined.files[keys.HYPERPARAMETERS_FILE].origin
-            self.found += review_balance(settings, parameters, origin)
+            self.found += compatibility_rules.review_balance(settings, parameters, origin)
         if self.here:
-            self.found += review_memory(
+            self.found += machine_rules.review_memory(
                 workers_here(settings), settings.place("DR_WORKERS"), parameters, metadata
             )
-            self.found += review_gpu(settings.sagemaker_cuda_devices, self.environ)
+            self.found += machine_rules.review_gpu(settings.sagemaker_cuda_devices, self.environ)
 
     def try_files_alone(self) -> None:
         """Without settings, which name the bucket and the track."""
@@ -181,9 +183,9 @@ class _Validation:
         try:
             bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
             model = ModelStore(bucket, settings.model_prefix)
-            self.found += probe(model)
+            self.found += start_rules.probe(model)
             if not trains:
-                self.found += review_owner(model)
+                self.found += start_rules.review_owner(model)
         except StorageError as error:
             self.found.append(_unusable(error, *settings.place("DR_CLOUD")))
             self._skip(BUCKET_RULES[:-1], "The bucket cannot be used.")
@@ -207,12 +209,12 @@ class _Validation:
     def _examined(
         self,
         settings: Settings,
-        staged: StagesReview,
+        staged: "stage_rules.StagesReview",
         files: Mapping[str, InputFile],
         bucket: Bucket | None,
         *,
         trains: bool,
-    ) -> Examined:
+    ) -> "before_start.Examined":
         with tempfile.TemporaryDirectory() as folder:
             job = Job(
                 config=settings.run,
@@ -223,13 +225,14 @@ class _Validation:
                 folder=Path(folder),
                 launcher_pid=os.getpid(),
             )
-            plans = Plans(wiping=trains)  # the prefix of a running training may be in use
+            # The prefix of a running training may be in use.
+            plans = before_start.Plans(wiping=trains)
             try:
-                examined = examine_stages(settings, staged, job, files, bucket, plans)
+                examined = before_start.examine_stages(settings, staged, job, files, bucket, plans)
             except StorageError as error:
                 self.found.append(_unusable(error))
                 self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
-                examined = examine_stages(settings, staged, job, files, None, plans)
+                examined = before_start.examine_stages(settings, staged, job, files, None, plans)
         configs = [settings.run, *(stage.settings.run for stage in staged.stages)]
         races = [race for config in configs for race in races_of(config)]
         to_fetch = {each.where: each for each in track_problems(races) if each.severity == "note"}
@@ -313,8 +316,6 @@ def check_alone(directory: Path) -> FullCheck:
 
 
 def with_rules(check: FullCheck) -> FullCheck:
-    # Settings are checked without what these load.
-
     directory = Path(check.directory)
     reviewed = parameter_rules.review_settings(directory)
     settings = reviewed.settings
