@@ -168,17 +168,17 @@ def test_what_runs_for_hours_does_not_load_what_workers_compute_with(program):
         name = waiting.pop()
         if name not in loaded:
             loaded.add(name)
-            waiting += imports(name, top_level_only=True) & modules().keys()
+            waiting += with_packages(imports(name, top_level_only=True)) & modules().keys()
     heavy = {"torch", "mujoco", "numba", "scipy"}
 
     assert len(loaded) > 50
     assert not {name for name in loaded if libraries(name, top_level_only=True) & heavy}
 
 
-def test_imports_stand_at_the_top_but_where_an_absent_library_is_an_answer():
+def test_few_imports_stand_inside_functions():
     inside = Counter(name for name in modules() for _ in range(facts(name).inside))
 
-    assert inside.total() <= 10, inside
+    assert inside.total() <= 20, inside
 
 
 def test_no_modules_import_each_other_in_a_circle():
@@ -275,6 +275,11 @@ def ours(name: str) -> set[str]:
 def imports(name: str, *, top_level_only: bool = False) -> frozenset[str]:
     """Names of modules that a module imports; `from a import b` may mean the module a.b."""
     return facts(name).top_level if top_level_only else facts(name).imports
+
+
+def with_packages(names: Iterable[str]) -> set[str]:
+    """Python loads the packages of a module before it."""
+    return {".".join(name.split(".")[:end]) for name in names for end in range(1, 9)}
 
 
 def libraries(name: str, *, top_level_only: bool = False) -> set[str]:

@@ -17,10 +17,6 @@ from types import ModuleType
 from typing import Literal
 
 from drcli.base.errors import NotAvailable
-from drcli.base.installation import lazy_imports
-
-with lazy_imports():
-    import ctypes
 
 fcntl: ModuleType | None
 resource: ModuleType | None
@@ -165,6 +161,8 @@ def end_with_parent() -> None:
 
 def _control_process(what: int, value: int) -> None:
     if sys.platform == "linux":
+        import ctypes  # loaded here: not every Python has it
+
         ctypes.CDLL(None).prctl(what, value, 0, 0, 0)
 
 

@@ -12,9 +12,12 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from drcli.bucket.request_count import CountFile
-from drcli.cli.app import main as run
-from drcli.config import secret_environment
+from drcli.base.installation import lazy_imports
+
+with lazy_imports():
+    from drcli.bucket import request_count
+    from drcli.cli import app
+    from drcli.config import secret_environment
 
 NICENESS = 15
 """19 is the most."""
@@ -36,10 +39,10 @@ def main() -> None:
     threading.Thread(target=_end_with, args=(call["caller"],), daemon=True).start()
 
     secret_environment.keep(call["secrets"])
-    requests = CountFile(Path(call["folder"]), "commands", call["session"])
+    requests = request_count.CountFile(Path(call["folder"]), "commands", call["session"])
     requests.start()
     try:
-        run(call["arguments"])
+        app.main(call["arguments"])
     finally:
         requests.end()
 

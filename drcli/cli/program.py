@@ -5,9 +5,6 @@ import shlex
 import signal
 import sys
 
-from drcli.base.system_calls import no_such_system
-from drcli.cli.completion import ASKS, LINE
-
 
 def main() -> None:
     """Run the command line.
@@ -16,6 +13,8 @@ def main() -> None:
         SystemExit: Always, with the exit code.
     """
     if os.name == "nt":
+        from drcli.base.system_calls import no_such_system
+
         refusal = no_such_system()
         sys.stderr.write(f"{refusal}\n{refusal.remedy}\n")
         raise SystemExit(refusal.code)
@@ -40,6 +39,8 @@ def main() -> None:
 
 def answer_former_shells() -> None:
     """Answer `drcli-complete SHELL WORD...` of version 0.1.0."""
+    from drcli.cli.completion import ASKS, LINE
+
     words = [word.strip("\"'") for word in sys.argv[2:]]
     if "=" not in words:  # bash passes NAME=value as three words
         os.environ.update({**ASKS, LINE: shlex.join(words)})

@@ -16,14 +16,15 @@ from importlib.util import find_spec, module_from_spec
 from os import _exit  # which the racer's code may replace
 from pathlib import Path
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from drcli.base.framing import WireError, framed, receive
 from drcli.base.processes import keep_descendants, search_as_usual
 from drcli.drive.reward_access import confine_reward
 from drcli.records.reward import MOST_BYTES, Answer, CallFailure, Calls, Load
-from drsim.episode.load_reward import load_reward_function
-from drsim.episode.reward import RewardFunction, checked_rewards
-from drsim.errors import RewardError
+
+if TYPE_CHECKING:
+    from drsim.errors import RewardError
 
 
 class _Server:
@@ -32,6 +33,9 @@ class _Server:
         spec = find_spec("drsim")
         assert spec is not None
         sys.modules["drsim"] = module_from_spec(spec)
+        from drsim.episode.load_reward import load_reward_function
+        from drsim.episode.reward import RewardFunction, checked_rewards
+        from drsim.errors import RewardError
 
         for name in [name for name in sys.modules if name.split(".")[0] == "drsim"]:
             del sys.modules[name]

@@ -18,12 +18,12 @@ from drcli.config.track_names import COMMUNITY
 from drcli.tracks.track_list import list_tracks
 from drcli.web.answers import BadRequest, answers
 from drcli.web.served_folder import ServedFolder
-from drsim.errors import TrackError
 
 if TYPE_CHECKING:
     import numpy as np
 
 with lazy_imports():
+    from drsim import errors as drsim_errors
     from drsim.track import worlds
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
@@ -43,7 +43,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             raise BadRequest(f"{world[:80]!r} is no name of a track.")
         try:
             track = worlds.load_track(world, folder.settings().tracks_folder)
-        except TrackError as error:
+        except drsim_errors.TrackError as error:
             raise SettingsError(
                 str(error),
                 remedy="`dr-tracks` lists the tracks; `dr-tracks fetch NAME` brings one.",
@@ -75,7 +75,7 @@ def _thinned(border: "NDArray[np.float64]") -> list[list[float]]:
 def _outline(name: str, folder: Path) -> dict[str, Any] | None:
     try:
         track = worlds.load_track(name, folder)
-    except TrackError:
+    except drsim_errors.TrackError:
         return None
     start = track.pose_at(np.zeros(1))[0].round(3).tolist()
     return {"inner": _thinned(track.inner), "outer": _thinned(track.outer), "start": start}

@@ -29,7 +29,6 @@ from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import ActivityRecord, json_log, log_file, reward_log
 from drcli.workers import reward_failures
 from drcli.workers.pulse import Pulse, memory_shortage
-from drcli.workers.reward_failures import reward_failure
 
 # The logs of a worker: its own, as JSON lines, and what the racer's code prints.
 #
@@ -211,7 +210,7 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     logger = _logger
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
     if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
-        error, logger = reward_failure(error), reward_failures.reward_logger
+        error, logger = reward_failures.reward_failure(error), reward_failures.reward_logger
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)
         if memory:  # its own fault or not: a new process may have enough
