@@ -3,7 +3,6 @@
 Its address is link-local: no proxy, and an answer takes milliseconds or does not come.
 """
 
-import http.client
 import json
 import math
 import time
@@ -11,13 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from email.utils import parsedate_to_datetime
 from typing import Any
-from urllib.error import HTTPError, URLError
 from urllib.parse import urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.installation import lazy_imports
 
 with lazy_imports():
+    from http import client as http_client
+    from urllib import error as urllib_error
     from urllib import request as urllib_request
 
 TIMEOUT_S = 1.0
@@ -95,14 +95,14 @@ class MetadataService:
         try:
             try:
                 answer = opener.open(request, timeout=self._timeout_s)
-            except HTTPError as error:
+            except urllib_error.HTTPError as error:
                 answer = error
             with answer:
                 found = {name.lower(): value for name, value in answer.headers.items()}
                 return Answer(answer.status or 0, answer.read(LARGEST_ANSWER), found)
-        except URLError as error:
+        except urllib_error.URLError as error:
             raise silent(f"at {self._address} does not answer ({error.reason})") from error
-        except (OSError, http.client.HTTPException, ValueError) as error:
+        except (OSError, http_client.HTTPException, ValueError) as error:
             raise silent(f"at {self._address} does not answer ({error})") from error
 
 
