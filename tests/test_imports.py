@@ -85,7 +85,7 @@ LAZY = {
     "drcli.outside": STORAGE | {"requests", "urllib3", "ssl", "s3transfer"},
     "drcli.analysis": {"pandas", "deepracer", "matplotlib"},
 }
-"""What a package may import inside functions only, because it takes long to load."""
+"""What a package may import in `lazy_imports()` only, because it takes long to load."""
 
 PROGRAMS = {"drcli.bucket.server.moto_server"}
 """Modules that are only run, as processes of their own."""
@@ -150,7 +150,7 @@ def test_modules_import_only_the_libraries_that_their_package_may():
     assert not wrong
 
 
-def test_modules_load_slow_libraries_only_inside_functions():
+def test_modules_load_slow_libraries_only_when_they_use_them():
     wrong = {
         (name, library)
         for name in modules().keys() - PROGRAMS
@@ -168,11 +168,17 @@ def test_what_runs_for_hours_does_not_load_what_workers_compute_with(program):
         name = waiting.pop()
         if name not in loaded:
             loaded.add(name)
-            waiting += imports(name, top_level_only=True) & modules().keys()
+            waiting += with_packages(imports(name, top_level_only=True)) & modules().keys()
     heavy = {"torch", "mujoco", "numba", "scipy"}
 
     assert len(loaded) > 50
     assert not {name for name in loaded if libraries(name, top_level_only=True) & heavy}
+
+
+def test_few_imports_stand_inside_functions():
+    inside = Counter(name for name in modules() for _ in range(facts(name).inside))
+
+    assert inside.total() <= 20, inside
 
 
 def test_no_modules_import_each_other_in_a_circle():
@@ -271,6 +277,11 @@ def imports(name: str, *, top_level_only: bool = False) -> frozenset[str]:
     return facts(name).top_level if top_level_only else facts(name).imports
 
 
+def with_packages(names: Iterable[str]) -> set[str]:
+    """Python loads the packages of a module before it."""
+    return {".".join(name.split(".")[:end]) for name in names for end in range(1, 9)}
+
+
 def libraries(name: str, *, top_level_only: bool = False) -> set[str]:
     """The top names of what a module imports, `torch` of `torch.nn`; ours too."""
     found = imports(name, top_level_only=top_level_only)
@@ -283,13 +294,15 @@ class Facts:
 
     Attributes:
         imports: Names of modules that it imports anywhere.
-        top_level: Those outside functions.
+        top_level: Those that are loaded with it.
+        inside: How many imports stand inside functions.
         prints: Lines of calls of `print`.
         documented: Whether it says what it holds.
     """
 
     imports: frozenset[str]
     top_level: frozenset[str]
+    inside: int
     prints: tuple[int, ...]
     documented: bool
 
@@ -304,9 +317,15 @@ def facts(name: str) -> Facts:
     return Facts(
         frozenset(_imports(nodes)),
         frozenset(_imports(tree.body)),
+        sum(isinstance(inner, ast.Import | ast.ImportFrom) for inner in _in_functions(nodes)),
         tuple(prints),
         ast.get_docstring(tree) is not None,
     )
+
+
+def _in_functions(nodes: Iterable[ast.AST]) -> set[ast.AST]:
+    functions = (node for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+    return {inner for function in functions for inner in ast.walk(function)}
 
 
 def _imports(nodes: Iterable[ast.AST]) -> Iterator[str]:

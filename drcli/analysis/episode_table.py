@@ -1,13 +1,12 @@
 """Numbers the episodes of all workers, and makes a row for each."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from drcli.analysis.run import Numbers, deepracer_logs, spans
+from drcli.base.installation import lazy_imports
 from drcli.records.trace import STEP_S
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
 
 EPISODE_COLUMNS = (
@@ -25,8 +24,6 @@ def number_episodes(steps: "pd.DataFrame") -> "tuple[pd.DataFrame, list[str]]":
     Returns:
         The steps with the column `unique_episode`, and sentences on what was wrong.
     """
-    import pandas as pd
-
     names = ("steps", "episode", "worker", "iteration")
     if not _is_sorted([steps[name].to_numpy() for name in reversed(names)]):
         order = np.lexsort([steps[name].to_numpy() for name in names])
@@ -94,8 +91,6 @@ def episode_table(steps: "pd.DataFrame") -> "pd.DataFrame":
     Most numbers are those of deepracer-utils (`AnalysisUtils.simulation_agg`): progress is the
     greatest of all steps, and the distance is summed from the first row on.
     """
-    import pandas as pd
-
     found = aggregated(steps, "unique_episode")
     _, last = spans(steps["unique_episode"].to_numpy())
     ends = steps.iloc[last]
@@ -126,8 +121,6 @@ def aggregated(steps: "pd.DataFrame", group: str, *, is_eval: bool = False) -> "
     But the time is that of the metrics: it counts the step of the `prepare` row, which the library
     leaves out.
     """
-    import pandas as pd
-
     analysis = deepracer_logs().AnalysisUtils
     names = ["iteration", group, "steps", "x", "y", "speed", "reward", "progress"]
     frame = steps[[*names, "closest_waypoint", "tstamp"]].copy()

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drcli.analysis.report.graphs import Picture
+from drcli.base.installation import lazy_imports
 from drcli.config.settings import Settings
 from drcli.config.value_types import parse_checkpoint
 from drcli.model.model_store import ModelStore
@@ -12,6 +13,9 @@ from drcli.view.saliency.question import FAST_SPACING, Question
 
 if TYPE_CHECKING:
     from drcli.view.saliency.explained_episode import ExplainedEpisode
+
+with lazy_imports():
+    from drcli.view.saliency import explain_model, explanation_pictures
 
 SOME_STEPS = Question(pictures=6, spacing=FAST_SPACING)
 _LIKELY = 3
@@ -26,8 +30,6 @@ def explained_pictures(
         SettingsError: There is no such checkpoint, or it cannot be explained.
         StorageError: The bucket cannot be read.
     """
-    from drcli.view.saliency import explain_model  # here: torch takes seconds to load
-
     best = parse_checkpoint("best")
     explained, name = explain_model.explain_checkpoint(settings, model, best, question)
     number = name.partition("_")[0]
@@ -36,25 +38,22 @@ def explained_pictures(
 
 
 def _picture(explained: "ExplainedEpisode", number: int, title: str) -> Picture:
-    from drcli.view.saliency.explanation_pictures import (
-        decision,
-        finding,
-        moment,
-        pictures_of,
-        png_of,
-    )
-
-    parts = pictures_of(explained, number)
+    parts = explanation_pictures.pictures_of(explained, number)
     tiles = list(parts.values())
     if len(tiles) % 2:
         tiles.append(np.zeros_like(tiles[0]))
     rows = [np.hstack(tiles[first : first + 2]) for first in range(0, len(tiles), 2)]
-    texts = (title, moment(explained, number), decision(explained, number))
-    caption = f"{' '.join(texts)} {finding(explained, number)} Row by row: {', '.join(parts)}."
+    texts = (
+        title,
+        explanation_pictures.moment(explained, number),
+        explanation_pictures.decision(explained, number),
+    )
+    finding = explanation_pictures.finding(explained, number)
+    caption = f"{' '.join(texts)} {finding} Row by row: {', '.join(parts)}."
     probabilities = explained.outputs.probabilities
     if probabilities is None:
-        return Picture(png_of(np.vstack(rows)), caption)
+        return Picture(explanation_pictures.png_of(np.vstack(rows)), caption)
     shares = enumerate(probabilities[explained.chosen[number]].tolist())
     likely = sorted(shares, key=lambda pair: -pair[1])[:_LIKELY]
     numbers = {f"action {action}": share for action, share in likely}
-    return Picture(png_of(np.vstack(rows)), caption, numbers)
+    return Picture(explanation_pictures.png_of(np.vstack(rows)), caption, numbers)

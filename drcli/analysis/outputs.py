@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 
 from drcli.analysis.analysis import Analysis, AnalysisReport
 from drcli.analysis.compare_runs import Comparison, compare_runs
+from drcli.analysis.report.compare_report import write_comparison
+from drcli.analysis.report.html_report import write_html
+from drcli.analysis.stills import write_pngs
 from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_replacing
 
@@ -45,12 +48,8 @@ def write_outputs(
     """
     pictures: tuple[str, ...] = ()
     if png is not None:
-        from drcli.analysis.stills import write_pngs
-
         pictures = tuple(str(path) for path in write_pngs(analysis, png, force=force))
     if html is not None:
-        from drcli.analysis.report.html_report import write_html
-
         write_html(analysis, html, explained)
     return analysis.report(html=None if html is None else str(html), png=pictures)
 
@@ -64,7 +63,6 @@ def write_comparison_of(runs: "Sequence[Run]", html: Path | None) -> Comparison:
     report = compare_runs(runs)
     if html is None:
         return report
-    from drcli.analysis.report.compare_report import write_comparison
 
     write_comparison(report, html)
     return replace(report, html=str(html))

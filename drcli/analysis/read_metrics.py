@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -22,12 +22,13 @@ from drcli.analysis.model_source import ModelSource
 from drcli.analysis.read_traces import STEP_COLUMNS, TraceFile, read_traces, trainer_logs
 from drcli.analysis.run import StoredEvaluation, spans
 from drcli.base.errors import DrError
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError
 from drcli.records.episode_metrics import EpisodeMetrics, decode_metrics, is_clean, most_episodes
 from drcli.records.iteration import IterationRecord, decode_history, is_clean_lap
 from drcli.records.trace import STATUS_LABELS, VIOLATIONS
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
 
 R = TypeVar("R", EpisodeMetrics, IterationRecord)
@@ -70,8 +71,6 @@ _CURVE_NAMES = {
 
 def metric_records(source: ModelSource, problems: list[str]) -> "pd.DataFrame":
     """A row for each episode in the metrics, in both phases."""
-    import pandas as pd
-
     by_worker: dict[int, list[EpisodeMetrics]] = {}
     for name, real in source.files.others.items():
         match = _METRICS.fullmatch(name)
@@ -138,8 +137,6 @@ def learner_table(
     source: ModelSource, curve: Sequence[IterationRecord], problems: list[str]
 ) -> "pd.DataFrame":
     """A row for each update."""
-    import pandas as pd
-
     rows: dict[int, dict[str, float]] = {}
     for record in curve:
         values = {ours: getattr(record, name) for name, ours in _CURVE_NAMES.items()}
@@ -288,8 +285,6 @@ def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":
     In a race without a stop, a lap without a `prepare` row begins where the one before ended, as
     deepracer-utils counts.
     """
-    import pandas as pd
-
     found = aggregated(steps, "episode", is_eval=True)
     first, last = spans(steps["episode"].to_numpy())
     status = steps["episode_status"].astype(str).to_numpy()
@@ -327,8 +322,6 @@ def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":
 def _from_metrics(
     source: ModelSource, stamp: str, name: str, world: str | None, problems: list[str]
 ) -> StoredEvaluation | None:
-    import pandas as pd
-
     try:
         written = json.loads(source.objects.read(name))
         rows = [_trial(number, record) for number, record in enumerate(written["metrics"], 1)]
@@ -385,8 +378,6 @@ def iteration_table(
     curve: Sequence[IterationRecord],
 ) -> "pd.DataFrame":
     """The table `Run.iterations`; `curve` is empty for models of others."""
-    import pandas as pd
-
     table = _of_episodes(episodes)
     table["traced"] = True
     missing = _untraced(records[records["phase"] == "training"], table)
@@ -418,8 +409,6 @@ def _untraced(training: "pd.DataFrame", table: "pd.DataFrame") -> "pd.DataFrame"
 
 
 def _of_episodes(episodes: "pd.DataFrame") -> "pd.DataFrame":
-    import pandas as pd
-
     groups = episodes.groupby("iteration")
     reward = groups["reward"]
     laps = episodes[episodes["complete"].astype(bool)].groupby("iteration")["time"]
@@ -440,8 +429,6 @@ def _of_episodes(episodes: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def _of_curve(curve: Sequence[IterationRecord]) -> "pd.DataFrame":
-    import pandas as pd
-
     rows = {
         record.iteration: {
             "episodes": record.episodes,
@@ -488,8 +475,6 @@ def _phases(numbers: "pd.Index[int]", curve: Sequence[IterationRecord]) -> list[
 def _wall_s(
     table: "pd.DataFrame", steps: "pd.DataFrame", curve: Sequence[IterationRecord]
 ) -> "pd.Series":
-    import pandas as pd
-
     if curve:
         elapsed = pd.Series({record.iteration: record.elapsed_s for record in curve}).sort_index()
         return elapsed.diff().fillna(elapsed.iloc[0]).clip(lower=0.0).reindex(table.index)

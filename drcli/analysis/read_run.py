@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,12 +25,13 @@ from drcli.analysis.read_traces import (
 )
 from drcli.analysis.run import Run, deepracer_logs, spans
 from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.config.settings import Settings
 from drcli.tracks.limit_store import StoredLimit
 from drcli.tracks.track_limit import limit_of
 from drsim.track.track import Track
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
 
 MOST_TRACE_BYTES = 1 << 30
@@ -86,8 +86,6 @@ def run_of(source: ModelSource, tracks: Path, directory: Path) -> Run:
         SettingsError: There is nothing in it to analyse.
         StorageError: The bucket cannot be read.
     """
-    import pandas as pd
-
     problems = [*source.problems, *source.files.problems]
     facts = model_facts(source, problems)
     reading = _read_steps(source, facts, problems)

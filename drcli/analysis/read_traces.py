@@ -17,15 +17,20 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from drcli.analysis.model_source import ModelSource
 from drcli.analysis.run import deepracer_logs
 from drcli.base.errors import DrError
+from drcli.base.installation import lazy_imports
 from drcli.records.trace import COLUMNS, TraceRow, largest, number_or_nan, read_rows
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
+    from deepracer.logs import handler, misc
+    from pandas.api import types
 
 # Repairs a damaged simtrace file for strict readers.
 #
@@ -205,11 +210,8 @@ def _by_library(data: Mapping[TraceFile, bytes]) -> "pd.DataFrame | None":
 
 
 def _handler(content: Mapping[str, bytes]) -> Any:
-    from deepracer.logs.handler import FileHandler
-    from deepracer.logs.misc import LogFolderType
-
-    class Handler(FileHandler):  # type: ignore[misc]
-        type = LogFolderType.DRFC_MODEL_MULTIPLE_WORKERS
+    class Handler(handler.FileHandler):  # type: ignore[misc]
+        type = misc.LogFolderType.DRFC_MODEL_MULTIPLE_WORKERS
         training_simtrace_path = "training-simtrace"
         training_simtrace_split = r"(\d+)/training-simtrace/(\d+)-iteration\.csv$"
 
@@ -226,8 +228,6 @@ def _handler(content: Mapping[str, bytes]) -> Any:
 
 
 def _is_sound(frame: "pd.DataFrame") -> bool:
-    from pandas.api import types
-
     if not set(STEP_COLUMNS) <= set(frame.columns):
         return False
     for name in STEP_COLUMNS:
@@ -250,8 +250,6 @@ def _is_sound(frame: "pd.DataFrame") -> bool:
 
 
 def _is_within(column: "pd.Series", limit: float) -> bool:
-    import numpy as np
-
     return bool((np.abs(column.to_numpy(dtype=np.float64)) < limit).all())
 
 
@@ -267,8 +265,6 @@ def packed(frame: "pd.DataFrame") -> "pd.DataFrame":
 
 def _joined(batches: "list[dict[str, pd.Series]]") -> "pd.DataFrame":
     """Each column is given up as soon as it is copied."""
-    import pandas as pd
-
     labels: dict[str, None] = {}
     for batch in batches:
         labels |= dict.fromkeys(batch["episode_status"].cat.categories)
@@ -289,8 +285,6 @@ def _joined(batches: "list[dict[str, pd.Series]]") -> "pd.DataFrame":
 
 
 def _unknown(count: int) -> "pd.Series":
-    import pandas as pd
-
     return pd.Series(float("nan"), index=range(count), dtype="float32")
 
 

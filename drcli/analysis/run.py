@@ -1,14 +1,14 @@
 """One training as tables, with the column names of deepracer-utils."""
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from drcli.base.errors import NotAvailable
+from drcli.base.installation import library, require
 from drcli.model.files.action_space import ActionSpace
 from drcli.records.iteration import Laps, lap_time, laps_summary
 from drcli.tracks.limit_store import StoredLimit
@@ -143,26 +143,13 @@ def spans(values: Numbers) -> tuple[Numbers, Numbers]:
     return np.concatenate([[0], ends + 1]), np.concatenate([ends, [len(values) - 1]])
 
 
-# Libraries of the extra `analysis`, which take a second to load and may be missing.
-
-
-REMEDY = "Install it: `pip install 'drcli[analysis]'`."
-
-
-def deepracer_logs() -> ModuleType:
+def deepracer_logs() -> Any:
     """The package deepracer.logs of deepracer-utils.
 
     Raises:
         NotAvailable: It, or pandas, is not installed.
     """
-    import os
-
     # The library loads matplotlib.pyplot, which must not look for a display.
     os.environ.setdefault("MPLBACKEND", "Agg")
-    try:
-        import deepracer.logs as logs
-    except ImportError as error:
-        raise NotAvailable(
-            f"The analysis needs deepracer-utils and pandas ({error}).", remedy=REMEDY
-        ) from error
-    return logs  # type: ignore[no-any-return]
+    require("pandas")
+    return library("deepracer.logs")

@@ -18,12 +18,16 @@ from drcli.analysis.report.map_section import bounds_of, ground_cells, located, 
 from drcli.analysis.report.summary_sections import lap_section, learner_section, reward_section
 from drcli.analysis.run import Run
 from drcli.base.files import make_picture_folder, refuse_replacing, rewrite
+from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, LINES, png
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+with lazy_imports():
+    from matplotlib import collections
 
 # Draws the track with what was driven on it.
 
@@ -96,9 +100,8 @@ def _draw_means(
     at = (cells + 0.5) * _CELL_M
     half = _CELL_M / 2
     corners = at[:, None, :] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    from matplotlib.collections import PolyCollection
 
-    squares = PolyCollection(
+    squares = collections.PolyCollection(
         corners.tolist(), array=means, cmap="viridis", edgecolors="face", linewidths=0.3
     )
     squares.set_clim(low, high if high > low else low + 1.0)

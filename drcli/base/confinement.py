@@ -16,7 +16,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
+from drcli.base.installation import lazy_imports
 from drcli.base.system_calls import name_place
+
+with lazy_imports():
+    import psutil
 
 Freedom = Literal["files", "sockets", "signals"]
 FREEDOMS: tuple[Freedom, ...] = ("files", "sockets", "signals")
@@ -212,6 +216,4 @@ def _is_own_group(group: int) -> bool:
 
 
 def _children() -> set[int]:
-    import psutil  # loaded here: hardly any reward function starts a program
-
     return {child.pid for child in psutil.Process().children(recursive=True)}

@@ -3,6 +3,7 @@
 `python -m drcli.base.installation` mends it, for scripts/install.sh, without libraries.
 """
 
+import builtins
 import importlib
 import importlib.util
 import json
@@ -14,11 +15,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata, util
 from pathlib import Path
+from threading import RLock, get_ident
 from traceback import walk_tb
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from drcli.base.errors import NotAvailable
@@ -236,6 +240,8 @@ if __name__ == "__main__":
 
 
 _INSTALL = {
+    "deepracer": 'pip install "drcli[analysis]"',
+    "pandas": 'pip install "drcli[analysis]"',
     "onnx": 'pip install "drcli[onnx]"',
     "onnxruntime": 'pip install "drcli[onnx]"',
     "openvino": 'pip install "drcli[openvino]"',
@@ -244,11 +250,45 @@ _INSTALL = {
 }
 
 
-def library(name: str, module: str = "") -> Any:
-    """NotAvailable if it cannot be loaded."""
+class _LazyModule(ModuleType):
+    def __getattr__(self, name: str) -> Any:
+        return getattr(library(self.__name__), name)
+
+
+_importing = RLock()
+
+
+@contextmanager
+def lazy_imports() -> Iterator[None]:
+    """Load the modules that are imported inside at their first use, or say how to install them.
+
+    For `import module` and `from package import module`; other names cannot wait.
+    """
+
+    def lazy(name: str, *rest: Any, **named: Any) -> Any:
+        if get_ident() != thread:
+            return usual(name, *rest, **named)
+        if names := rest[2]:
+            return SimpleNamespace(**{each: _LazyModule(f"{name}.{each}") for each in names})
+        return _LazyModule(name)
+
+    with _importing:
+        usual, thread = builtins.__import__, get_ident()
+        builtins.__import__ = lazy
+        try:
+            yield
+        finally:
+            builtins.__import__ = usual
+
+
+def library(module: str) -> Any:
+    """NotAvailable if an optional one cannot be loaded."""
+    name = module.partition(".")[0]
+    if name not in _INSTALL:
+        return importlib.import_module(module)
     require(name)
     try:
-        return importlib.import_module(module or name)
+        return importlib.import_module(module)
     except (ImportError, OSError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else "no reason given"
         raise import_error(error) or NotAvailable(

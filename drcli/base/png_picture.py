@@ -6,8 +6,16 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from drcli.base.installation import lazy_imports
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+with lazy_imports():
+    import matplotlib
+    from matplotlib import figure as figures
+    from matplotlib import layout_engine
+    from matplotlib.backends import backend_agg
 
 _DPI = 100
 _STYLE: dict[Any, Any] = {
@@ -29,18 +37,13 @@ LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#000000", "#56b
 
 
 def png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> bytes:
-    import matplotlib  # here: it takes half a second to load, and most commands draw nothing
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     # It warns about letters that its font lacks and about its cache.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12)
-        figure = Figure(size_in, dpi=_DPI, layout=layout)
-        FigureCanvasAgg(figure)
+        layout = layout_engine.ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12)
+        figure = figures.Figure(size_in, dpi=_DPI, layout=layout)
+        backend_agg.FigureCanvasAgg(figure)
         draw(figure)
         data = io.BytesIO()
         figure.savefig(data, format="png", metadata={"Software": None})

@@ -21,7 +21,11 @@ from typing import Any, ClassVar
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import DrError
+from drcli.base.installation import lazy_imports
 from drcli.base.system_calls import ExitWait, adopt_orphans, end_with_parent
+
+with lazy_imports():
+    import psutil
 
 _PROC = Path("/proc")
 _START_FIELD = 19
@@ -39,8 +43,6 @@ def this_machine() -> str:
         boot = (_PROC / "sys/kernel/random/boot_id").read_text().strip()
         return f"{boot} {(_PROC / 'self/ns/pid').readlink()} {host}"
     except OSError:  # not Linux; containers there run on a Linux of their own
-        import psutil
-
         return f"booted {psutil.boot_time():.0f} {host}"
 
 
@@ -66,8 +68,6 @@ def is_alive(pid: int, began_s: float) -> bool:
 
 
 def _started_unix_s(pid: int) -> float | None:
-    import psutil  # rarely needed where /proc exists
-
     try:
         process = psutil.Process(pid)
         ended = process.status() == psutil.STATUS_ZOMBIE
@@ -143,8 +143,6 @@ def _end_others(group: int) -> None:
         while True:
             if os.waitpid(-1, os.WNOHANG)[0]:
                 continue
-            import psutil  # loaded here: hardly ever is somebody left
-
             for each in psutil.Process().children(recursive=True):
                 with suppress(psutil.Error):
                     each.kill()
@@ -200,7 +198,6 @@ def _lower_group(group: Path) -> bool:
 def _lower_disk() -> bool:
     if sys.platform != "linux":
         return False
-    import psutil
 
     try:
         psutil.Process().ionice(psutil.IOPRIO_CLASS_BE, 7)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli.base.errors import StorageError
+from drcli.base.installation import lazy_imports
 from drcli.config import secret_environment
 from drcli.config.run_config import Engine
 
@@ -14,6 +15,13 @@ if TYPE_CHECKING:
     from boto3.session import Session
     from botocore.loaders import Loader
     from botocore.session import Session as CoreSession
+
+with lazy_imports():
+    from boto3 import session as boto3_session
+    from botocore import configprovider
+    from botocore import exceptions as boto
+    from botocore import loaders as botocore_loaders
+    from botocore import session as core
 
 
 @dataclass(frozen=True)
@@ -95,17 +103,13 @@ def session_of(profile: str | None, setting: str) -> "Session":
     Raises:
         StorageError: There is no such profile, or the files cannot be read.
     """
-    # Imported here: boto3 takes a quarter of a second, which other commands do not need.
-    from boto3.session import Session
-
-    return Session(botocore_session=_profile_session(profile, setting))
+    session: Session = boto3_session.Session(botocore_session=_profile_session(profile, setting))
+    return session
 
 
 def get_ready() -> None:
     """Load the AWS library and its description of S3; looks for no keys, and sends no request."""
-    from botocore.session import Session
-
-    session = Session()
+    session = core.Session()
     for files in ("config_file", "credentials_file"):
         session.set_config_variable(files, os.devnull)
     session.register_component("data_loader", _loader(None))
@@ -121,9 +125,7 @@ def get_ready() -> None:
 @cache
 def _loader(path: str | None) -> "Loader":
     """Reads the description of S3, once for all sessions."""
-    from botocore.loaders import create_loader
-
-    return create_loader(path)
+    return botocore_loaders.create_loader(path)
 
 
 _used: list[object] = []
@@ -163,28 +165,23 @@ def read_profile(profile: str | None, setting: str) -> Profile:
     Raises:
         StorageError: There is no such profile, or the files cannot be read.
     """
-    from botocore.configprovider import ConfiguredEndpointProvider
-
     files = _profile_session(profile, setting)
     scoped = files.get_scoped_config()
-    provider = ConfiguredEndpointProvider(
+    provider = configprovider.ConfiguredEndpointProvider(
         full_config=files.full_config, scoped_config=scoped, client_name="s3"
     )
     return Profile(provider.provide(), scoped.get("region"))
 
 
 def _profile_session(profile: str | None, setting: str) -> "CoreSession":
-    from botocore.exceptions import BotoCoreError, ProfileNotFound
-    from botocore.session import Session
-
-    session = Session(profile=profile)
+    session: CoreSession = core.Session(profile=profile)
     try:
         session.get_scoped_config()
-    except ProfileNotFound as e:
+    except boto.ProfileNotFound as e:
         if profile == DEFAULT:
             return _profile_session(None, setting)
         raise _no_profile(profile, setting) from e
-    except BotoCoreError as e:
+    except boto.BotoCoreError as e:
         raise StorageError(
             f"The AWS files cannot be used ({setting} is '{profile or ''}'): {e}.",
             remedy="Correct ~/.aws/config and ~/.aws/credentials.",

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from drcli.base import errors
 from drcli.base.clock import delays_s
 from drcli.base.errors import DiskFull, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.base.system_calls import flush_to_disk, is_disk_full
 from drcli.bucket.bucket import (
     Listing,
@@ -43,6 +44,13 @@ from drcli.config import secret_environment
 
 if TYPE_CHECKING:
     from mypy_boto3_s3.client import S3Client
+
+with lazy_imports():
+    from boto3 import exceptions as boto3_exceptions
+    from boto3.s3 import transfer as s3_transfer
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
+    from botocore import parsers as botocore_parsers
 
 # Says only once that a server does not answer.
 
@@ -311,21 +319,17 @@ class S3Bucket:
 
     def accepts_keys(self) -> bool:
         """Whether it answers now and accepts our keys."""
-        from botocore.exceptions import BotoCoreError, ClientError
-
         try:
             self._client.list_buckets()
-        except (BotoCoreError, ClientError):
+        except (boto.BotoCoreError, boto.ClientError):
             return False
         return True
 
     def is_created(self) -> bool:
-        from botocore.exceptions import ClientError
-
         def look() -> bool:
             try:
                 self._client.head_bucket(Bucket=self.name)
-            except ClientError as e:
+            except boto.ClientError as e:
                 if e.response["Error"]["Code"] not in MISSING_CODES:
                     raise
                 return False
@@ -351,11 +355,13 @@ class S3Bucket:
         *,
         patient: bool = True,
     ) -> T:
-        from boto3.exceptions import Boto3Error
-        from botocore.exceptions import BotoCoreError, ClientError, NoCredentialsError
-        from botocore.parsers import ResponseParserError  # no BotoCoreError
-
-        failures = (BotoCoreError, ClientError, ResponseParserError, Boto3Error, ConnectionError)
+        failures = (
+            boto.BotoCoreError,
+            boto.ClientError,
+            botocore_parsers.ResponseParserError,
+            boto3_exceptions.Boto3Error,
+            ConnectionError,
+        )
         started_s = self._clock()
         delays = delays_s()
         ours = self.endpoint.engine is not None
@@ -380,15 +386,13 @@ class S3Bucket:
                 if waited_s > errors.QUIET_S:
                     self._outage.note(started_s, local_trouble(e, self.endpoint))
                 self._pause(min(next(delays), left_s))
-                if isinstance(e, NoCredentialsError):  # a client looks for keys only once
+                if isinstance(e, boto.NoCredentialsError):  # a client looks for keys only once
                     self._client = _client(self.endpoint, self._read_timeout_s)
 
     def _look_up(self, key: str) -> int:
-        from botocore.exceptions import ClientError
-
         try:
             return self._client.head_object(Bucket=self.name, Key=key)["ContentLength"]
-        except ClientError as e:
+        except boto.ClientError as e:
             if not hides_its_code(e):
                 raise
             answer = self._client.get_object(Bucket=self.name, Key=key)
@@ -440,12 +444,10 @@ class S3Bucket:
         self._client.put_object(Bucket=self.name, Key=key, Body=data)
 
     def _put_in_parts(self, key: str, data: bytes, watch: Watch | None) -> None:
-        from boto3.s3.transfer import TransferConfig
-
         self._before_write(key)
         # No threads: the embedded server writes parts to disk in their order, and would keep those
         # that come too early in memory.
-        config = TransferConfig(
+        config = s3_transfer.TransferConfig(
             multipart_threshold=MULTIPART_FROM_BYTES,
             multipart_chunksize=PART_BYTES,
             use_threads=False,
@@ -456,8 +458,6 @@ class S3Bucket:
             )
 
     def _delete_batch(self, keys: Sequence[str]) -> None:
-        from botocore.exceptions import ClientError
-
         for key in keys:
             self._before_write(key)
         answer = self._client.delete_objects(
@@ -468,7 +468,7 @@ class S3Bucket:
                 # As an answer of its own, so that `_retry` asks again.
                 # The ignored check: the types want what only botocore adds.
                 response = {"Error": failure, "ResponseMetadata": answer["ResponseMetadata"]}
-                raise ClientError(response, "DeleteObjects")  # type: ignore[arg-type]
+                raise boto.ClientError(response, "DeleteObjects")  # type: ignore[arg-type]
             if failure.get("Code") not in MISSING_CODES:
                 attempt = Attempt("delete", self.endpoint, self.name, str(failure.get("Key")))
                 raise explain_entry(failure.get("Code", ""), failure.get("Message", ""), attempt)
@@ -506,10 +506,7 @@ _making_clients = threading.Lock()
 
 
 def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
-    from botocore.config import Config
-    from botocore.exceptions import BotoCoreError
-
-    config = Config(
+    config = botocore_config.Config(
         # We repeat calls, not botocore, so that one clock limits the wait.
         retries={"total_max_attempts": 1, "mode": "standard"},
         connect_timeout=_CONNECT_TIMEOUT_S,
@@ -535,7 +532,7 @@ def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
                 lend_to_refreshes(session.get_credentials())
             counter.attach(client)
             return client
-    except (BotoCoreError, ValueError, AttributeError) as e:  # the last for `s3 = text`
+    except (boto.BotoCoreError, ValueError, AttributeError) as e:  # the last for `s3 = text`
         raise StorageError(
             f"The AWS library cannot use region, address or profile of {endpoint.place} "
             f"({endpoint.names.profile} is '{endpoint.profile or ''}'): {e}.",

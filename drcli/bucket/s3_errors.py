@@ -9,8 +9,13 @@ from email.utils import parsedate_to_datetime
 from typing import Any
 
 from drcli.base.errors import DiskFull, NoAnswer, NoKeys, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import TEST_FOLDER, ObjectMissing
 from drcli.bucket.endpoint import Endpoint, SettingNames
+
+with lazy_imports():
+    from botocore import exceptions as boto
+    from botocore import parsers as botocore_parsers
 
 MISSING_CODES = frozenset({"NoSuchKey", "404"})
 _KEY_CODES = frozenset(
@@ -110,9 +115,6 @@ def patience_share(error: Exception, *, ours: bool, unattended: bool = False) ->
     internal errors pass. `unattended` also waits for the clock and for access keys, which may come
     late at boot.
     """
-    from botocore import exceptions as boto
-    from botocore.parsers import ResponseParserError
-
     if isinstance(error, boto.NoCredentialsError):
         return float(unattended)
     if isinstance(error, boto.ClientError):
@@ -127,14 +129,12 @@ def patience_share(error: Exception, *, ours: bool, unattended: bool = False) ->
             return 0.1 if ours else 1.0
         return 0.0
     broken = (boto.ConnectionError, boto.HTTPClientError, boto.IncompleteReadError, ConnectionError)
-    return 1.0 if isinstance(error, (*broken, ResponseParserError)) else 0.0
+    return 1.0 if isinstance(error, (*broken, botocore_parsers.ResponseParserError)) else 0.0
 
 
 def local_trouble(error: Exception, endpoint: Endpoint) -> str:
     """What to say if this machine is to blame: its clock, or missing keys; else empty."""
-    from botocore.exceptions import NoCredentialsError
-
-    if isinstance(error, NoCredentialsError):
+    if isinstance(error, boto.NoCredentialsError):
         return (
             f"boto3 finds no access keys for {endpoint.place} ({endpoint.names.profile} is "
             f"'{endpoint.profile or ''}'). Waiting for them, as the service that has them may be "
@@ -178,25 +178,16 @@ def blocked(attempt: Attempt, above: str, size_bytes: int) -> StorageError:
 
 
 def explain(error: Exception, attempt: Attempt) -> StorageError:
-    from botocore.exceptions import (
-        ClientError,
-        CredentialRetrievalError,
-        NoCredentialsError,
-        PartialCredentialsError,
-        SSOError,
-        TokenRetrievalError,
-    )
-
-    if isinstance(error, ClientError):
+    if isinstance(error, boto.ClientError):
         return _explain_answer(error, attempt)
-    if isinstance(error, (NoCredentialsError, PartialCredentialsError)):
+    if isinstance(error, (boto.NoCredentialsError, boto.PartialCredentialsError)):
         return NoKeys(
             f"Cannot {attempt}: boto3 found no access keys ({attempt.endpoint.names.profile} is "
             f"'{attempt.endpoint.profile or ''}').",
             remedy=f"Set {attempt.endpoint.names.profile} to a profile of ~/.aws/credentials, or "
             "export AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.",
         )
-    if isinstance(error, (CredentialRetrievalError, SSOError, TokenRetrievalError)):
+    if isinstance(error, (boto.CredentialRetrievalError, boto.SSOError, boto.TokenRetrievalError)):
         return StorageError(
             f"Cannot {attempt}: boto3 cannot get the access keys of "
             f"{attempt.endpoint.names.profile}: {str(error).rstrip('.')}.",

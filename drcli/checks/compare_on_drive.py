@@ -18,14 +18,13 @@ from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.sac_networks import SACAgent
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
+from drcli.transfer.export_car import FRAMES, CarExport, export_car
 from drcli.workers.cores import cores
 from drcli.workers.worker_process import StopRequested
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
 
 if TYPE_CHECKING:
-    from drcli.convert.frozen_graph import GraphComparison
-    from drcli.transfer.export_car import CarExport
     from drcli.transfer.export_model import ExportSource
 
 _CARS = 4
@@ -105,14 +104,10 @@ def made_car_archive(settings: Settings, source: "ExportSource", file_name: str)
     Raises:
         SettingsError: The car cannot drive the model, or its graph computes something else.
     """
-    from drcli.transfer.export_car import export_car
-
     return export_car(settings, source, file_name, _compare)
 
 
 def _compare(race: RaceConfig, source: "ExportSource", graph: bytes) -> "GraphComparison":
-    from drcli.transfer.export_car import FRAMES
-
     return compare_on_drive(
         race, source.design, source.weights, source.chosen.name, graph, frames=FRAMES
     )

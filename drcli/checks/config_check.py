@@ -5,6 +5,8 @@ from pathlib import Path
 
 from drcli.base.errors import Problem
 from drcli.checks.check_report import Report
+from drcli.checks.settings_rules import review_settings
+from drcli.checks.validate import validate
 from drcli.config.settings_report import check_settings
 from drcli.config.track_names import track_problems
 from drcli.config.unused_names import WithoutEffect
@@ -63,8 +65,6 @@ def check_alone(directory: Path) -> FullCheck:
 
 def with_rules(check: FullCheck) -> FullCheck:
     # Settings are checked without what these load.
-    from drcli.checks.settings_rules import review_settings
-    from drcli.checks.validate import validate
 
     directory = Path(check.directory)
     reviewed = review_settings(directory)

@@ -12,6 +12,13 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from drcli.base.installation import lazy_imports
+
+with lazy_imports():
+    from drcli.bucket import request_count
+    from drcli.cli import app
+    from drcli.config import secret_environment
+
 NICENESS = 15
 """19 is the most."""
 
@@ -31,15 +38,11 @@ def main() -> None:
         os.nice(NICENESS)
     threading.Thread(target=_end_with, args=(call["caller"],), daemon=True).start()
 
-    from drcli.bucket.request_count import CountFile
-    from drcli.cli.app import main as run
-    from drcli.config import secret_environment
-
     secret_environment.keep(call["secrets"])
-    requests = CountFile(Path(call["folder"]), "commands", call["session"])
+    requests = request_count.CountFile(Path(call["folder"]), "commands", call["session"])
     requests.start()
     try:
-        run(call["arguments"])
+        app.main(call["arguments"])
     finally:
         requests.end()
 

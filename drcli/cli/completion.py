@@ -14,9 +14,17 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from drcli.base.errors import DrError, SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.cli.command_table import COMMANDS, program_names
 from drcli.cli.working_folder import working_folder
 from drcli.config import activation
+
+with lazy_imports():
+    from drcli.checks.explain import lookup
+    from drcli.config import presets as config_presets
+    from drcli.config import settings as config_settings
+    from drcli.config import shell_variables, track_names, value_types
+
 
 Shell = Literal["bash", "zsh", "fish"]
 SHELLS: tuple[Shell, ...] = get_args(Shell)
@@ -180,9 +188,10 @@ _CHECKPOINT = re.compile(r"(\d+)_Step-\d+\.ckpt")
 
 
 def worlds() -> list[str]:
-    from drcli.config.track_names import built_in, own
-
-    return [*built_in(), *own(working_folder() / (_settings().get("DR_TRACKS_DIR") or "tracks"))]
+    return [
+        *track_names.built_in(),
+        *track_names.own(working_folder() / (_settings().get("DR_TRACKS_DIR") or "tracks")),
+    ]
 
 
 def model_prefixes() -> list[str]:
@@ -199,15 +208,13 @@ def races() -> list[str]:
 
 
 def checkpoints() -> list[str]:
-    from drcli.config.value_types import WORDS
-
     settings = _settings()
     bucket, prefix = _bucket(settings), settings.get("DR_LOCAL_S3_MODEL_PREFIX")
     if bucket is None or not prefix:
-        return list(WORDS)
+        return list(value_types.WORDS)
     names = _names(bucket / prefix / "model")
     numbers = {int(match[1]) for name in names if (match := _CHECKPOINT.match(name))}
-    return [*(str(number) for number in sorted(numbers, reverse=True)), *WORDS]
+    return [*(str(number) for number in sorted(numbers, reverse=True)), *value_types.WORDS]
 
 
 def commands() -> list[str]:
@@ -215,9 +222,7 @@ def commands() -> list[str]:
 
 
 def presets() -> list[str]:
-    from drcli.config.presets import preset_names
-
-    return preset_names()
+    return config_presets.preset_names()
 
 
 def experiments() -> list[str]:
@@ -225,9 +230,7 @@ def experiments() -> list[str]:
 
 
 def ready_made_models() -> list[str]:
-    from drcli.config.presets import ready_made
-
-    return list(ready_made())
+    return list(config_presets.ready_made())
 
 
 def workers() -> list[str]:
@@ -245,15 +248,11 @@ def clouds() -> list[str]:
 
 
 def setting_names() -> list[str]:
-    from drcli.config.settings import catalogue
-
-    return sorted(catalogue())
+    return sorted(config_settings.catalogue())
 
 
 def explained_words() -> list[str]:
-    from drcli.checks.explain.lookup import every_entry
-
-    return sorted({entry.name for entry in every_entry() if entry.kind != "error text"})
+    return sorted({entry.name for entry in lookup.every_entry() if entry.kind != "error text"})
 
 
 def assignments(incomplete: str) -> list[str]:
@@ -271,17 +270,13 @@ def assignments(incomplete: str) -> list[str]:
 
 
 def _choices(name: str) -> list[str]:
-    from drcli.config.settings import catalogue
-
-    setting = catalogue().get(name)
+    setting = config_settings.catalogue().get(name)
     return [] if setting is None else list(setting.choices)
 
 
 def _settings() -> Mapping[str, str]:
-    from drcli.config.shell_variables import shell_change
-
     try:
-        change = shell_change(working_folder(), os.environ)
+        change = shell_variables.shell_change(working_folder(), os.environ)
     except DrError:
         return {}
     return {**activation.chosen(os.environ), **change.export}

@@ -17,8 +17,12 @@ from rich.segment import Segment, Segments
 from rich.text import Text
 
 from drcli.base.errors import OutputLost
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import keys_of
 from drcli.config import activation
+
+with lazy_imports():
+    from rich import progress as rich_progress
 
 Advance = Callable[[int], None]
 
@@ -114,10 +118,11 @@ def progress(what: str, total: int, unit: Literal["bytes", "calls"]) -> Iterator
     if not is_live():
         yield lambda amount: None
         return
-    from rich.progress import BarColumn, DownloadColumn, MofNCompleteColumn, Progress, TextColumn
 
-    done = DownloadColumn() if unit == "bytes" else MofNCompleteColumn()
-    with Progress(TextColumn("{task.description}"), BarColumn(), done, console=err) as bars:
+    done = rich_progress.DownloadColumn() if unit == "bytes" else rich_progress.MofNCompleteColumn()
+    with rich_progress.Progress(
+        rich_progress.TextColumn("{task.description}"), rich_progress.BarColumn(), done, console=err
+    ) as bars:
         task = bars.add_task(escape(what), total=total)
         yield lambda amount: bars.advance(task, amount)
 

@@ -5,10 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drcli.base.errors import BadValue, Place, ProblemsError, shown
+from drcli.base.installation import lazy_imports
 from drcli.cli.options import in_options
+from drcli.config.fields import setting_problem
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
+
+with lazy_imports():
+    from drcli.config import settings as config_settings
 
 OPTIONS = {
     "DR_EVAL_CHECKPOINT": "--checkpoint",
@@ -101,16 +106,13 @@ def with_options(settings: "Settings", **given: Any) -> "Settings":
     Raises:
         typer.BadParameter: A value does not fit.
     """
-    from drcli.config.fields import setting_problem
-    from drcli.config.settings import catalogue
-
     changes: dict[str, Any] = {}
     sources = dict(settings.sources)
     place = Place("flag")
     for name, value in given.items():
         if value is None:
             continue
-        setting = catalogue()[name]
+        setting = config_settings.catalogue()[name]
         try:
             changes[setting.field] = setting.read(str(value))
         except BadValue as error:

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from drcli.cli import console, prompts
+from drcli.run.track_fetch import fetch, missing_tracks
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
@@ -16,8 +17,6 @@ def bring_tracks(settings: "Settings") -> None:
         SettingsError: DR_TRACKS_URL is not an address, or the file there is not a track.
         StorageError: The server has no such file or cannot be reached.
     """
-    from drcli.run.track_fetch import fetch, missing_tracks
-
     names = missing_tracks(settings)
     allowed = settings.tracks_fetch == "always"
     if not names or (not allowed and not prompts.may_ask()):

@@ -4,6 +4,7 @@ import os
 import shlex
 import subprocess
 import sys
+import webbrowser
 from html import escape
 from urllib.parse import parse_qs, urlsplit
 
@@ -49,8 +50,6 @@ def open_page(url: str, program: str = "") -> None:
                 remedy="Name a browser, as in `-b firefox`, or open the printed address yourself.",
             ) from None
     else:
-        import webbrowser
-
         webbrowser.open(url)
 
 

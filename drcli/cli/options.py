@@ -2,16 +2,13 @@
 
 import re
 from collections.abc import Callable, Collection, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
+from typing import Annotated, Any, ParamSpec
 
 import typer
 
-from drcli.base.errors import ProblemsError
+from drcli.base.errors import BadValue, ProblemsError, shown
 from drcli.cli import completion
-
-if TYPE_CHECKING:
-    from drcli.config.value_types import CheckpointChoice, CheckpointWord
-
+from drcli.config.value_types import CheckpointChoice, CheckpointWord, parse_checkpoint
 
 P = ParamSpec("P")
 
@@ -120,9 +117,6 @@ def parsed_checkpoint(text: str | None, option: str = "--checkpoint") -> "Checkp
     Raises:
         BadParameter: It names none.
     """
-    from drcli.base.errors import BadValue, shown
-    from drcli.config.value_types import parse_checkpoint
-
     if text is None:
         return None
     try:

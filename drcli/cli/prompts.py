@@ -3,9 +3,11 @@
 They wait for a minute: the terminal may be a cell of a notebook.
 """
 
+import getpass
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import TypeVar
@@ -72,9 +74,6 @@ def secret(question: str, remedy: str) -> str:
         Aborted: Nobody answers.
     """
     if sys.stdin.isatty():
-        import getpass
-        import warnings
-
         with warnings.catch_warnings():
             warnings.simplefilter("error", getpass.GetPassWarning)
             try:

@@ -4,14 +4,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket, open_running_bucket
 from drcli.cli import completion, console
 from drcli.cli.views import race_view
 from drcli.cli.working_folder import settings
+from drcli.races.race_report import RaceReport, with_limit
+from drcli.races.stored_race import find_race
 
 if TYPE_CHECKING:
     from drcli.bucket.bucket import Bucket
     from drcli.config.settings import Settings
-    from drcli.races.race_report import RaceReport
 
 Race = Annotated[
     str, typer.Argument(metavar="RACE", help="The race.", autocompletion=completion.races)
@@ -23,8 +25,6 @@ Closes = Annotated[
 
 
 def print_race(report: "RaceReport") -> None:
-    from drcli.races.race_report import with_limit
-
     loaded = settings()
     report = with_limit(report, loaded.tracks_folder, loaded.directory)
     console.warn(*report.damaged)
@@ -33,20 +33,14 @@ def print_race(report: "RaceReport") -> None:
 
 def open_races(loaded: "Settings") -> "Bucket":
     """Starts the server if needed."""
-    from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
-
     return open_bucket(loaded.storage, patience_s=COMMAND_PATIENCE_S)
 
 
 def races_to_look_at(loaded: "Settings") -> "Bucket | None":
     """For readers, which need no server."""
-    from drcli.bucket.connect import open_running_bucket
-
     return open_running_bucket(loaded.storage)
 
 
 def found_race(loaded: "Settings", race: str) -> "tuple[Bucket, str]":
-    from drcli.races.stored_race import find_race
-
     bucket = open_races(loaded)
     return bucket, find_race(bucket, race)

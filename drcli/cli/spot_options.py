@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import SettingsError
+from drcli.bucket.endpoint import read_profile
 from drcli.cli.working_folder import settings, working_folder
+from drcli.config.value_types import HOME_REGION
+from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
-    from drcli.outside.aws.aws_account import Account
 
 StackName = Annotated[str, typer.Argument(metavar="STACK", help="Name of the stack.")]
 Region = Annotated[
@@ -26,8 +28,6 @@ Yes = Annotated[bool, typer.Option("-y", "--yes", "-f", "--force", help="Do not 
 
 def account(region: str | None, profile: str | None, loaded: "Settings | None" = None) -> "Account":
     """The account of these options, else of the settings, else of the AWS files."""
-    from drcli.outside.aws.aws_account import Account
-
     if loaded is None and (working_folder() / "run.env").is_file():
         try:
             loaded = settings()
@@ -45,9 +45,5 @@ def account(region: str | None, profile: str | None, loaded: "Settings | None" =
 
 def usual_region(profile: str | None) -> str:
     """The AWS command's region, else Amazon's first."""
-    from drcli.bucket.endpoint import read_profile
-    from drcli.config.value_types import HOME_REGION
-    from drcli.outside.aws.aws_account import PROFILE_SETTING
-
     named = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
     return named or read_profile(profile, PROFILE_SETTING).region or HOME_REGION

@@ -7,10 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
+
+with lazy_imports():
+    from drcli.config import loading
 
 
 def working_folder() -> Path:
@@ -53,15 +57,13 @@ def settings() -> "Settings":
     Raises:
         SettingsError: One is wrong, or DR_DIR is.
     """
-    from drcli.config.loading import load_settings
-
     folder = working_folder()
     if os.environ.get("DR_DIR") and not (folder / "run.env").is_file():
         raise SettingsError(
             f"environment: DR_DIR={folder} has no run.env.",
             remedy="Correct DR_DIR, or `unset DR_DIR` and change to the folder with your run.env.",
         )
-    return load_settings(folder)
+    return loading.load_settings(folder)
 
 
 def settings_or_defaults(flags: Mapping[str, str] | None = None) -> "Settings":
@@ -70,13 +72,11 @@ def settings_or_defaults(flags: Mapping[str, str] | None = None) -> "Settings":
     Raises:
         SettingsError: One is wrong, or DR_DIR is.
     """
-    from drcli.config.loading import load_settings
-
     folder = working_folder()
     if os.environ.get("DR_DIR") or (folder / "run.env").exists():
         loaded = settings()
-        return load_settings(loaded.directory, flags=flags) if flags else loaded
-    return load_settings(folder, flags=flags, contents={"run.env": b""})
+        return loading.load_settings(loaded.directory, flags=flags) if flags else loaded
+    return loading.load_settings(folder, flags=flags, contents={"run.env": b""})
 
 
 def settings_for_files(words: Sequence[str]) -> "Settings":
@@ -85,8 +85,6 @@ def settings_for_files(words: Sequence[str]) -> "Settings":
     Raises:
         SettingsError: As for `settings`, or a word names no file.
     """
-    from drcli.config.loading import load_settings
-
     folder = working_folder()
     if not words or (folder / "run.env").is_file() or os.environ.get("DR_DIR"):
         return settings()
@@ -96,7 +94,7 @@ def settings_for_files(words: Sequence[str]) -> "Settings":
             raise SettingsError(
                 f"{word} does not exist.", remedy="Check the path of the file or folder."
             )
-    return settings() if missing else load_settings(folder, contents={"run.env": b""})
+    return settings() if missing else loading.load_settings(folder, contents={"run.env": b""})
 
 
 @cache

@@ -308,7 +308,7 @@ class _TensorFlowLite:
 
     def __init__(self, data: bytes, threads: int) -> None:
         if is_installed("ai_edge_litert"):
-            module = library("ai_edge_litert", "ai_edge_litert.interpreter")
+            module = library("ai_edge_litert.interpreter")
         else:
             module = library("tensorflow").lite
         self._lite = module.Interpreter(model_content=data, num_threads=threads)

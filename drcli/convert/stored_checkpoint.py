@@ -3,6 +3,7 @@
 import re
 
 from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import Fingerprint
 from drcli.convert.policy_file import PolicyFile
 from drcli.model import keys
@@ -11,6 +12,9 @@ from drcli.model.files.network_shape import Design
 from drcli.model.model_prefix import is_tensorflow
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import checkpoint_name
+
+with lazy_imports():
+    from drcli.convert import imported_policy
 
 _DATA = re.compile(r"\.data-\d{5}-of-\d{5}")
 
@@ -27,7 +31,6 @@ def load_checkpoint(model: ModelStore, name: str) -> Checkpoint:
     listed = [info.key for info in model.bucket.list(keys.model_folder(model.prefix))]
     if not is_tensorflow(listed, model.prefix, name):
         return CheckpointStore(model).load(name)
-    from drcli.convert import imported_policy  # here, because torch takes seconds
 
     design = Design.of_model(model)
     if design.metadata.training_algorithm == "sac":

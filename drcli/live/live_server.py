@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.framing import WireError, framed, receive
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
 from drcli.live.live_moment import Moment, Rider
@@ -26,6 +27,9 @@ from drsim.track.track import Track
 from drsim.viewing.car_eye import FollowingCamera
 from drsim.viewing.placed_things import Thing
 from drsim.viewing.world_view import WorldView
+
+with lazy_imports():
+    from PIL import Image, ImageDraw
 
 MOST_VIEWERS = 8
 GREETING_S = 3.0
@@ -314,8 +318,6 @@ def missing_library() -> str:
 
 def jpeg(picture: NDArray[np.uint8]) -> bytes:
     """Grey (rows, columns) or RGB (rows, columns, 3)."""
-    from PIL import Image
-
     file = io.BytesIO()
     Image.fromarray(picture).save(file, "JPEG", quality=_QUALITY)
     return file.getvalue()
@@ -333,8 +335,6 @@ def camera_picture(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @cache
 def _words(text: str) -> NDArray[np.uint8]:
-    from PIL import Image, ImageDraw
-
     columns, rows = CAMERA_SIZE
     picture = Image.new("L", CAMERA_SIZE, 40)
     draw = ImageDraw.Draw(picture)

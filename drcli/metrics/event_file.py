@@ -8,7 +8,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from drcli.base.installation import lazy_imports
 from drcli.metrics.figure_events import Event, Point, TrainingFacts
+
+with lazy_imports():
+    from tensorboard.compat.proto import event_pb2, summary_pb2, tensor_pb2, types_pb2
+    from tensorboard.summary.writer import record_writer
 
 PATTERN = "events.out.tfevents.*"
 FROM_HISTORY = ".history"
@@ -37,12 +42,6 @@ class EventFile:
     def __init__(
         self, folder: Path, facts: TrainingFacts, earlier: Sequence[Point], ending: str = ""
     ) -> None:
-        from tensorboard.compat.proto import event_pb2, summary_pb2, tensor_pb2, types_pb2
-        from tensorboard.summary.writer.record_writer import RecordWriter
-
-        self._event, self._summary = event_pb2, summary_pb2
-        self._tensor, self._types = tensor_pb2, types_pb2
-        self._writer_of = RecordWriter
         self.name = f"TensorBoard ({folder})"
         self._folder, self._ending = folder, ending
         self._starts = 0
@@ -89,7 +88,7 @@ class EventFile:
             self._file = self._path.open("xb")
         except OSError as error:
             raise self._named(error) from None
-        self._writer = self._writer_of(self._file)
+        self._writer = record_writer.RecordWriter(self._file)
 
     @contextmanager
     def _complete(self) -> Iterator[None]:
@@ -99,7 +98,7 @@ class EventFile:
         """
         try:
             if not self._is_begun:
-                self._write(self._event.Event(wall_time=time.time(), file_version=_VERSION))
+                self._write(event_pb2.Event(wall_time=time.time(), file_version=_VERSION))
             yield
             self._file.flush()
         except OSError as error:
@@ -114,25 +113,25 @@ class EventFile:
 
     def _add(self, point: Point) -> None:
         values = [
-            self._summary.Summary.Value(tag=name, simple_value=value)
+            summary_pb2.Summary.Value(tag=name, simple_value=value)
             for name, value in point.values.items()
         ]
-        summary = self._summary.Summary(value=values)
-        self._write(self._event.Event(wall_time=point.time_s, step=point.step, summary=summary))
+        summary = summary_pb2.Summary(value=values)
+        self._write(event_pb2.Event(wall_time=point.time_s, step=point.step, summary=summary))
 
     def _add_text(self, name: str, text: str, step: int) -> None:
         """As Markdown that is shown letter by letter."""
         shown = "\n".join(f"    {line}" for line in text.splitlines())
-        kind = self._summary.SummaryMetadata.PluginData(plugin_name="text")
-        tensor = self._tensor.TensorProto(dtype=self._types.DT_STRING, string_val=[shown.encode()])
+        kind = summary_pb2.SummaryMetadata.PluginData(plugin_name="text")
+        tensor = tensor_pb2.TensorProto(dtype=types_pb2.DT_STRING, string_val=[shown.encode()])
         tensor.tensor_shape.dim.add(size=1)
-        value = self._summary.Summary.Value(
+        value = summary_pb2.Summary.Value(
             tag=name,
-            metadata=self._summary.SummaryMetadata(plugin_data=kind),
+            metadata=summary_pb2.SummaryMetadata(plugin_data=kind),
             tensor=tensor,
         )
-        summary = self._summary.Summary(value=[value])
-        self._write(self._event.Event(wall_time=time.time(), step=step, summary=summary))
+        summary = summary_pb2.Summary(value=[value])
+        self._write(event_pb2.Event(wall_time=time.time(), step=step, summary=summary))
 
     def _write(self, event: Any) -> None:
         self._writer.write(event.SerializeToString())

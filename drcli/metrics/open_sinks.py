@@ -6,9 +6,15 @@ from functools import partial
 from pathlib import Path
 
 from drcli.base.errors import NotAvailable
+from drcli.base.installation import lazy_imports
 from drcli.config.run_config import FigureConfig
+from drcli.metrics.event_file import EventFile
 from drcli.metrics.figure_events import Point, Sink, TrainingFacts
 from drcli.metrics.figure_sender import FigureSender
+from drcli.metrics.prometheus_text import FigureFile, FigureServer, InfluxLines
+
+with lazy_imports():
+    from drcli.metrics import servers
 
 
 def check_figures(config: FigureConfig) -> None:
@@ -70,20 +76,14 @@ def _telegraf(config: FigureConfig, model: str) -> list[Callable[[], Sink]]:
 
 
 def _event_file(folder: Path, facts: TrainingFacts, earlier: Sequence[Point]) -> Sink:
-    from drcli.metrics.event_file import EventFile
-
     return EventFile(folder, facts, earlier)
 
 
 def _figure_file(folder: Path, facts: TrainingFacts) -> Sink:
-    from drcli.metrics.prometheus_text import FigureFile
-
     return FigureFile(folder, facts)
 
 
 def _figure_server(host: str, port: int, facts: TrainingFacts) -> Sink:
-    from drcli.metrics.prometheus_text import FigureServer
-
     return FigureServer(host, port, facts)
 
 
@@ -93,18 +93,14 @@ def _mlflow_run(
     parameters: Mapping[str, str],
     earlier: Sequence[Point],
 ) -> Sink:
-    from drcli.metrics.servers import MlflowRun
-
-    return MlflowRun(config.mlflow_url, config.mlflow_experiment, facts, parameters, earlier)
+    return servers.MlflowRun(
+        config.mlflow_url, config.mlflow_experiment, facts, parameters, earlier
+    )
 
 
 def _trackio_run(config: FigureConfig, facts: TrainingFacts, parameters: Mapping[str, str]) -> Sink:
-    from drcli.metrics.servers import TrackioRun
-
-    return TrackioRun(config.trackio_url, config.trackio_project, facts, parameters)
+    return servers.TrackioRun(config.trackio_url, config.trackio_project, facts, parameters)
 
 
 def _influx_lines(host: str, port: int, model: str) -> Sink:
-    from drcli.metrics.prometheus_text import InfluxLines
-
     return InfluxLines(host, port, model)

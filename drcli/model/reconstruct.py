@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import Fingerprint, from_json
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.model import keys
@@ -30,6 +31,9 @@ from drcli.records.episode_metrics import EpisodeMetrics
 from drcli.records.iteration import EVALUATION_FIELDS, IterationRecord
 from drcli.records.scores import EvaluationResult, Score, Scores
 from drcli.records.trace import read_csv
+
+with lazy_imports():
+    import safetensors
 
 _TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
@@ -279,10 +283,8 @@ def _found(bucket: Bucket, key: str) -> bytes:
 
 
 def _is_safetensors(data: bytes) -> bool:
-    from safetensors import SafetensorError, deserialize  # here, to keep commands fast
-
     try:
         # The type is ignored because safetensors has no type for it.
-        return bool(data) and bool(deserialize(data))  # type: ignore[no-untyped-call]
-    except (SafetensorError, ValueError):
+        return bool(data) and bool(safetensors.deserialize(data))  # type: ignore[no-untyped-call]
+    except (safetensors.SafetensorError, ValueError):
         return False

@@ -1,6 +1,7 @@
 """Sends messages about a training."""
 
 import hashlib
+import json
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -11,11 +12,20 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import json_default
 from drcli.bucket.endpoint import lend_to_refreshes, session_of
 from drcli.config import secret_environment
 from drcli.config.groups.train_settings import MessageSettings
 from drcli.outside.web_request import USER_AGENT, explain
+
+with lazy_imports():
+    import smtplib
+    import ssl
+
+    import requests
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
 
 # Sends a mail through a mail server.
 
@@ -48,8 +58,6 @@ class Mail:
             SettingsError: The password needs encryption.
             StorageError: The server refuses, or does not answer.
         """
-        import smtplib
-
         message = EmailMessage()
         message["Subject"] = " ".join(subject.split())
         message["From"] = self._sender
@@ -78,9 +86,6 @@ class Mail:
             ) from None
 
     def _deliver(self, message: EmailMessage, timeout_s: float) -> None:
-        import smtplib
-        import ssl
-
         context = ssl.create_default_context()
         user, password = unquote(self._url.username or ""), unquote(self._url.password or "")
         server: smtplib.SMTP
@@ -131,8 +136,6 @@ def publish(
     Raises:
         StorageError: The topic does not exist, the keys may not publish, or nobody answers.
     """
-    from botocore.exceptions import BotoCoreError, ClientError
-
     try:
         client = _client(topic, profile, timeout_s)
         client.publish(
@@ -142,7 +145,7 @@ def publish(
             MessageAttributes={"event": {"DataType": "String", "StringValue": event}},
             **_order(topic, text),
         )
-    except (BotoCoreError, ClientError, ValueError, IndexError) as error:
+    except (boto.BotoCoreError, boto.ClientError, ValueError, IndexError) as error:
         raise StorageError(
             f"The SNS topic {topic} does not take messages: {error}.",
             remedy="Check DR_SNS_TOPIC_ARN, the access keys, and that they allow sns:Publish.",
@@ -150,9 +153,7 @@ def publish(
 
 
 def _client(topic: str, profile: str | None, timeout_s: float) -> Any:
-    from botocore.config import Config
-
-    config = Config(
+    config = botocore_config.Config(
         retries={"total_max_attempts": 1, "mode": "standard"},
         connect_timeout=timeout_s,
         read_timeout=timeout_s,
@@ -213,8 +214,6 @@ def post(url: str, body: dict[str, Any], timeout_s: float) -> None:
     Raises:
         StorageError: The server refuses, or does not answer.
     """
-    import requests
-
     try:
         answer = requests.post(
             url,
@@ -305,7 +304,5 @@ def _to_topic(topic: str, profile: str | None, message: Message) -> None:
 
 def _body(message: Message) -> dict[str, Any]:
     """For Slack and Mattermost, and Discord."""
-    import json
-
     facts = json.loads(json.dumps(message.facts, default=json_default))
     return body_of(message.event, message.subject, message.text, facts)

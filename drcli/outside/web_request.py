@@ -2,16 +2,17 @@
 
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from drcli import __version__
 from drcli.base.clock import delays_s
 from drcli.base.errors import StorageError, cause_of
+from drcli.base.installation import lazy_imports
 from drcli.config.fields import hidden
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
+    from urllib3 import exceptions as urllib3
 
 USER_AGENT = f"drcli/{__version__}"
 
@@ -38,8 +39,6 @@ class Web:
     def __init__(
         self, setting: str, *, pause: Pause = time.sleep, trace: Trace | None = None
     ) -> None:
-        import requests
-
         self.setting = setting
         self.pause = pause
         self._trace = trace
@@ -50,9 +49,6 @@ class Web:
         self, make: Make, *, repeat: bool, stream: bool = False, redirects: bool = False
     ) -> "requests.Response":
         """Return the answer whatever its status; StorageError without one."""
-        import requests
-        from urllib3.exceptions import LocationParseError
-
         pauses = delays_s(0.5, 4.0)
         for attempt in range(1, ATTEMPTS + 1):
             last = attempt == ATTEMPTS or not repeat
@@ -61,7 +57,7 @@ class Web:
             request.auth = request.auth or (lambda prepared: prepared)
             try:
                 answer = self._once(request, stream=stream, redirects=redirects)
-            except (requests.RequestException, LocationParseError) as error:
+            except (requests.RequestException, urllib3.LocationParseError) as error:
                 # The second: a host name that cannot be one passes the checks of requests.
                 self._say(request, type(error).__name__)
                 if last or not _may_pass(error):
@@ -94,9 +90,6 @@ class Web:
 
 
 def explain(error: Exception, url: str, setting: str) -> StorageError:
-    import requests
-    from urllib3.exceptions import LocationParseError
-
     host = urlsplit(url).netloc.rpartition("@")[2]
     if isinstance(error, requests.exceptions.SSLError):
         return StorageError(
@@ -114,7 +107,11 @@ def explain(error: Exception, url: str, setting: str) -> StorageError:
         return StorageError(
             f"{host} does not answer in time.", remedy="Check the network, and try again later."
         )
-    wrong = requests.exceptions.InvalidURL, requests.exceptions.MissingSchema, LocationParseError
+    wrong = (
+        requests.exceptions.InvalidURL,
+        requests.exceptions.MissingSchema,
+        urllib3.LocationParseError,
+    )
     if isinstance(error, wrong):
         return StorageError(
             f"'{hidden('', url)}' is not a web address ({setting}).",
@@ -127,8 +124,6 @@ def explain(error: Exception, url: str, setting: str) -> StorageError:
 
 
 def _may_pass(error: Exception) -> bool:
-    import requests
-
     lasting = (requests.exceptions.SSLError, requests.exceptions.InvalidURL)
     passing = (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError)
     return isinstance(error, passing) and not isinstance(error, lasting)

@@ -21,6 +21,7 @@ from drcli.config.settings import Settings
 from drcli.races.queue_lease import live_lease, read_queue_lease
 from drcli.races.race_queue import check_queue, run_queue
 from drcli.run.worker_processes import READY_TIMEOUT_S, failed_start, log_bytes
+from drcli.view.video.encode import require_encoder
 
 STOPPED_S = 10.0
 
@@ -68,8 +69,6 @@ def launch_queue(
     """
     check_queue(settings, bucket, race)
     if video:
-        from drcli.view.video.encode import require_encoder
-
         require_encoder()
     log = queue_log(settings, race)
     log.parent.mkdir(parents=True, exist_ok=True)

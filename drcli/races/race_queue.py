@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drcli.base.errors import DrError, NotAvailable, OwnershipLost, SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import Stopped, until_sigterm
 from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
@@ -25,6 +26,10 @@ from drcli.races.submissions import video_names
 from drcli.run.evaluation import run_evaluation
 from drcli.run.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.run.evaluation_report import EvaluationReport, TrialReport
+from drcli.view.video.encode import require_encoder
+
+with lazy_imports():
+    from drcli.view.video import make_video, trace_source, video_job
 
 # Films a race as `dr-evaluate --video` does, in one view.
 
@@ -46,16 +51,17 @@ def film_car(
 
 def _film(plan: EvaluationPlan, bucket: Bucket, report: EvaluationReport, path: Path) -> list[str]:
     # Here, because a queue without videos must not load what draws.
-    from drcli.view.video.make_video import Wish
-    from drcli.view.video.trace_source import trace_of_key
-    from drcli.view.video.video_job import Defaults, make_video
 
     config = plan.job.config
     origin = f"evaluation {plan.stamp}"
-    trace = trace_of_key(ModelStore(bucket, report.prefix), report.simtrace, origin, "")
-    wish = Wish(episode="all", size=config.evaluation.eval_video_size, racer="", color="")
-    defaults = Defaults.of(config.model, config.race())
-    return make_video(defaults, lambda: bucket, trace, wish, [("film", path)]).notes
+    trace = trace_source.trace_of_key(
+        ModelStore(bucket, report.prefix), report.simtrace, origin, ""
+    )
+    wish = make_video.Wish(
+        episode="all", size=config.evaluation.eval_video_size, racer="", color=""
+    )
+    defaults = video_job.Defaults.of(config.model, config.race())
+    return video_job.make_video(defaults, lambda: bucket, trace, wish, [("film", path)]).notes
 
 
 Say = Callable[[str], None]
@@ -132,7 +138,6 @@ def run_queue(
 def _no_video(video: bool | None) -> str:
     if video is False:
         return ""
-    from drcli.view.video.encode import require_encoder
 
     try:
         require_encoder()

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from drcli.base.errors import BadValue, Place, ProblemsError
+from drcli.base.installation import lazy_imports
 from drcli.config.fields import setting_problem
 from drcli.config.settings import Settings, catalogue
 from drcli.config.track_names import track_problem
@@ -12,6 +13,9 @@ from drcli.config.value_types import parse_checkpoint
 from drcli.model import keys, race_keys
 from drcli.races.race_records import RaceRules
 from drcli.races.stored_race import StoredRace
+
+with lazy_imports():
+    from drcli.drive import build_race
 
 _ALWAYS = (
     "DR_SIM_",
@@ -87,9 +91,7 @@ def check_track(settings: Settings) -> None:
     if problem is not None:  # also one that could be fetched: a race needs it now
         raise ProblemsError([replace(problem, severity="error")])
     if settings.race_type in _OBJECTS:
-        from drcli.drive.build_race import load_race, load_world
-
-        load_race(settings.race, load_world(settings.race))
+        build_race.load_race(settings.race, build_race.load_world(settings.race))
 
 
 def settings_of_run(settings: Settings, stored: StoredRace, run: Iterable[str]) -> Settings:

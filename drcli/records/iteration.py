@@ -6,7 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from statistics import median
 
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import JsonRecord, MaybeNan, RecordError, parse_json
+
+with lazy_imports():
+    import numpy as np
 
 # What a sample of laps says about a checkpoint.
 #
@@ -116,8 +120,6 @@ def paired_p(differences: Iterable[int]) -> float:
 
     The exact two-sided permutation test for pairs of whole numbers; for -1, 0 and 1, McNemar's.
     """
-    import numpy as np  # here, to keep commands fast
-
     flipped = [difference for difference in differences if difference]
     sizes = sorted(map(abs, flipped))
     chances = np.zeros(sum(sizes) + 1)  # of each sum of those that are positive

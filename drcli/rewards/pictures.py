@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drcli.base.errors import refuse
 from drcli.base.files import refuse_replacing, rewrite
+from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, LINES, png
 from drcli.config.settings import Settings
 from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array, scaled, try_rewards
@@ -21,6 +22,10 @@ from drsim.track.track import Track
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+with lazy_imports():
+    import matplotlib
+    from matplotlib import collections, patches, patheffects
 
 Floats = NDArray[np.float64]
 
@@ -121,10 +126,6 @@ def number(value: float) -> str:
 def _draw_map(
     axes: "Axes", tried: TriedReward, values: Floats, *, is_difference: bool = False
 ) -> None:
-    import matplotlib
-    from matplotlib.collections import PolyCollection
-    from matplotlib.patches import Polygon
-
     grid, drive = tried.course.grid, tried.course.drive
     track = drive.track
     known = values[~np.isnan(values)]
@@ -142,7 +143,7 @@ def _draw_map(
     # From the outside in: if parts of the track are close together, the road is on top.
     order = np.argsort(-np.abs(np.arange(len(values)) - len(values) // 2), kind="stable")
     shown = values[order, : areas.shape[1]].reshape(-1)
-    cells = PolyCollection(
+    cells = collections.PolyCollection(
         areas[order].reshape(-1, 4, 2).tolist(),
         array=np.ma.masked_invalid(shown),
         cmap=matplotlib.colormaps[colors].with_extremes(bad=_UNKNOWN),
@@ -156,7 +157,9 @@ def _draw_map(
         axes.plot(*line.T, color="white", linewidth=2.6)
         axes.plot(*line.T, color=INK, linewidth=1.1)
     for outline in grid.objects:
-        axes.add_patch(Polygon(outline, facecolor="white", edgecolor=INK, linewidth=1.6, zorder=3))
+        axes.add_patch(
+            patches.Polygon(outline, facecolor="white", edgecolor=INK, linewidth=1.6, zorder=3)
+        )
     _draw_marks(axes, track, drive.start_fraction)
     low_x, low_y, high_x, high_y = track.bounds
     margin_m = _margin_m(track)
@@ -173,9 +176,7 @@ def _draw_map(
 
 
 def _draw_marks(axes: "Axes", track: Track, start_fraction: float) -> None:
-    from matplotlib.patheffects import withStroke
-
-    halo = [withStroke(linewidth=4.0, foreground="white")]
+    halo = [patheffects.withStroke(linewidth=4.0, foreground="white")]
     for fraction in (0.0, *_MARKS):
         along_m = np.array([(start_fraction + fraction) % 1.0 * track.length_m])
         x, y, yaw_rad = track.pose_at(along_m)[0].tolist()

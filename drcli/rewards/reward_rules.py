@@ -10,9 +10,14 @@ from functools import cached_property
 
 from drcli.base.errors import Problem, ProblemsError, Severity, closest
 from drcli.base.files import decode
+from drcli.base.installation import lazy_imports
 from drcli.model.files.custom_files import InputFile
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 from drcli.rewards.sandbox.run_sandbox import REMEDIES
+
+with lazy_imports():
+    from pyflakes import checker as pyflakes_checker
+    from pyflakes import messages as pyflakes_messages
 
 # Finds conditions of a reward function that wait for step 0 or 1, which never comes.
 #
@@ -225,15 +230,16 @@ class Source:
     @cached_property
     def flakes(self) -> tuple[tuple[int, str, bool], ...]:
         """Line, text, whether a name is undefined."""
-        from pyflakes.checker import Checker
-        from pyflakes.messages import UndefinedName
-
         try:
-            messages = Checker(self.tree, filename=self.name).messages
+            messages = pyflakes_checker.Checker(self.tree, filename=self.name).messages
         except RecursionError:  # pyflakes needs more depth than Python itself
             return ()
         return tuple(
-            (each.lineno, each.message % each.message_args, isinstance(each, UndefinedName))
+            (
+                each.lineno,
+                each.message % each.message_args,
+                isinstance(each, pyflakes_messages.UndefinedName),
+            )
             for each in messages
             if not self.is_silenced(each.lineno)
         )

@@ -4,6 +4,8 @@ import ast
 import re
 from collections.abc import Iterator
 
+import pycodestyle
+
 from drcli.base.errors import Problem, Severity
 from drcli.rewards.reward_rules import Source
 
@@ -58,8 +60,6 @@ def _flakes(source: Source, severity: Severity) -> Iterator[Problem]:
 
 def _style(source: Source, severity: Severity) -> Iterator[Problem]:
     """V-22, class E."""
-    import pycodestyle
-
     messages: dict[str, list[int]] = {}
 
     # The type is ignored because pycodestyle has no types.

@@ -23,7 +23,7 @@ from drcli.base.errors import (
     TrainingFailed,
     WorkerDied,
 )
-from drcli.base.installation import installation_error
+from drcli.base.installation import installation_error, lazy_imports
 from drcli.base.json_record import RecordError
 from drcli.base.log import LogFile, get_logger
 from drcli.base.processes import started_s, until_sigterm
@@ -54,8 +54,10 @@ from drcli.tracks.limit_store import StoredLimit
 from drcli.tracks.track_limit import LapRow, LostPlace, limit_of_race, limit_text, lost_places
 
 if TYPE_CHECKING:
-    from drcli.bucket.bucket import Bucket
     from drcli.view.video.film import View
+
+with lazy_imports():
+    from drcli.view.video import make_video, trace_source, video_job
 
 # Films an evaluation when it has ended (DR_EVAL_SAVE_MP4).
 
@@ -93,29 +95,31 @@ def _with_videos(
     on_progress: Callable[[str], None],
 ) -> EvaluationReport:
     # Here, because a supervisor of a training must not load what draws.
-    from drcli.view.video.make_video import Wish, frames_of
-    from drcli.view.video.trace_source import trace_of_key
-    from drcli.view.video.video_job import CAMERAS, Defaults, make_video, put_videos
 
     config = plan.job.config
     try:
         with tempfile.TemporaryDirectory(prefix="drcli-video-") as temporary:
             files: dict[View, Path] = {
-                view: Path(temporary) / f"{camera}.mp4" for view, camera in CAMERAS.items()
+                view: Path(temporary) / f"{camera}.mp4"
+                for view, camera in video_job.CAMERAS.items()
             }
-            trace = trace_of_key(
+            trace = trace_source.trace_of_key(
                 ModelStore(bucket, report.prefix), simtrace, f"evaluation {plan.stamp}", ""
             )
-            wish = Wish(episode="all", size=config.evaluation.eval_video_size, racer="", color="")
-            on_progress(f"Filming {frames_of(trace, wish)} frames for {len(files)} videos ...")
-            found = make_video(
-                Defaults.of(config.model, config.race()),
+            wish = make_video.Wish(
+                episode="all", size=config.evaluation.eval_video_size, racer="", color=""
+            )
+            on_progress(
+                f"Filming {make_video.frames_of(trace, wish)} frames for {len(files)} videos ..."
+            )
+            found = video_job.make_video(
+                video_job.Defaults.of(config.model, config.race()),
                 lambda: bucket,
                 trace,
                 wish,
                 list(files.items()),
             )
-            put = put_videos(ModelStore(bucket, folder), stamp, files)
+            put = video_job.put_videos(ModelStore(bucket, folder), stamp, files)
     except (DrError, OSError) as error:
         remedy = getattr(error, "remedy", "")
         note = f"The evaluation has no video: {error} {remedy}".strip()

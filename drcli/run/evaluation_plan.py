@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli.base.errors import ProblemsError, SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problem
 from drcli.config.value_types import parse_checkpoint
+from drcli.convert.engines import RUNS, check_runtime
+from drcli.convert.policy_file import read_policy_file
 from drcli.model import keys
 from drcli.model.checkpoint_choice import Chosen, find_choice, sentence_about
 from drcli.model.files.params_yaml import evaluation_parameters
@@ -25,6 +28,10 @@ from drcli.model.write_probe import prove_writing
 from drcli.records.evaluation_task import PolicySource, Runtime
 from drcli.records.job import Job
 from drcli.records.run_record import claim, sweep
+from drcli.view.video.encode import require_encoder
+
+with lazy_imports():
+    from drcli.convert import runtimes
 
 CHECKPOINT = PolicySource()
 CLONE_SUFFIX = "-E"
@@ -81,8 +88,6 @@ def prepare_evaluation(
             remedy="Write DR_EVAL_START_OFFSET=centre, or leave it out.",
         )
     if settings.eval_save_mp4:
-        from drcli.view.video.encode import require_encoder
-
         require_encoder()
     sources = [checked_source(own), checked_source(opponent or CHECKPOINT)]
     directory = settings.directory
@@ -148,10 +153,6 @@ def evaluation_job(settings: Settings, folder: Path, seed: int | None) -> Job:
 
 
 def checked_source(source: PolicySource) -> PolicySource:
-    from drcli.convert.engines import RUNS, check_runtime
-    from drcli.convert.policy_file import read_policy_file
-    from drcli.convert.runtimes import check_file
-
     if source.file is None:
         runtime: Runtime = source.runtime or "torch"
         if runtime != "torch":
@@ -159,7 +160,7 @@ def checked_source(source: PolicySource) -> PolicySource:
         return replace(source, runtime=runtime)
     file = read_policy_file(source.file, source.metadata)
     runtime = source.runtime or RUNS[file.form][0]
-    check_file(file, runtime)
+    runtimes.check_file(file, runtime)
     return replace(source, runtime=runtime, sha256=file.sha256)
 
 

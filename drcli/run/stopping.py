@@ -10,6 +10,7 @@ from typing import Literal
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import SettingsError, WorkerDied
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import is_alive
 from drcli.bucket.server import server
 from drcli.config.run_config import RunConfig, StorageConfig
@@ -22,6 +23,9 @@ from drcli.records.run_record import (
     running_evaluations,
 )
 from drcli.run.status import RunReport, inspect
+
+with lazy_imports():
+    from drcli.run import tensorboard_server
 
 TRAINING_PATIENCE_S = 30.0
 KILLED_PATIENCE_S = 10.0
@@ -139,10 +143,8 @@ def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
     Raises:
         SettingsError: They are wrong, and no server runs in the default folder.
     """
-    from drcli.run.tensorboard_server import stop_tensorboard  # slow, and only needed here
-
     stopped = stop_runs(directory)
-    stop_tensorboard(directory)
+    tensorboard_server.stop_tensorboard(directory)
     try:
         storage = load()
     except SettingsError:

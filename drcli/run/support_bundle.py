@@ -22,6 +22,7 @@ from drcli.base import log
 from drcli.base.errors import DrError, ProblemsError, SettingsError
 from drcli.base.files import refuse_existing
 from drcli.bucket.connect import open_running_bucket
+from drcli.bucket.endpoint import keys_in_use
 from drcli.bucket.server.server_process import own_file
 from drcli.checks.doctor.diagnose import diagnose
 from drcli.config.loading import load_settings
@@ -353,8 +354,6 @@ class _Bundle:
 
     def _of_bucket(self) -> dict[str, str]:
         """Keys that the AWS library found, such as those of the machine's role."""
-        from drcli.bucket.endpoint import keys_in_use
-
         return dict.fromkeys(keys_in_use(), "key of the bucket")
 
 

@@ -2,10 +2,16 @@
 
 from typing import TYPE_CHECKING
 
+from drcli.base.installation import lazy_imports
 from drcli.config.settings import Settings
+from drcli.config.track_names import to_fetch
 
 if TYPE_CHECKING:
     from drcli.tracks.track_facts import TrackFacts
+
+with lazy_imports():
+    from drcli.checks import stage_rules
+    from drcli.tracks import community
 
 
 def missing_tracks(settings: Settings) -> list[str]:
@@ -13,10 +19,7 @@ def missing_tracks(settings: Settings) -> list[str]:
 
 
 def tracks_to_fetch(settings: Settings) -> list[str]:
-    from drcli.checks.stage_rules import review_stages
-    from drcli.config.track_names import to_fetch
-
-    staged = review_stages(settings, {})
+    staged = stage_rules.review_stages(settings, {})
     run = settings.run
     races = [race for stage in staged.stages for race in stage.settings.races]
     second = run.second_race(run.race())
@@ -36,6 +39,4 @@ def fetch_allowed(settings: Settings) -> "list[TrackFacts]":
 
 
 def fetch(settings: Settings, name: str) -> "TrackFacts":
-    from drcli.tracks.community import fetch_track
-
-    return fetch_track(name, settings.tracks_url, settings.tracks_folder)
+    return community.fetch_track(name, settings.tracks_url, settings.tracks_folder)

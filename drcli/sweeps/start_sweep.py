@@ -8,6 +8,7 @@ from pathlib import Path
 import psutil
 
 from drcli.base.errors import DrError, NotAvailable, Problem, ProblemsError, SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import NotedSignals, started_s
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import open_bucket
@@ -28,6 +29,10 @@ from drcli.sweeps.trial_run import TrialRun
 from drcli.sweeps.trials import Trial, trials_of
 from drcli.workers.cores import usable_cores
 from drcli.workers.ray_extra import require_tune
+
+with lazy_imports():
+    from drcli.analysis import outputs, read_run
+    from drcli.sweeps import tune_sweep
 
 CORES = 2
 """One drives, one learns."""
@@ -154,14 +159,11 @@ class SweepStart:
 
     def compare(self, report: SweepReport, page: Path) -> SweepReport:
         """Write the page of `dr-analyze compare`; raises DrError."""
-        from drcli.analysis.outputs import check_targets, write_comparison_of
-        from drcli.analysis.read_run import read_runs
-
         models = [trial.model for trial in report.trials if trial.progress is not None]
         if len(models) < 2:
             return report
-        check_targets(page, None, force=True)
-        found = write_comparison_of(read_runs(self._settings, models), page)
+        outputs.check_targets(page, None, force=True)
+        found = outputs.write_comparison_of(read_run.read_runs(self._settings, models), page)
         return replace(report, comparison=found.html)
 
     @property
@@ -178,9 +180,7 @@ class SweepStart:
         say: Callable[[str], None],
         signals: NotedSignals,
     ) -> SweepRecord:
-        from drcli.sweeps.tune_sweep import TuneSweep
-
-        return TuneSweep(
+        return tune_sweep.TuneSweep(
             progress,
             self._sweep,
             self._bucket,

@@ -27,6 +27,7 @@ from ray.tune.experiment import Trial
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from drcli.base.errors import BudgetUsedUp, DrError, WorkerDied
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import NotedSignals
 from drcli.bucket.bucket import Bucket, ObjectDamaged
 from drcli.bucket.endpoint import DEFAULT, session_of
@@ -45,6 +46,9 @@ from drcli.sweeps.trial_score import amount_of, comparable, levels_of, score_of
 from drcli.sweeps.tune_schedulers import METRIC, Halving, StopFlag, TuneTrial, Unsaved, scheduler_of
 from drcli.train.ray_cluster import connect, keys_for_nodes
 
+with lazy_imports():
+    from pyarrow import fs as arrow_fs
+
 # The bucket as an Apache Arrow file system, for Ray Tune.
 
 
@@ -57,8 +61,6 @@ def arrow_files(storage: StorageConfig) -> Any:
     Raises:
         StorageError: The server does not answer, or the profile does not exist.
     """
-    from pyarrow.fs import S3FileSystem
-
     endpoint = server.ensure_running(storage)
     options: dict[str, Any] = {"region": endpoint.region}
     if endpoint.url is not None:
@@ -77,7 +79,7 @@ def arrow_files(storage: StorageConfig) -> Any:
             access, secret, token = frozen.access_key, frozen.secret_key, frozen.token
     if access is not None:
         options |= {"access_key": access, "secret_key": secret, "session_token": token}
-    return S3FileSystem(**options)
+    return arrow_fs.S3FileSystem(**options)
 
 
 LOOK_S = 1.0

@@ -6,11 +6,17 @@ only offsets, speeds and times at stations along the centre line.
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from drcli.base.installation import lazy_imports
+
+with lazy_imports():
+    import numpy as np
 
 SHIPPED = Path(__file__).with_name("limits.npz")
 """From `scripts/compute_limits.py`."""
@@ -70,15 +76,12 @@ def fingerprint(file: Path) -> str:
     """Of a .npy's numbers, or other files' bytes; raises OSError, ValueError."""
     if file.suffix != ".npy":
         return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
-    import numpy as np
 
     rows = np.load(file, allow_pickle=False).astype(np.float64).round(_DIGITS) + 0.0
     return hashlib.sha256(rows.tobytes()).hexdigest()[:16]
 
 
 def write_limits(file: Path, limits: Iterable[StoredLimit]) -> None:
-    import numpy as np
-
     kept = sorted(limits, key=lambda limit: limit.key)
     columns = ("offset_mm", "speed_mmps", "clock_ms")
     heads = []
@@ -112,10 +115,6 @@ def read_limits(file: Path) -> Mapping[LimitKey, StoredLimit]:
 
 @lru_cache(maxsize=4)
 def _read(file: Path, changed: int) -> Mapping[LimitKey, StoredLimit]:
-    import zipfile
-
-    import numpy as np
-
     try:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             heads = json.loads(stored["heads"].tobytes())

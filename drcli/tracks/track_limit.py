@@ -9,9 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from drcli.base.installation import lazy_imports
 from drcli.config import track_names
 from drcli.config.run_config import RaceConfig
 from drcli.tracks.limit_store import SHIPPED, LimitKey, StoredLimit, fingerprint, read_limits
+
+with lazy_imports():
+    import numpy as np
 
 LIMIT, BEST_KNOWN, COMPUTED = "the limit", "the best known lap", "the computed lap"
 """What a lap is called: computed and driven within 3 %; driven only; computed only."""
@@ -156,8 +160,6 @@ def _is_ccw(file: Path) -> bool:
     if file.suffix == ".json":
         points = json.loads(file.read_text("utf-8"))["control_points_m"]
     else:
-        import numpy as np
-
         rows = (
             np.load(file, allow_pickle=False)
             if file.suffix == ".npy"

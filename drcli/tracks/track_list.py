@@ -10,7 +10,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from drcli import __version__
+from drcli.base.installation import lazy_imports
 from drcli.tracks.track_facts import TrackFacts, TrackList
+
+with lazy_imports():
+    from drcli.tracks import tracks_folder
 
 _MEASURED = 2
 """2: repeated rows count as waypoints."""
@@ -24,9 +28,8 @@ def list_tracks(folder: Path, memory: Path) -> TrackList:
         if known["state"] == state:
             tracks = [TrackFacts(**facts) for facts in known["tracks"]]
             return TrackList(str(folder), tracks, known["unreadable"])
-    from drcli.tracks.tracks_folder import measure_tracks
 
-    found = measure_tracks(folder)
+    found = tracks_folder.measure_tracks(folder)
     with suppress(OSError):  # a read-only folder
         memory.parent.mkdir(parents=True, exist_ok=True)
         memory.write_text(json.dumps({"state": state, **asdict(found)}), "utf-8")

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, distributed
 
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.learn.compute import Compute, gpu_count
@@ -172,7 +172,6 @@ class LearnerGroup:
                 f"{gpus} GPU{'s' * (gpus != 1)}.",
                 remedy="Set it to that number, or name more of them in DR_SAGEMAKER_CUDA_DEVICES.",
             )
-        from torch import distributed
 
         self.size = size
         self._parameters = 0
@@ -254,8 +253,6 @@ class LearnerGroup:
         self.gradients.from_trainer(columns.values())
 
     def close(self) -> None:
-        from torch import distributed
-
         for process in self._processes:
             process.kill()
         for process in self._processes:
@@ -273,8 +270,6 @@ class LearnerGroup:
 
 
 def join_group(store: "Store", rank: int, size: int) -> None:
-    from torch import distributed
-
     if sys.platform in LOOPBACK:
         os.environ.setdefault("GLOO_SOCKET_IFNAME", LOOPBACK[sys.platform])
     backend = "gloo"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import ObjectDamaged, ObjectNewer
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
@@ -22,6 +23,7 @@ from drcli.model.files.params_yaml import (
     Direction,
     droa_parameters,
     moved_training_parameters,
+    read_parameters,
     split_world,
     training_parameters,
 )
@@ -42,6 +44,9 @@ from drcli.transfer.export_model import (
     write_items,
 )
 from drcli.transfer.put_model import Progress
+
+with lazy_imports():
+    from drcli.tracks import tracks_folder
 
 _KEYS = (
     "batch_size",
@@ -159,16 +164,12 @@ def _parameters(
 
 
 def _world_name(parameters: bytes) -> str:
-    from drcli.model.files.params_yaml import read_parameters
-
     return str(read_parameters(parameters).get("WORLD_NAME", ""))
 
 
 def _route(settings: Settings, world: str) -> Direction | None:
-    from drcli.tracks.tracks_folder import show_track
-
     try:
-        direction = show_track(world, settings.tracks_folder).facts.direction
+        direction = tracks_folder.show_track(world, settings.tracks_folder).facts.direction
     except SettingsError:
         return None
     if direction == "clockwise":

@@ -13,7 +13,7 @@ from drcli.base.files import refuse_existing, rewrite
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.convert.build_network import build_policy, load_weights, policy_spec, weights_of
-from drcli.convert.engines import RUNS, open_engine, openvino_of, tflite_of
+from drcli.convert.engines import RUNS, check_converter, open_engine, openvino_of, tflite_of
 from drcli.convert.frozen_graph import encode_policy, policy_nodes
 from drcli.convert.onnx_graph import encode_onnx
 from drcli.convert.policy_file import Form, metadata_path
@@ -258,8 +258,6 @@ def plan_form(
         SettingsError: One of them cannot be used.
         NotAvailable: A converter is not installed.
     """
-    from drcli.convert.engines import check_converter
-
     check_converter(form)
     suffix = SUFFIXES[form]
     if out is not None and not out.is_dir() and out.suffix.casefold() != suffix:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal, NoReturn
 
+from drcli.base.archive import ENDINGS, is_pickle, read_archive
 from drcli.base.errors import SettingsError, shown
 from drcli.base.files import is_left_behind, read_regular
 from drcli.base.json_record import RecordError
@@ -142,8 +143,6 @@ def files_in_folder(path: Path) -> SourceFiles:
 
 def _is_archive(path: Path) -> bool:
     """The .zip of Stable-Baselines3 is a pickle."""
-    from drcli.base.archive import ENDINGS, is_pickle
-
     name = path.name.casefold()
     if name.endswith(".zip"):
         data = read_regular(path)
@@ -152,8 +151,6 @@ def _is_archive(path: Path) -> bool:
 
 
 def _in_archive(path: Path) -> SourceFiles:
-    from drcli.base.archive import read_archive
-
     members = read_archive(path)
     sizes = {name: len(data) for name, data in members.items()}
     return SourceFiles(str(path), sizes, members.__getitem__, is_archive=True)

@@ -9,11 +9,13 @@ import yaml
 
 from drcli.base.errors import DrError, ProblemsError, SettingsError, shown
 from drcli.base.files import read_regular
+from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.loading import load_settings
 from drcli.config.presets import model_file
 from drcli.config.settings import Settings
+from drcli.convert.onnx_reader import read_onnx
 from drcli.model import keys
 from drcli.model.checkpoint_list import HYPERPARAMETERS, METADATA, PARAMETERS_FILE, Item
 from drcli.model.files.custom_files import local_file
@@ -46,6 +48,9 @@ from drcli.transfer.transfer_buckets import (
 
 if TYPE_CHECKING:
     from drcli.convert.read_graph import ReadPolicy
+
+with lazy_imports():
+    from drcli.convert import imported_policy, read_graph
 
 # Looks at a stranger's reward function without running it.
 
@@ -155,8 +160,6 @@ class ModelMaker:
         self._warnings: list[str] = []
 
     def model(self) -> tuple[list[Item], ImportedModel]:
-        from drcli.convert import imported_policy
-
         policy, prefix = self._policy, self._options.prefix
         fitted = imported_policy.fit_metadata(*self._metadata(), policy, self._model)
         metadata = fitted.metadata
@@ -234,8 +237,6 @@ class ModelMaker:
         self._warnings.append(f"{place} is not used: {why.rstrip('.')}. {instead}")
 
     def _hyperparameters(self, continuous: bool) -> Hyperparameters:
-        from drcli.convert.imported_policy import fit_parameters
-
         shipped = model_file(keys.HYPERPARAMETERS_FILE)
         found = self._text(keys.HYPERPARAMETERS_FILE)
         if found is not None:
@@ -246,7 +247,9 @@ class ModelMaker:
             except ProblemsError as error:
                 conflict = str(error).splitlines()[0]
             if conflict is None:
-                read, warnings = fit_parameters(read, place, self._policy, self._model)
+                read, warnings = imported_policy.fit_parameters(
+                    read, place, self._policy, self._model
+                )
                 self._warnings += warnings
                 return read
             self._not_taken(place, conflict, "The shipped hyperparameters are used.")
@@ -258,7 +261,7 @@ class ModelMaker:
                 f"{read.lr:g}: larger steps would undo what a trained policy can do."
             )
             read = read.model_copy(update={"lr": LEARNING_RATE})
-        return fit_parameters(read, str(shipped), self._policy, self._model)[0]
+        return imported_policy.fit_parameters(read, str(shipped), self._policy, self._model)[0]
 
     def _reward_function(self) -> bytes:
         found = self._text(keys.REWARD_FUNCTION_FILE)
@@ -437,8 +440,6 @@ def _taken(here: Bucket, prefix: str) -> SettingsError:
 
 
 def _read(source: SourceFiles, chosen: Candidate) -> tuple["ReadPolicy", list[str]]:
-    from drcli.convert import imported_policy
-
     origin = source.place(chosen.title)
     if chosen.form == "ONNX":
         return _read_onnx(source.read(chosen.files[0]), origin)
@@ -476,7 +477,4 @@ _PROVED = "{origin} and the network here gave the same results for the same pict
 
 
 def _read_onnx(data: bytes, origin: str) -> tuple["ReadPolicy", list[str]]:
-    from drcli.convert.onnx_reader import read_onnx
-    from drcli.convert.read_graph import read_nodes
-
-    return read_nodes(read_onnx(data, origin), origin), [_PROVED.format(origin=origin)]
+    return read_graph.read_nodes(read_onnx(data, origin), origin), [_PROVED.format(origin=origin)]

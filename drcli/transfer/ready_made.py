@@ -15,6 +15,7 @@ from drcli.config.loading import load_settings
 from drcli.config.new_folder import FolderPlan, FolderReport
 from drcli.config.presets import READY_MADE, model_file
 from drcli.config.settings import Settings
+from drcli.convert.half_weights import restored
 from drcli.model import keys
 from drcli.model.checkpoint_list import HYPERPARAMETERS, METADATA, Item
 from drcli.model.files.params_yaml import training_parameters
@@ -135,7 +136,6 @@ def read_ready_made(name: str) -> ReadyMadeModel:
         content[file] = _read(_file(name, file))
         if hashlib.sha256(content[file]).hexdigest() != card.sha256.get(file):
             raise _damaged(_file(name, file), f"it is not the one that {CARD_FILE} describes")
-    from drcli.convert.half_weights import restored  # NumPy, which most commands do without
 
     tensors = restored(content[WEIGHTS_FILE], str(_file(name, WEIGHTS_FILE)))
     return ReadyMadeModel(name, recipe, card, {f: content[f] for f in MODEL_FILES}, tensors)

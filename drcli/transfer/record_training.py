@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any
 
+import yaml
+
 from drcli.base.errors import DrError, ProblemsError
 from drcli.base.json_record import RecordError
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, ObjectNewer
@@ -18,6 +20,8 @@ from drcli.config.fields import hidden
 from drcli.config.settings import Settings, catalogue
 from drcli.model import keys
 from drcli.model.files.curriculum_file import CurriculumFile
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.history import HistoryReader
 from drcli.model.model_store import ModelStore
 from drcli.model.repair import readable_history, readable_scores
@@ -84,8 +88,6 @@ def files_of(model: ModelStore) -> dict[str, str]:
 def described_by(texts: Mapping[str, str]) -> dict[str, Any]:
     """Damaged files determine no fields."""
     # Imported here: they load pydantic, which a list of trainings does without.
-    from drcli.model.files.hyperparameters import Hyperparameters
-    from drcli.model.files.model_metadata import ModelMetadata
 
     found: dict[str, Any] = {}
     with suppress(DrError, KeyError):
@@ -109,8 +111,6 @@ def described_by(texts: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _count_stages(text: str) -> int:
-    import yaml
-
     with suppress(yaml.YAMLError):
         read = yaml.safe_load(text)
         stages = read.get("stages") if isinstance(read, dict) else read
@@ -120,8 +120,6 @@ def _count_stages(text: str) -> int:
 
 def of_parameter_file(model: ModelStore) -> dict[str, Any]:
     """World and race of a model of another program, or our first version."""
-    import yaml
-
     for name in ("training_params.yaml", "training_params_1.yaml"):
         with suppress(ObjectMissing, yaml.YAMLError, UnicodeDecodeError):
             read = yaml.safe_load(

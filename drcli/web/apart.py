@@ -12,10 +12,12 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
+from drcli.base import errors
 from drcli.base.errors import DrError, WorkerDied
 from drcli.base.json_record import plain
-from drcli.base.processes import Stopped, until_sigterm
+from drcli.base.processes import Stopped, lower_priority, until_sigterm
 from drcli.config import secret_environment
+from drcli.web.answers import error_of
 from drcli.web.tasks import Progress
 
 MOST_HEAVY = 2
@@ -96,10 +98,6 @@ def _work(
     arguments: tuple[Any, ...],
     heavy: bool,
 ) -> None:
-    from drcli.base import errors
-    from drcli.base.processes import lower_priority
-    from drcli.web.answers import error_of
-
     secret_environment.keep(secrets)
     if secrets:
         secret_environment.hide_process()

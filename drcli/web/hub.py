@@ -9,7 +9,11 @@ from collections.abc import Callable, Set
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from drcli.base.installation import lazy_imports
 from drcli.web.topics import Marker, Message, Snapshot, Value, text_message
+
+with lazy_imports():
+    from drcli.web import answers
 
 MOST_TOPICS = 64
 _UNKNOWN = {
@@ -203,13 +207,11 @@ class Polled:
             self._task = None
 
     async def _poll(self) -> None:
-        from drcli.web.answers import error_of
-
         while True:
             try:
                 value = await asyncio.to_thread(self._read)
             except Exception as error:
-                value = Snapshot.of(self._topic, error_of(error))
+                value = Snapshot.of(self._topic, answers.error_of(error))
             if value is not None:
                 self._publish(value)
             await asyncio.sleep(self._period_s)

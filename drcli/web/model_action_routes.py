@@ -16,6 +16,8 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.errors import BadValue, DiskFull, DrError, SettingsError, WorkerDied
 from drcli.base.files import safe_name
 from drcli.base.processes import is_alive
+from drcli.config.settings import catalogue
+from drcli.config.track_names import built_in, own
 from drcli.config.value_types import CheckpointChoice, parse_checkpoint
 from drcli.records.run_record import log_file
 from drcli.run import stopping
@@ -247,9 +249,6 @@ def evaluation_flags(body: dict[str, Any]) -> dict[str, str]:
 
 def evaluation_choices(reader: ModelReader, prefix: str) -> dict[str, Any]:
     """What it can be, and what the settings say."""
-    from drcli.config.settings import catalogue
-    from drcli.config.track_names import built_in, own
-
     settings = reader.settings_of(prefix)
     record = reader.record(prefix)
     return {

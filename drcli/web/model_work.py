@@ -2,6 +2,8 @@
 
 import io
 import tarfile
+import tempfile
+import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,15 +12,35 @@ from typing import Any, Literal
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import safe_name
+from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import Bucket, ObjectInfo, ObjectMissing, Watch
+from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.config.loading import load_settings
 from drcli.config.value_types import CheckpointChoice
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.model.traces import traces_of
 from drcli.records.run_record import KINDS, log_folder
+from drcli.run.evaluation import launch_evaluation
+from drcli.run.evaluation_plan import prepare_evaluation
+from drcli.run.track_fetch import fetch_allowed
+from drcli.transfer.export_model import Selection, read_export_source
+from drcli.transfer.find_checkpoint import OwnModel
+from drcli.transfer.model_removal import plan_removal, remove_models
+from drcli.transfer.report_place import report_file
+from drcli.transfer.transfer_buckets import bucket_to_look_at
+from drcli.view.video.encode import require_encoder
 from drcli.web import start_routes
 from drcli.web.model_reader import settings_for
 from drcli.web.tasks import Progress
+
+with lazy_imports():
+    from drcli.analysis import analysis as analyses
+    from drcli.analysis import outputs, read_run
+    from drcli.checks import compare_on_drive
+    from drcli.run import plan as run_plan
+    from drcli.transfer import download, export_car, export_forms, import_model, upload
+    from drcli.view.video import make_video, trace_source, video_job
 
 # Packs a model, or its logs, into one archive.
 
@@ -161,18 +183,15 @@ def make_download(
     settings = settings_for(directory, prefix)
     name = safe_name(prefix)
     if kind == "car":
-        from drcli.checks.compare_on_drive import made_car_archive
-        from drcli.transfer.export_car import archive_path, write_archive
-        from drcli.transfer.export_model import Selection, read_export_source
-
         source = read_export_source(settings, Selection(choice, prefix))
-        path = archive_path(folder, source.file_name)
+        path = export_car.archive_path(folder, source.file_name)
         progress("Writes the graph and compares it with the weights on a drive.")
-        report = write_archive(made_car_archive(settings, source, path.name), path)
+        report = export_car.write_archive(
+            compare_on_drive.made_car_archive(settings, source, path.name), path
+        )
         return {"file": str(path), "report": report}
     if kind == "onnx":
         return _onnx(progress, settings, prefix, choice, folder)
-    from drcli.transfer.transfer_buckets import bucket_to_look_at
 
     bucket = bucket_to_look_at(settings.transfer, upload=False)
     model = ModelStore(bucket, prefix)
@@ -189,14 +208,9 @@ def _onnx(
     progress: Progress, settings: Any, prefix: str, choice: CheckpointChoice, folder: Path
 ) -> dict[str, Any]:
     """With its metadata, which other programs need."""
-    import zipfile
-
-    from drcli.transfer.export_forms import export_form, plan_form
-    from drcli.transfer.export_model import Selection
-
-    planned = plan_form(settings, Selection(choice, prefix), "onnx", folder)
+    planned = export_forms.plan_form(settings, Selection(choice, prefix), "onnx", folder)
     progress("Writes the policy and compares it with PyTorch.")
-    report = export_form(planned)
+    report = export_forms.export_form(planned)
     path = folder / f"{Path(report.file).stem}-onnx.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in map(Path, report.files):
@@ -206,16 +220,11 @@ def _onnx(
 
 def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str, Any]:
     """Verdict and advice of dr-start-loganalysis."""
-    from drcli.analysis.analysis import analyse
-    from drcli.analysis.outputs import write_report
-    from drcli.analysis.read_run import read_run
-    from drcli.transfer.report_place import report_file
-
     settings = settings_for(directory, prefix)
     progress("Reads traces, metrics and evaluations.")
-    analysis = analyse(read_run(settings, prefix))
+    analysis = analyses.analyse(read_run.read_run(settings, prefix))
     progress("Writes the report.")
-    report = write_report(report_file(directory, prefix), analysis)
+    report = outputs.write_report(report_file(directory, prefix), analysis)
     return {
         "verdict": report.verdict,
         "advice": report.advice,
@@ -231,22 +240,15 @@ def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str,
 def start_training(
     progress: Progress, directory: Path, prefix: str, max_minutes: float | None
 ) -> dict[str, Any]:
-    from drcli.run.plan import StartOptions
-    from drcli.run.track_fetch import fetch_allowed
-
     settings = settings_for(directory, prefix)
     fetch_allowed(settings)
-    options = StartOptions(resume=True, max_minutes=max_minutes)
+    options = run_plan.StartOptions(resume=True, max_minutes=max_minutes)
     return start_routes.start_training(progress, settings, options, fetches=False)
 
 
 def start_evaluation(
     progress: Progress, directory: Path, prefix: str, flags: dict[str, str]
 ) -> dict[str, Any]:
-    from drcli.run.evaluation import launch_evaluation
-    from drcli.run.evaluation_plan import prepare_evaluation
-    from drcli.run.track_fetch import fetch_allowed
-
     settings = settings_for(directory, prefix, flags)
     fetch_allowed(settings)
     plan = prepare_evaluation(settings, on_progress=progress)
@@ -273,26 +275,18 @@ def make_lap_video(
 
     `wish` has fields of `drcli.view.video.make_video.Wish`; `path`: a film to download instead.
     """
-    import tempfile
-
-    from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
-    from drcli.model import keys
-    from drcli.transfer.transfer_buckets import bucket_to_look_at
-    from drcli.view.video.encode import require_encoder
-    from drcli.view.video.make_video import USUAL_SECONDS, Wish, frames_of
-    from drcli.view.video.trace_source import trace_of_evaluation
-    from drcli.view.video.video_job import Defaults, make_video
-
     require_encoder()
     settings = settings_for(directory, prefix)
     bucket = bucket_to_look_at(settings.transfer, upload=False)
-    trace = trace_of_evaluation(ModelStore(bucket, prefix), stamp)
-    defaults = Defaults.of(settings.model, settings.race)
+    trace = trace_source.trace_of_evaluation(ModelStore(bucket, prefix), stamp)
+    defaults = video_job.Defaults.of(settings.model, settings.race)
 
     def film(target: Path) -> Any:
-        wanted = Wish(**{"racer": "", "color": "", "most_seconds": USUAL_SECONDS, **wish})
-        progress(f"Filming {frames_of(trace, wanted)} frames ...")
-        return make_video(defaults, lambda: bucket, trace, wanted, [("film", target)])
+        wanted = make_video.Wish(
+            **{"racer": "", "color": "", "most_seconds": make_video.USUAL_SECONDS, **wish}
+        )
+        progress(f"Filming {make_video.frames_of(trace, wanted)} frames ...")
+        return video_job.make_video(defaults, lambda: bucket, trace, wanted, [("film", target)])
 
     if path is not None:
         return {"file": str(path), "report": film(path)}
@@ -312,37 +306,27 @@ def upload_model(
     to: str,
     local: bool,
 ) -> Any:
-    from drcli.transfer.upload import UploadOptions, plan_upload, upload
-
     settings = settings_for(directory, prefix)
-    options = UploadOptions(choice, prefix=prefix, to=to or None, local=local)
-    planned = plan_upload(settings, options)
-    return upload(planned, settings, _bars(progress))
+    options = upload.UploadOptions(choice, prefix=prefix, to=to or None, local=local)
+    planned = upload.plan_upload(settings, options)
+    return upload.upload(planned, settings, _bars(progress))
 
 
 def import_archive(
     progress: Progress, directory: Path, source: Path, prefix: str, world: str | None
 ) -> Any:
-    from drcli.config.loading import load_settings
-    from drcli.transfer.download import download, plan_download
-    from drcli.transfer.find_checkpoint import OwnModel
-    from drcli.transfer.import_model import ImportOptions, copy_of_own, import_model, plan_import
-
     settings = load_settings(directory)
     progress("Reads and compares the model.")
-    options = ImportOptions(str(source), prefix, world=world)
+    options = import_model.ImportOptions(str(source), prefix, world=world)
     try:
-        planned = plan_import(settings, options)
+        planned = import_model.plan_import(settings, options)
     except OwnModel:
-        copy = plan_download(settings, copy_of_own(settings, options))
-        return download(copy, settings, _bars(progress))
-    return import_model(planned, settings, _bars(progress))
+        copy = download.plan_download(settings, import_model.copy_of_own(settings, options))
+        return download.download(copy, settings, _bars(progress))
+    return import_model.import_model(planned, settings, _bars(progress))
 
 
 def delete_model(progress: Progress, directory: Path, prefix: str, forget: bool) -> Any:
-    from drcli.config.loading import load_settings
-    from drcli.transfer.model_removal import plan_removal, remove_models
-
     settings = load_settings(directory)
     planned = plan_removal(settings, [prefix], forget=forget)
     progress("Deletes its objects and its files on this machine.")

@@ -12,9 +12,13 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import plain
 from drcli.config.loading import load_settings
 from drcli.web.answers import error_of, placed
+
+with lazy_imports():
+    from drcli.rewards import live_check
 
 
 class _Requests(threading.Thread):
@@ -52,9 +56,7 @@ def main() -> None:
         given_up = requests.begin(request["number"])
         try:
             if checker is None:
-                from drcli.rewards.live_check import LiveCheck
-
-                checker = LiveCheck()
+                checker = live_check.LiveCheck()
             folder = Path(request["folder"])
             found = checker.check(
                 load_settings(folder), request["text"].encode(), folder, request["known"], given_up

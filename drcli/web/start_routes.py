@@ -8,6 +8,7 @@ from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import DrError, WorkerDied
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import plain
 from drcli.bucket.connect import open_running_bucket
 from drcli.config.settings import Settings
@@ -15,7 +16,7 @@ from drcli.model.model_prefix import is_used, newest_checkpoint
 from drcli.model.model_store import ModelStore
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.run.status import inspect
-from drcli.run.track_fetch import tracks_to_fetch
+from drcli.run.track_fetch import fetch, missing_tracks, tracks_to_fetch
 from drcli.web.answers import BadRequest, accepts, answers, placed
 from drcli.web.apart import run_apart
 from drcli.web.served_folder import ServedFolder
@@ -24,6 +25,10 @@ from drcli.web.tasks import Progress
 if TYPE_CHECKING:
     from drcli.run.plan import StartOptions
 
+with lazy_imports():
+    from drcli.checks import validate
+    from drcli.run import plan, training
+
 # Starts trainings in a process of its own.
 
 
@@ -31,9 +36,6 @@ def start_training(
     progress: Progress, settings: Settings, options: "StartOptions", fetches: bool
 ) -> dict[str, Any]:
     """As `dr-start-training -q`; `fetches` missing community tracks."""
-    from drcli.run import plan, training
-    from drcli.run.track_fetch import fetch, missing_tracks
-
     missing = missing_tracks(settings) if fetches else []
     for name in missing:
         progress(f"Fetching the track {name} ...")
@@ -82,8 +84,6 @@ def _whole(body: dict[str, Any], key: str, low: int, high: int) -> int | None:
 
 def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
     """Deleting or continuing a model needs its name as confirmation."""
-    from drcli.run.plan import StartOptions
-
     how = body.get("how", "new")
     if how not in ("new", "resume", "wipe"):
         raise BadRequest("A training is started anew, resumed, or started over.")
@@ -93,7 +93,7 @@ def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
             "must be confirmed with its name.",
             409,
         )
-    return StartOptions(
+    return plan.StartOptions(
         wipe=how == "wipe",
         resume=how == "resume",
         max_minutes=_bounded(body, "max_minutes", 0.01, LONGEST_MINUTES),
@@ -105,9 +105,7 @@ def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def check(_: Request, body: dict[str, Any]) -> Any:
-        from drcli.checks.validate import validate
-
-        found = validate(
+        found = validate.validate(
             folder.directory, console_compatible=body.get("console_compatible") is True
         )
         groups = {"errors": found.errors, "warnings": found.warnings, "notes": found.notes}

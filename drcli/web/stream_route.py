@@ -16,11 +16,15 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 from starlette.types import Receive, Scope, Send
 
+from drcli.base.installation import lazy_imports
 from drcli.config.settings import Settings
 from drcli.live.live_record import LiveMessage, LiveView
 from drcli.web.answers import BadRequest, error_of, status_of
 from drcli.web.listen import STREAM, TOPICS, USUAL_TOPIC
 from drcli.web.served_folder import ServedFolder
+
+with lazy_imports():
+    from PIL import Image
 
 MOST_STREAMS = 8
 BOUNDARY = "picture"
@@ -77,7 +81,6 @@ class Wanted:
         size = (self.width or message.width, self.height or message.height)
         if self.quality is None and size == (message.width, message.height):
             return message.data
-        from PIL import Image
 
         with Image.open(io.BytesIO(message.data)) as picture:
             scaled = picture.convert("RGB").resize(size)

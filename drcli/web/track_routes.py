@@ -11,6 +11,7 @@ from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import plain
 from drcli.config.loading import load_settings
 from drcli.config.track_names import COMMUNITY
@@ -20,7 +21,10 @@ from drcli.web.served_folder import ServedFolder
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+
+with lazy_imports():
+    from drsim import errors as drsim_errors
+    from drsim.track import worlds
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
@@ -34,15 +38,12 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     """`GET /api/track`."""
 
     def show(request: Request) -> Any:
-        from drsim.errors import TrackError
-        from drsim.track.worlds import load_track
-
         world = request.query_params.get("world", "")
         if _NAME.fullmatch(world) is None:
             raise BadRequest(f"{world[:80]!r} is no name of a track.")
         try:
-            track = load_track(world, folder.settings().tracks_folder)
-        except TrackError as error:
+            track = worlds.load_track(world, folder.settings().tracks_folder)
+        except drsim_errors.TrackError as error:
             raise SettingsError(
                 str(error),
                 remedy="`dr-tracks` lists the tracks; `dr-tracks fetch NAME` brings one.",
@@ -72,14 +73,9 @@ def _thinned(border: "NDArray[np.float64]") -> list[list[float]]:
 
 
 def _outline(name: str, folder: Path) -> dict[str, Any] | None:
-    import numpy as np
-
-    from drsim.errors import TrackError
-    from drsim.track.worlds import load_track
-
     try:
-        track = load_track(name, folder)
-    except TrackError:
+        track = worlds.load_track(name, folder)
+    except drsim_errors.TrackError:
         return None
     start = track.pose_at(np.zeros(1))[0].round(3).tolist()
     return {"inner": _thinned(track.inner), "outer": _thinned(track.outer), "start": start}

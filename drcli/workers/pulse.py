@@ -15,10 +15,14 @@ from pathlib import Path
 
 from drcli.base.clock import elapsed_s
 from drcli.base.errors import WorkerDied
+from drcli.base.installation import lazy_imports
 from drcli.base.log import get_logger
 from drcli.base.system_calls import open_files
 from drcli.records.heartbeat import PulseRecord, open_pulse_file, pulse_file, short_activity
 from drcli.records.job import WorkerExit
+
+with lazy_imports():
+    import psutil
 
 BEAT_S = 2.0
 STACKS_SIGNAL = getattr(signal, "SIGUSR2", None)
@@ -127,8 +131,6 @@ def own_memory_bytes() -> int:
         pages += int((_PROC / "self" / "statm").read_bytes().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError):
-        import psutil  # not needed on Linux
-
         return int(psutil.Process().memory_info().rss)
 
 

@@ -29,6 +29,7 @@ from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import ActivityRecord, json_log, log_file, reward_log
 from drcli.workers import print_limit
 from drcli.workers.pulse import Pulse, memory_shortage
+from drcli.workers.reward_failures import reward_failure
 
 # The logs of a worker: its own, as JSON lines, and what the racer's code prints.
 #
@@ -210,8 +211,6 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     logger = _logger
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
     if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
-        from drcli.workers.reward_failures import reward_failure
-
         error, logger = reward_failure(error), print_limit.reward_logger
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)

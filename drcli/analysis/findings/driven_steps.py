@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drcli.analysis.run import Run
+from drcli.base.installation import lazy_imports
 from drsim.arrays import Bools, Floats, Ints
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
 
 STEP_S = 1.0 / 15.0
@@ -112,8 +112,6 @@ def _numbers(frame: "pd.DataFrame", name: str) -> Floats:
         return np.full(len(frame), np.nan)
     column = frame[name]
     if column.dtype.kind not in "fiub":
-        import pandas as pd
-
         column = pd.to_numeric(column, errors="coerce")
     values = np.asarray(column, dtype=np.float64)
     endless = np.isinf(values)

@@ -2,16 +2,16 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drcli.analysis.findings.driven_steps import DrivenSteps
 from drcli.analysis.findings.lap_slowing import LapSlowing, change_t
+from drcli.base.installation import lazy_imports
 from drcli.model.files.action_space import ActionSpace
 from drsim.arrays import Bools, Floats, Ints
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
 
 PARTS, STEPS_IN_PART = 20, 20
@@ -312,8 +312,6 @@ class RewardFunctionTime:
 
 def reward_function_time(steps: "pd.DataFrame") -> RewardFunctionTime | None:
     """None if the trace does not have it."""
-    import pandas as pd
-
     for name, unit in COLUMNS.items():
         if name in steps:
             measured = pd.to_numeric(steps[name], errors="coerce")

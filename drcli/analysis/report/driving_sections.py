@@ -24,6 +24,7 @@ from drcli.analysis.report.markup import (
     table,
 )
 from drcli.analysis.run import Run, StoredEvaluation
+from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, LINES, png
 from drcli.tracks.limit_store import StoredLimit
 from drcli.tracks.track_limit import LapRow, LostPlace, limit_text, lost_places
@@ -34,6 +35,9 @@ from drsim.track.track import Track
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+with lazy_imports():
+    from matplotlib import collections
 
 
 def ends_section(ends: EpisodeEnds | None, off: WheelsOff | None) -> Section | None:
@@ -376,13 +380,13 @@ def _picture(track: Track, limit: StoredLimit, lap: _Lap) -> bytes:
     low_x, low_y, high_x, high_y = track.bounds
 
     def draw(figure: "Figure") -> None:
-        from matplotlib.collections import LineCollection
-
         axes = figure.subplots()
         for border in (track.inner, track.outer):
             axes.plot(*border.T, color=INK, linewidth=0.9)
         ends = np.stack([line, np.roll(line, -1, axis=0)], axis=1)
-        colored = LineCollection(ends.tolist(), array=speed, cmap="viridis", linewidths=5.0)
+        colored = collections.LineCollection(
+            ends.tolist(), array=speed, cmap="viridis", linewidths=5.0
+        )
         axes.add_collection(colored)
         figure.colorbar(colored, ax=axes, label="m/s", shrink=0.7)
         axes.plot(lap.steps["x"], lap.steps["y"], color=LINES[1], linewidth=1.4)

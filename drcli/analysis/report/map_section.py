@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,11 @@ from drcli.analysis.report.markup import (
     table,
 )
 from drcli.analysis.run import Run, StoredEvaluation
+from drcli.base.installation import lazy_imports
 from drcli.records.trace import STEP_S, VIOLATIONS
 from drsim.track.track import Track
 
-if TYPE_CHECKING:
+with lazy_imports():
     import pandas as pd
 
 # Speed and slip angle of a car, from its positions.
@@ -100,8 +101,6 @@ def lap_data(
     statuses: list[str],
     limits: dict[str, list[float]],
 ) -> dict[str, Any]:
-    import pandas as pd
-
     chosen = steps[steps["unique_episode"].isin(set(laps.ids))]
     parts: list[tuple[pd.DataFrame, dict[str, Any]]] = []
     groups: dict[str, list[int]] = {}
@@ -398,8 +397,6 @@ _COLUMNS = {
 
 def fifth_of(episodes: "pd.DataFrame") -> "pd.Series[Any]":
     """1 to 5, or 0 if unknown."""
-    import pandas as pd
-
     first = episodes["quintile"].astype(str).str[0]
     return pd.to_numeric(first, errors="coerce").fillna(0).astype(int)
 

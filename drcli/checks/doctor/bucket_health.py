@@ -12,6 +12,7 @@ from statistics import median
 from typing import Any, Literal
 
 from drcli.base.errors import StorageError
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import this_machine
 from drcli.bucket.bucket import TEST_FOLDER, ObjectMissing
 from drcli.bucket.connect import open_bucket, open_upload_bucket
@@ -23,6 +24,9 @@ from drcli.config.run_config import StorageConfig
 from drcli.config.settings import Settings
 from drcli.model import keys, lease
 from drcli.model.model_store import ModelStore
+
+with lazy_imports():
+    from botocore import exceptions as boto
 
 # Tries what drcli does with a bucket, folder by folder, and measures the speed.
 #
@@ -181,23 +185,19 @@ class _Attempts:
         self._trial.round_trip_ms = median(times) if times else None
 
     def _try_condition(self, key: str) -> None:
-        from botocore.exceptions import BotoCoreError, ClientError
-
         self._check_time()
         client, name = self._bucket.client, self._bucket.name
         try:
             client.put_object(Bucket=name, Key=key, Body=b"", IfNoneMatch="*")
-        except ClientError as error:
+        except boto.ClientError as error:
             status = error.response.get("ResponseMetadata", {}).get("HTTPStatusCode")
             self._trial.conditional = True if status in (409, 412) else None
-        except (BotoCoreError, TypeError):
+        except (boto.BotoCoreError, TypeError):
             self._trial.conditional = None
         else:
             self._trial.conditional = False
 
     def _try_parts(self, folder: str) -> None:
-        from botocore.exceptions import BotoCoreError, ClientError
-
         self._check_time()
         client, name, key = self._bucket.client, self._bucket.name, f"{folder}{self._place}parts"
         upload = ""
@@ -213,7 +213,7 @@ class _Attempts:
                 MultipartUpload={"Parts": [{"ETag": part["ETag"], "PartNumber": 1}]},
             )
             self._expect(self._bucket.get(key) == b"part")
-        except (BotoCoreError, ClientError, StorageError) as error:
+        except (boto.BotoCoreError, boto.ClientError, StorageError) as error:
             wrong = (
                 error
                 if isinstance(error, StorageError)
@@ -221,7 +221,7 @@ class _Attempts:
             )
             reason = getattr(wrong, "reason", str(wrong).removesuffix("."))
             self._trial.refused.append(Refused(folder, "multipart", reason, wrong.remedy))
-            with suppress(BotoCoreError, ClientError):
+            with suppress(boto.BotoCoreError, boto.ClientError):
                 if upload:
                     client.abort_multipart_upload(Bucket=name, Key=key, UploadId=upload)
         finally:

@@ -9,15 +9,17 @@ import os
 import sys
 from typing import Any
 
-from drcli.base.installation import import_error
+from drcli.base.installation import import_error, lazy_imports
+
+with lazy_imports():
+    import mujoco
+    import torch
+
+    from drcli.learn import compute as learn_compute
 
 
 def library_facts(precision: str, batch_size: int, threads: int) -> dict[str, Any]:
     os.environ.setdefault("MUJOCO_GL", "disable")  # otherwise mujoco looks for OpenGL
-    import mujoco
-    import torch
-
-    from drcli.learn.compute import choose_compute
 
     facts: dict[str, Any] = {
         "torch": torch.__version__,
@@ -37,7 +39,7 @@ def library_facts(precision: str, batch_size: int, threads: int) -> dict[str, An
         except Exception as error:
             facts |= {"cuda": False, "cuda_error": str(error).partition("\n")[0]}
             os.environ["CUDA_VISIBLE_DEVICES"] = ""
-    compute = choose_compute(precision, batch_size, threads)
+    compute = learn_compute.choose_compute(precision, batch_size, threads)
     facts |= {"number_format": compute.number_format, "reason": compute.reason}
     return facts
 

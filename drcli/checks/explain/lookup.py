@@ -1,6 +1,7 @@
 """Finds what is known about a word, however it is written."""
 
 import difflib
+import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +17,10 @@ from drcli.checks.explain.explain_texts import (
     ErrorText,
 )
 from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
+from drcli.config.presets import model_file
 from drcli.config.settings import catalogue
+from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
+from drcli.model.files.hyperparameters import KEYS, Hyperparameters
 from drcli.records.trace import CSV_HEADER
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 
@@ -157,8 +161,6 @@ def _letters(text: str) -> str:
 
 
 def _keys() -> list[str]:
-    from drcli.model.files.hyperparameters import KEYS
-
     return [key for key in HYPERPARAMETER_TEXTS if key in KEYS]
 
 
@@ -178,9 +180,6 @@ def _details(*pairs: tuple[str, str]) -> Iterator[Detail]:
 
 def value_if_left_out(key: str) -> str:
     """What a training takes for a hyperparameter, "off" if nothing."""
-    from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
-    from drcli.model.files.hyperparameters import Hyperparameters
-
     if key == "sac_updates_per_step":
         return f"{UPDATES_PER_STEP['cpu']:g}, or {UPDATES_PER_STEP['cuda']:g} on a GPU"
     default = Hyperparameters.model_fields[key].default
@@ -193,10 +192,6 @@ def shipped_value(key: str) -> str:
 
 @cache
 def shipped_values() -> Mapping[str, object]:
-    import json
-
-    from drcli.config.presets import model_file
-
     return dict(json.loads(model_file("hyperparameters.json").read_text("utf-8")))
 
 

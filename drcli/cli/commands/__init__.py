@@ -1,1 +1,1 @@
-"""The commands. Heavy imports belong into their functions."""
+"""The commands. `dr NAME --help` loads what is imported here, but not in `lazy_imports()`."""

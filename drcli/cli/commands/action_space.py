@@ -10,14 +10,24 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.base.errors import DrError, SettingsError
-from drcli.base.files import is_left_behind, read_regular
+from drcli.base.files import is_left_behind, read_regular, refuse_replacing, rewrite
+from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, png
 from drcli.bucket.bucket import ObjectMissing
 from drcli.cli import console, prompts
 from drcli.cli.options import Replace, force_option, prefix_option
 from drcli.cli.views.layout import Rows, counted, fitted, indented
 from drcli.cli.working_folder import settings, working_folder
-from drcli.model.files.action_choice import DrivenFile, read_steps
+from drcli.model.files.action_choice import (
+    ChosenAction,
+    DrivenFile,
+    close_share,
+    complete_laps,
+    needed,
+    read_steps,
+    smoothed,
+    used,
+)
 from drcli.model.files.action_space import ActionSpace
 from drcli.model.model_store import ModelStore
 from drcli.model.traces import traces_of
@@ -27,9 +37,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-    from drcli.model.files.action_choice import ChosenAction, DrivenFile
-    from drcli.model.files.action_space import ActionSpace
     from drcli.transfer.action_space_change import ActionSpaceChange, ActionSpaceReport
+
+with lazy_imports():
+    from drcli.bucket import connect
+    from drcli.model.files import action_choice
+    from drcli.transfer import action_space_change, transfer_buckets
 
 # Shows action spaces.
 
@@ -297,11 +310,8 @@ def show(file: _File = None, out: _Out = None, force: Replace = False) -> None:
 
     Example: dr-action-space show -o actions.png
     """
-    from drcli.model.files.action_choice import ChosenAction
-    from drcli.transfer.action_space_change import space_of
-
     path = file or _own_file()
-    space = space_of(path)
+    space = action_space_change.space_of(path)
     actions = [ChosenAction(*pair) for pair in space.values]
     _report(path, actions, space, (), None, out=out, write=False, force=force)
 
@@ -338,8 +348,6 @@ def generate(
 
     Example: dr-action-space generate --angles 5 --speeds 3 --max-speed 2 --write
     """
-    from drcli.model.files.action_choice import grid
-
     if continuous:
         if min_speed >= max_speed:
             raise typer.BadParameter(f"--min-speed {min_speed:g} is not below --max-speed.")
@@ -349,7 +357,7 @@ def generate(
         }
         _finish([], (), file, ranges=ranges, out=out, write=write, force=force)
         return
-    made = grid(angles, speeds, max_angle=max_angle, max_speed=max_speed)
+    made = action_choice.grid(angles, speeds, max_angle=max_angle, max_speed=max_speed)
     notes = []
     if angles % 2 == 0:
         notes.append(f"With {angles} angles no action drives straight ahead.")
@@ -391,8 +399,6 @@ def from_lap(
 
     Example: dr-action-space from-lap evaluation-simtrace/0-iteration.csv -k 7 -o actions.png
     """
-    from drcli.model.files.action_choice import close_share, complete_laps, needed, smoothed
-
     files = _driven(traces, prefix)
     laps = complete_laps(files)
     if not laps:
@@ -438,8 +444,6 @@ def from_histogram(
 
     Example: dr-action-space from-histogram training-simtrace/ --least 0.05
     """
-    from drcli.model.files.action_choice import used
-
     files = _driven(traces, prefix)
     pairs = [step.pair for each in files for step in each.steps]
     found = used(pairs, angles=angles, speeds=speeds, least=least)
@@ -458,11 +462,9 @@ def _finish(
     write: bool,
     force: bool,
 ) -> None:
-    from drcli.transfer.action_space_change import plan_change
-
     listed = [{"steering_angle": each.steering_angle, "speed": each.speed} for each in actions]
     path = file or _own_file()
-    change = plan_change(path, listed if ranges is None else ranges)
+    change = action_space_change.plan_change(path, listed if ranges is None else ranges)
     notes = [*notes, *change.warnings]
     _report(
         *(path, actions, change.after, notes, change),
@@ -490,16 +492,13 @@ def _report(
     backup = None
     written = False
     if write and change is not None and differs:
-        from drcli.transfer.action_space_change import write_change
-
         if not force and (change.before is not None or about):
             what = "has other actions" if change.before is not None else "does not exist yet"
             prompts.agree(f"{path} {what}. {about} Replace them?".replace("  ", " "), yes=False)
-        written = write_change(change)
+        written = action_space_change.write_change(change)
         backup = str(change.backup) if written and change.backup is not None else None
-    from drcli.transfer.action_space_change import ActionSpaceReport
 
-    report = ActionSpaceReport(
+    report = action_space_change.ActionSpaceReport(
         str(path),
         tuple(actions),
         space.low,
@@ -523,8 +522,6 @@ def _drawn(
     *,
     force: bool,
 ) -> str:
-    from drcli.base.files import refuse_replacing, rewrite
-
     refuse_replacing(out, force=force)
     shares = [action.share for action in actions if action.share is not None]
     rewrite(out, draw_actions(space, shares, f"Actions for {path.name}"))
@@ -538,21 +535,18 @@ def _own_file() -> Path:
 
 
 def _about_the_model(new: "ActionSpace") -> str:
-    from drcli.bucket.connect import open_running_bucket
-    from drcli.transfer.action_space_change import sentence_about, trained_with
-
     if not (working_folder() / "run.env").is_file():
         return ""
     loaded = settings()
     try:
-        bucket = open_running_bucket(loaded.storage)
+        bucket = connect.open_running_bucket(loaded.storage)
         if bucket is None:
             return ""
-        checkpoints, trained = trained_with(loaded, bucket)
+        checkpoints, trained = action_space_change.trained_with(loaded, bucket)
     except DrError as error:
         return f"Whether {loaded.model_prefix} has checkpoints could not be looked up: {error}"
     model = f"s3://{bucket.name}/{loaded.model_prefix}"
-    return sentence_about(model, checkpoints, trained, new)
+    return action_space_change.sentence_about(model, checkpoints, trained, new)
 
 
 def _driven(paths: list[Path] | None, prefix: str | None) -> list["DrivenFile"]:
@@ -560,10 +554,8 @@ def _driven(paths: list[Path] | None, prefix: str | None) -> list["DrivenFile"]:
     if paths:
         files = traces_in_folders(paths)
     else:
-        from drcli.transfer.transfer_buckets import bucket_to_look_at
-
         loaded = settings()
-        bucket = bucket_to_look_at(loaded.transfer, upload=False)
+        bucket = transfer_buckets.bucket_to_look_at(loaded.transfer, upload=False)
         files = traces_of_model(ModelStore(bucket, prefix or loaded.model_prefix))
     skipped = sum(file.skipped for file in files)
     if skipped:

@@ -10,7 +10,7 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.analysis.compare_runs import ComparisonRow, Kind, comparison_rows, interval_rows
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console
 from drcli.cli.evaluation_options import with_options
 from drcli.cli.options import Replace
@@ -18,13 +18,18 @@ from drcli.cli.views import iterations
 from drcli.cli.views.iterations import BESIDE_CURVE, CURVE_COLUMNS, LEAST_CURVE_COLUMNS
 from drcli.cli.views.layout import Rows, counted, fitted, indented
 from drcli.cli.working_folder import settings_for_files
+from drcli.model import keys
 from drcli.model.model_store import ModelStore
 
 if TYPE_CHECKING:
     from drcli.analysis.analysis import AnalysisReport
-    from drcli.analysis.compare_runs import ComparedPair, Comparison
     from drcli.analysis.report.graphs import Picture
     from drcli.config.settings import Settings
+
+with lazy_imports():
+    from drcli.analysis import analysis as analyses
+    from drcli.analysis import compare_runs, explained_model, model_source, outputs, read_run
+    from drcli.transfer import transfer_buckets
 
 # Shows analyses and comparisons.
 
@@ -53,11 +58,11 @@ def show_analysis(columns: int, report: "AnalysisReport") -> RenderableType:
 
 
 @fitted
-def comparison(columns: int, report: "Comparison") -> RenderableType:
+def comparison(columns: int, report: "compare_runs.Comparison") -> RenderableType:
     names = ["", *(run.model for run in report.runs)]
     cells = [
         [_row_name(row), *(_cell(row, value) for value in row.values)]
-        for row in comparison_rows(report)
+        for row in compare_runs.comparison_rows(report)
     ]
     late = ", ".join(str(run.late_iterations) for run in report.runs)
     parts: list[RenderableType] = [
@@ -153,9 +158,9 @@ def _advice(advice: Sequence[Row]) -> list[RenderableType]:
     return shown
 
 
-def _pair(first: str, pair: "ComparedPair") -> list[RenderableType]:
+def _pair(first: str, pair: "compare_runs.ComparedPair") -> list[RenderableType]:
     parts: list[RenderableType] = [Text(pair.sentence, style="bold")]
-    for row in interval_rows(pair):
+    for row in compare_runs.interval_rows(pair):
         text = (
             f"{row.name} {row.difference:+.2f} {row.unit}".rstrip()
             + f" (95 % between {row.low:+.2f} and {row.high:+.2f})"
@@ -170,11 +175,11 @@ def _pair(first: str, pair: "ComparedPair") -> list[RenderableType]:
     return parts
 
 
-def _row_name(row: ComparisonRow) -> str:
+def _row_name(row: "compare_runs.ComparisonRow") -> str:
     return row.name if row.limit is None else f"{row.name} {_WRITTEN[row.limit[0]](row.limit[1])}"
 
 
-def _cell(row: ComparisonRow, value: float | None) -> str:
+def _cell(row: "compare_runs.ComparisonRow", value: float | None) -> str:
     return row.unknown if value is None and row.unknown else _WRITTEN[row.kind](value)
 
 
@@ -213,7 +218,7 @@ def _steps(value: float | None) -> str:
     return "-" if value is None else f"{value:,.0f} steps"
 
 
-_WRITTEN: dict[Kind, Callable[[float | None], str]] = {
+_WRITTEN: "dict[compare_runs.Kind, Callable[[float | None], str]]" = {
     "count": _count,
     "percent": _percent,
     "lap": _seconds,
@@ -278,20 +283,17 @@ def analyze(
             f"There are {len(words)} models; one can be analysed. To compare them: "
             f"dr-analyze {COMPARE} {' '.join(words)}."
         )
-    from drcli.analysis.analysis import analyse
-    from drcli.analysis.outputs import check_targets, write_outputs
-    from drcli.analysis.read_run import read_run
 
     loaded = settings_for_files(words)
     name = words[0] if words else None
-    check_targets(html, png, force=force)
+    outputs.check_targets(html, png, force=force)
     if explain:
         _refuse_outside_the_bucket(loaded, name)
     with console.waiting(f"Reading {name or loaded.model_prefix} ..."):
-        analysis = analyse(read_run(loaded, name, local=local))
+        analysis = analyses.analyse(read_run.read_run(loaded, name, local=local))
     explained = _explained(loaded, name, analysis.run.world) if explain else ()
     with console.waiting("Writing ...") if html or png else console.waiting("", only_live=True):
-        report = write_outputs(analysis, html, png, explained, force=force)
+        report = outputs.write_outputs(analysis, html, png, explained, force=force)
     console.warn(*report.problems)
     console.emit(report, show_analysis(report))
     if not console.as_json and html is None:
@@ -300,28 +302,22 @@ def analyze(
 
 
 def _explained(loaded: "Settings", name: str | None, world: str | None) -> "tuple[Picture, ...]":
-    from drcli.analysis.explained_model import explained_pictures
-    from drcli.transfer.transfer_buckets import bucket_to_look_at
-
     prefix = loaded.model_prefix if name is None else name.strip("/")
     with console.waiting("Driving an episode and explaining it ..."):
-        bucket = bucket_to_look_at(loaded.transfer, upload=False)
-        return explained_pictures(
+        bucket = transfer_buckets.bucket_to_look_at(loaded.transfer, upload=False)
+        return explained_model.explained_pictures(
             with_options(loaded, DR_WORLD_NAME=world), ModelStore(bucket, prefix)
         )
 
 
 def _refuse_outside_the_bucket(loaded: "Settings", name: str | None) -> None:
-    from drcli.analysis.model_source import open_model
-    from drcli.model import keys
-
     if name is None:
         return
     prefix = name.strip("/")
     if (
         not keys.is_valid_prefix(prefix)
         or prefix.casefold().startswith("s3:")
-        or not open_model(loaded, name).origin.startswith("s3://")
+        or not model_source.open_model(loaded, name).origin.startswith("s3://")
     ):
         raise typer.BadParameter(
             f"--explain drives a model of the bucket, and {name} is not one. To explain a "
@@ -337,16 +333,13 @@ def _compare(
     local: bool,
     force: bool,
 ) -> None:
-    from drcli.analysis.outputs import check_targets, write_comparison_of
-    from drcli.analysis.read_run import read_runs
-
     if len(words) < 2:
         raise typer.BadParameter(f"Name two or more models after {COMPARE}.")
     if png is not None:
         raise typer.BadParameter(f"--png is for one model; {COMPARE} writes --html and --json.")
     loaded = settings_for_files(words)
-    check_targets(html, None, force=force)
+    outputs.check_targets(html, None, force=force)
     with console.waiting(f"Reading {', '.join(words)} ..."):
-        report = write_comparison_of(read_runs(loaded, words, local=local), html)
+        report = outputs.write_comparison_of(read_run.read_runs(loaded, words, local=local), html)
     console.warn(*report.problems)
     console.emit(report, comparison(report))

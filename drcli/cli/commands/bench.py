@@ -7,12 +7,16 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import working_folder
 
 if TYPE_CHECKING:
     from drcli.checks.bench.machine_benchmark import BenchReport, WorkSpeed
+
+with lazy_imports():
+    from drcli.checks.bench import machine_benchmark
 
 # Shows what `dr bench` measured.
 
@@ -113,8 +117,8 @@ def bench(
 
     Example: dr-bench
     """
-    from drcli.checks.bench.machine_benchmark import measure_machine
-
-    report = measure_machine(working_folder(), with_bucket=not no_bucket, on_step=console.say)
+    report = machine_benchmark.measure_machine(
+        working_folder(), with_bucket=not no_bucket, on_step=console.say
+    )
     console.warn(*report.warnings)
     console.emit(report, measured(report))

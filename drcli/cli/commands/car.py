@@ -1,6 +1,7 @@
 """`dr car`."""
 
 import os
+import ssl
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,16 +12,21 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.base.errors import SettingsError, shown
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import Force
 from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings
+from drcli.outside.car.car_address import CarAddress, forget_login, read_address
+from drcli.outside.car.car_certificate import readable
+from drcli.outside.car.car_web import CarWeb, first_login
 
 if TYPE_CHECKING:
-    from drcli.outside.car.car_address import CarAddress
     from drcli.outside.car.car_driving import CarDrive, CarStatus
     from drcli.outside.car.car_models import CarLoad, CarModels, CarUpload
-    from drcli.outside.car.car_web import CarWeb
+
+with lazy_imports():
+    from drcli.outside.car import car_driving, car_models
 
 # Shows a physical car.
 
@@ -160,9 +166,6 @@ def login(
 
     Example: dr-car login --car 192.168.1.50
     """
-    from drcli.outside.car.car_certificate import readable
-    from drcli.outside.car.car_web import CarWeb, first_login
-
     if sum((insecure, ca is not None, new_certificate)) > 1:
         raise typer.BadParameter("Use only one of --ca, --insecure and --new-certificate.")
     address = _address(car)
@@ -190,8 +193,6 @@ def logout(car: _Car = None) -> None:
 
     Example: dr-car logout
     """
-    from drcli.outside.car.car_address import forget_login
-
     address = _address(car)
     was = forget_login(address)
     report = CarLogoutReport(address.place, was)
@@ -212,15 +213,13 @@ def upload(
 
     Example: dr-car upload my-model.tar.gz
     """
-    from drcli.outside.car.car_models import check_file, list_models, upload_model
-
-    checked = check_file(file)
+    checked = car_models.check_file(file)
     web = _open(car)
-    if any(model.name == checked.name for model in list_models(web).models):
+    if any(model.name == checked.name for model in car_models.list_models(web).models):
         question = f"The car {web.address.place} already has {checked.name}. Replace it?"
         prompts.agree(question, yes=force)
     with console.waiting(f"Sending {file.name} to {web.address.place} ..."):
-        report = upload_model(web, checked, say=console.say)
+        report = car_models.upload_model(web, checked, say=console.say)
     if not report.usable:
         console.warn(f"The car cannot load {report.model} now: {report.why}.")
     console.emit(report, show_upload(report))
@@ -233,9 +232,7 @@ def list_all(car: _Car = None) -> None:
 
     Example: dr-car list
     """
-    from drcli.outside.car.car_models import list_models
-
-    report = list_models(_open(car))
+    report = car_models.list_models(_open(car))
     console.emit(report, models(report))
 
 
@@ -248,11 +245,9 @@ def load(name: _Model, car: _Car = None) -> None:
 
     Example: dr-car load my-model
     """
-    from drcli.outside.car.car_models import load_model
-
     web = _open(car)
     with console.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
-        report = load_model(web, name)
+        report = car_models.load_model(web, name)
     console.emit(report, show_load(report))
     console.suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")])
 
@@ -279,8 +274,6 @@ def start(
 
     Example: dr-car start --speed 30 --seconds 60
     """
-    from drcli.outside.car import car_driving
-
     if detach and seconds is not None:
         raise typer.BadParameter("--detach does not wait; leave out --seconds.")
     web = _open(car)
@@ -307,8 +300,6 @@ def stop(car: _Car = None) -> None:
 
     Example: dr-car stop
     """
-    from drcli.outside.car import car_driving
-
     report = car_driving.stop(_open(car))
     console.emit(report, drive(report))
 
@@ -322,11 +313,9 @@ def speed(
 
     Example: dr-car speed 30
     """
-    from drcli.outside.car.car_driving import set_speed
-
     if not 0 <= percent <= 100:
         raise typer.BadParameter(f"{percent} is not a number from 0 to 100.")
-    report = set_speed(_open(car), percent)
+    report = car_driving.set_speed(_open(car), percent)
     text = f"The throttle of the car {report.car} is limited to {report.percent} %."
     console.emit(report, text)
 
@@ -337,22 +326,16 @@ def status(car: _Car = None) -> None:
 
     Example: dr-car status --json
     """
-    from drcli.outside.car.car_driving import read_status
-
-    report = read_status(_open(car))
+    report = car_driving.read_status(_open(car))
     console.emit(report, show_status(report))
 
 
 def _open(car: str | None) -> "CarWeb":
-    from drcli.outside.car.car_web import CarWeb
-
     return CarWeb.opened(_address(car))
 
 
 def _address(car: str | None) -> "CarAddress":
     """Files are read last: a mistake in them must not prevent a stop."""
-    from drcli.outside.car.car_address import read_address
-
     if car is not None:
         return read_address(car, "--car")
     named = os.environ.get(ADDRESS)
@@ -362,8 +345,6 @@ def _address(car: str | None) -> "CarAddress":
 
 
 def _authorities(file: Path) -> Path:
-    import ssl
-
     try:
         ssl.create_default_context(cafile=str(file))
     except (OSError, ValueError) as e:

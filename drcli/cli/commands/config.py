@@ -5,9 +5,16 @@ from typing import Annotated, Literal
 import typer
 
 from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console
 from drcli.cli.views import settings_view
 from drcli.cli.working_folder import settings, working_folder
+
+with lazy_imports():
+    from drcli.checks import config_check
+    from drcli.config import editing, presets, settings_report
+    from drcli.model.files import hyperparameters
+
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and change the settings.")
 
@@ -35,11 +42,9 @@ def show(
 
     Example: dr-config show --changed
     """
-    from drcli.config.settings_report import inspect_values
-
     loaded = settings()
     wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
-    report = inspect_values(loaded, wanted, changed=changed)
+    report = settings_report.inspect_values(loaded, wanted, changed=changed)
     rendered = settings_view.explained(report) if wanted else settings_view.values(report)
     console.emit(report, rendered)
 
@@ -57,12 +62,10 @@ def check(
 
     Example: dr-config check --json
     """
-    from drcli.checks.config_check import check_alone, with_rules
-
-    report = check_alone(working_folder())
+    report = config_check.check_alone(working_folder())
     if report.valid and not settings_only:
         with console.waiting(f"Checking {report.directory} ..."):
-            report = with_rules(report)
+            report = config_check.with_rules(report)
     console.emit(report, settings_view.check(report))
     if report.errors:
         more = len(report.errors) - 1
@@ -99,9 +102,7 @@ def change(
 
     Example: dr-config set DR_WORKERS=2 'DR_LOCAL_S3_MODEL_PREFIX=$DR_WORLD_NAME-1'
     """
-    from drcli.config.editing import set_values
-
-    edit = set_values(working_folder(), _wanted(values), file=file)
+    edit = editing.set_values(working_folder(), _wanted(values), file=file)
     console.emit(edit, settings_view.edit(edit))
     console.warn(*edit.warnings)
     console.say(f"Written in {edit.directory}.")
@@ -120,13 +121,11 @@ def preset(
 
     Example: dr-config preset physical
     """
-    from drcli.config.presets import explain
-
     try:
         present = settings()
     except SettingsError:  # presets can be read before there is a working folder
         present = None
-    report = explain(names or [], present)
+    report = presets.explain(names or [], present)
     rendered = settings_view.presets(report, in_full=bool(names))
     console.emit(report, rendered)
 
@@ -157,12 +156,12 @@ def _names_in_files() -> tuple[str, ...]:
 
 
 def _known(written: str, others: tuple[str, ...]) -> str:
-    from drcli.config import settings_report
-
     name = settings_report.find_name(written, others)
     if name is None:
-        from drcli.model.files.hyperparameters import KEYS
-
-        hint = _HYPERPARAMETER if written.lower() in KEYS else settings_report.suggestion(written)
+        hint = (
+            _HYPERPARAMETER
+            if written.lower() in hyperparameters.KEYS
+            else settings_report.suggestion(written)
+        )
         raise typer.BadParameter(f"'{written}' is not a setting. {hint}")
     return name

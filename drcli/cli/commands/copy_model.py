@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import (
     CustomFiles,
@@ -24,6 +25,9 @@ from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.transfer.download import DownloadOptions
+
+with lazy_imports():
+    from drcli.transfer import download, upload
 
 
 def upload_model(
@@ -53,20 +57,18 @@ def upload_model(
 
     Example: dr-upload-model -b -f
     """
-    from drcli.transfer.upload import UploadOptions, plan_upload, plan_upload_increment, upload
-
     choice = checkpoint_choice(best, number)
     if increment and (prefix or to):
         raise typer.BadParameter("-1 changes the name that -p or --to replaces; use only one.")
     loaded = settings()
     step = None
     if increment:
-        step = plan_upload_increment(loaded)  # written once the upload is there
+        step = upload.plan_upload_increment(loaded)  # written once the upload is there
         loaded = step.settings
-    options = UploadOptions(choice, prefix, to, local, wipe, dry_run, keep, max_mb)
+    options = upload.UploadOptions(choice, prefix, to, local, wipe, dry_run, keep, max_mb)
     if dry_run:
         console.say("*** DRYRUN MODE ***")
-    planned = plan_upload(loaded, options)
+    planned = upload.plan_upload(loaded, options)
     if step is not None:
         console.say(f"Incrementing model from {step.step.before} to {step.step.after}")
     if console.as_json:
@@ -78,7 +80,7 @@ def upload_model(
         console.say("A dry run writes nothing, so it does not test the permission to write there.")
     else:
         prompts.agree("Are you sure?", yes=force)
-    report = upload(planned, loaded, partial(console.progress, unit="bytes"))
+    report = upload.upload(planned, loaded, partial(console.progress, unit="bytes"))
     if step is not None and not dry_run:
         step.edit.make()  # last: an upload that was interrupted continues under the same name
     console.emit(report, models_view.upload(report))
@@ -118,30 +120,26 @@ def download_model(
 
     Example: dr-download-model -s s3://bucket/team/model-1 -t model-1
     """
-    from drcli.transfer.download import DownloadOptions
-
     if not source:
         raise typer.BadParameter("No source URL to download model from. Give it with -s.")
     if not target:
         raise typer.BadParameter("No target prefix defined. Exiting. Give it with -t.")
-    options = DownloadOptions(source, target, local, wipe, dry_run, custom_files)
+    options = download.DownloadOptions(source, target, local, wipe, dry_run, custom_files)
     copy_here(options, force=force)
 
 
 def copy_here(options: "DownloadOptions", *, force: bool) -> None:
     """Copy a model to the local bucket, and show what was copied."""
-    from drcli.transfer.download import download, plan_download
-
     loaded, dry_run = settings(), options.dry_run
     if dry_run:
         console.say("*** DRYRUN MODE ***")
-    planned = plan_download(loaded, options)
+    planned = download.plan_download(loaded, options)
     console.say(f"Downloading {planned.source_url} to {planned.target_url}")
     if planned.used:
         console.warn(f"{planned.target_url} is not empty: {counted(planned.used, 'file')}.")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
-    report = download(planned, loaded, partial(console.progress, unit="bytes"))
+    report = download.download(planned, loaded, partial(console.progress, unit="bytes"))
     console.emit(report, models_view.download(report))
     if not dry_run:
         name = planned.options.prefix

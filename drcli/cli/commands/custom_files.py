@@ -1,8 +1,12 @@
 """`dr upload-custom-files` and `dr download-custom-files`."""
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings
+
+with lazy_imports():
+    from drcli.transfer import copy_custom_files
 
 
 def upload_custom_files() -> None:
@@ -12,10 +16,8 @@ def upload_custom_files() -> None:
 
     Example: dr-upload-custom-files
     """
-    from drcli.transfer import copy_custom_files as copying
-
     loaded = settings()
-    report = copying.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
+    report = copy_custom_files.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
     for name in report.refused:
         console.warn(f"{report.folder}/{name} was skipped: its name is not UTF-8.")
     console.emit(report, models_view.custom_files(report, up=True))
@@ -28,10 +30,10 @@ def download_custom_files() -> None:
 
     Example: dr-download-custom-files
     """
-    from drcli.transfer import copy_custom_files as copying
-
     loaded = settings()
-    report = copying.download_custom_files(loaded.custom_files, loaded.storage, console.say)
+    report = copy_custom_files.download_custom_files(
+        loaded.custom_files, loaded.storage, console.say
+    )
     for name in report.refused:
         console.warn(f"{report.place}/{name} was skipped: it leads out of {report.folder}.")
     if not report.copied and not report.unchanged:

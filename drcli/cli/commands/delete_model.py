@@ -5,10 +5,14 @@ from typing import Annotated
 import typer
 
 from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import DryRun, Force, KeepModels, models_argument
 from drcli.cli.views import removal_view
 from drcli.cli.working_folder import settings
+
+with lazy_imports():
+    from drcli.transfer import model_removal
 
 
 def delete_model(
@@ -34,10 +38,8 @@ def delete_model(
 
     Example: dr-delete-model "old/*" --keep old/fast --dry-run
     """
-    from drcli.transfer.model_removal import plan_removal, remove_models
-
     loaded = settings()
-    planned = plan_removal(loaded, models, keep or (), dry_run=dry_run, forget=forget)
+    planned = model_removal.plan_removal(loaded, models, keep or (), dry_run=dry_run, forget=forget)
     if not planned.traces:
         raise SettingsError(
             "--keep leaves nothing to delete.", remedy="Leave it out, or name other models."
@@ -49,6 +51,6 @@ def delete_model(
         console.err.print(removal_view.planned(planned.report))
         prompts.agree("Delete all of this? It cannot be undone.", yes=force)
         with console.waiting("Deleting ..."):
-            remove_models(planned, loaded)
+            model_removal.remove_models(planned, loaded)
     view = removal_view.planned if dry_run else removal_view.removed
     console.emit(planned.report, view(planned.report))

@@ -2,9 +2,13 @@
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.views import doctor_view
 from drcli.cli.working_folder import working_folder
+
+with lazy_imports():
+    from drcli.checks.doctor import diagnose
 
 
 def doctor() -> None:
@@ -17,11 +21,9 @@ def doctor() -> None:
 
     Example: dr-doctor
     """
-    from drcli.checks.doctor.diagnose import diagnose
-
     folder = working_folder()
     with console.waiting("Examining this machine and the bucket ...", only_live=True):
-        report = diagnose(folder)
+        report = diagnose.diagnose(folder)
     console.emit(report, doctor_view.findings(report))
     if report.exit_code:
         raise typer.Exit(report.exit_code)

@@ -17,6 +17,7 @@ from rich.text import Text
 from drcli.base import errors
 from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import (
     DryRun,
@@ -33,38 +34,33 @@ from drcli.config.settings import Settings
 from drcli.config.value_types import CheckpointChoice
 from drcli.model import keys
 from drcli.model.checkpoint_choice import find_choice, sentence_about
-from drcli.model.checkpoint_list import (
-    PARAMETERS_FILE,
-    read_checkpoint,
-    read_model_files,
-    refuse_incomplete,
-)
-from drcli.model.files.params_yaml import (
-    CLOCKWISE,
-    COUNTER_CLOCKWISE,
-    DROA_TRACKS,
-    Direction,
-    droa_parameters,
-    read_parameters,
-    split_world,
-    training_parameters,
-)
 from drcli.model.model_store import ModelStore
-from drcli.outside.droa.droa_package import Files
+from drcli.outside.droa.droa_package import Files, read_package
 from drcli.outside.droa.droa_rules import INDEX, POINTER
+from drcli.outside.droa.droa_session import DroaSession
+from drcli.outside.droa.droa_site import (
+    PASSWORD_VARIABLE,
+    URL_SETTING,
+    SiteOptions,
+    find_site,
+    refuse_no_site,
+)
+from drcli.outside.web_request import Web
 from drcli.records.scores import encode_single
-from drcli.tracks.track_list import list_tracks
-from drcli.transfer.export_droa import package_files, read_droa_export
-from drcli.transfer.export_model import Selection
-from drcli.transfer.transfer_buckets import bucket_to_look_at
 
 if TYPE_CHECKING:
     from drcli.outside.droa.droa_api import Droa, RemoteModel
     from drcli.outside.droa.droa_download import DeletedModel, DownloadedAsset
     from drcli.outside.droa.droa_import import ImportReport
     from drcli.outside.droa.droa_metrics import PhaseMeans
-    from drcli.outside.droa.droa_session import DroaSession
-    from drcli.outside.droa.droa_site import SiteOptions
+
+with lazy_imports():
+    from drcli.model import checkpoint_list
+    from drcli.model.files import params_yaml
+    from drcli.outside.droa import droa_api, droa_download, droa_import, droa_metrics
+    from drcli.tracks import track_list
+    from drcli.transfer import export_droa, export_model, transfer_buckets
+
 
 # Shows models at DeepRacer on AWS.
 
@@ -324,8 +320,6 @@ class Connection:
         Raises:
             SettingsError: The address is missing or wrong.
         """
-        from drcli.outside.droa.droa_site import refuse_no_site
-
         refuse_no_site(self._site_options(), settings().droa.url)
 
     def session(self) -> "DroaSession":
@@ -345,11 +339,6 @@ class Connection:
         return self._connect()
 
     def _connect(self) -> "Droa":
-        from drcli.outside.droa.droa_api import Droa
-        from drcli.outside.droa.droa_session import DroaSession
-        from drcli.outside.droa.droa_site import URL_SETTING, find_site
-        from drcli.outside.web_request import Web
-
         config = settings().droa
         web = Web(
             "--url" if self._given["url"] else URL_SETTING,
@@ -358,17 +347,15 @@ class Connection:
         )
         site = find_site(self._site_options(), config.url, config.aws_endpoint_url, web)
         username = self._given["username"] or config.username
-        return Droa(DroaSession(site, username, lambda: self._password(username), _code), web)
+        return droa_api.Droa(
+            DroaSession(site, username, lambda: self._password(username), _code), web
+        )
 
     def _site_options(self) -> "SiteOptions":
-        from drcli.outside.droa.droa_site import SiteOptions
-
         given = {n: v for n, v in self._given.items() if n not in ("username", "password")}
         return SiteOptions(**given)
 
     def _password(self, username: str) -> str:
-        from drcli.outside.droa.droa_site import PASSWORD_VARIABLE
-
         known = self._given["password"] or secret_environment.all_secrets().get(PASSWORD_VARIABLE)
         return known or prompts.secret(
             f"Password for {username}",
@@ -422,30 +409,34 @@ def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice)
         SettingsError: There is none, or it cannot be imported there.
         StorageError: The bucket cannot be read.
     """
-    bucket = bucket_to_look_at(settings.transfer, upload=False)
+    bucket = transfer_buckets.bucket_to_look_at(settings.transfer, upload=False)
     model = ModelStore(bucket, prefix)
-    refuse_incomplete(settings.model, model)
+    checkpoint_list.refuse_incomplete(settings.model, model)
     chosen = find_choice(ModelStore.of(settings.model, bucket, prefix), choice)
     if not set(keys.TENSORFLOW_PARTS) <= set(chosen.parts):
-        exported = read_droa_export(settings, Selection(choice, prefix), world=None)
+        exported = export_droa.read_droa_export(
+            settings, export_model.Selection(choice, prefix), world=None
+        )
         for note in exported.notes:
             errors.show(note)
-        return package_files(exported)
+        return export_droa.package_files(exported)
     errors.show(sentence_about(ModelStore.of(settings.model, bucket, prefix), chosen))
     items = [
-        *read_checkpoint(model, chosen),
-        *read_model_files(
+        *checkpoint_list.read_checkpoint(model, chosen),
+        *checkpoint_list.read_model_files(
             settings.model,
             model,
             chosen.name,
             (bucket.name, prefix),
-            training_parameters(settings),
+            params_yaml.training_parameters(settings),
         ),
     ]
     files = {item.name: item.data for item in items if not item.name.endswith(".safetensors")}
     files[POINTER] = chosen.name.encode()
     files[INDEX] = encode_single(chosen.score)
-    files[PARAMETERS_FILE] = _parameters(settings, files[PARAMETERS_FILE], prefix)
+    files[checkpoint_list.PARAMETERS_FILE] = _parameters(
+        settings, files[checkpoint_list.PARAMETERS_FILE], prefix
+    )
     metrics = files.pop("metrics/TrainingMetrics.json", None)
     if metrics:
         files[f"metrics/training/training-{chosen.number}.json"] = metrics
@@ -454,23 +445,23 @@ def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice)
 
 def _parameters(settings: Settings, data: bytes, prefix: str) -> bytes:
     try:
-        return droa_parameters(data, _route(settings, data))
+        return params_yaml.droa_parameters(data, _route(settings, data))
     except ValueError as e:
         raise SettingsError(
-            f"{PARAMETERS_FILE} of {prefix} cannot be used: {e}.",
+            f"{checkpoint_list.PARAMETERS_FILE} of {prefix} cannot be used: {e}.",
             remedy="Add TRACK_DIRECTION_CLOCKWISE: true or false to it, in a folder that you "
             "import with --from.",
         ) from e
 
 
-def _route(settings: Settings, data: bytes) -> Direction | None:
-    world = str(read_parameters(data).get("WORLD_NAME", ""))
-    track, named = split_world(world)
-    if named is not None or len(DROA_TRACKS.get(track, ())) == 1:
+def _route(settings: Settings, data: bytes) -> "params_yaml.Direction | None":
+    world = str(params_yaml.read_parameters(data).get("WORLD_NAME", ""))
+    track, named = params_yaml.split_world(world)
+    if named is not None or len(params_yaml.DROA_TRACKS.get(track, ())) == 1:
         return None  # measuring all tracks takes two seconds
     memory = settings.directory / "data" / "cache" / "tracks.json"
-    known = {"clockwise": CLOCKWISE, "counterclockwise": COUNTER_CLOCKWISE}
-    for facts in list_tracks(settings.tracks_folder, memory).tracks:
+    known = {"clockwise": params_yaml.CLOCKWISE, "counterclockwise": params_yaml.COUNTER_CLOCKWISE}
+    for facts in track_list.list_tracks(settings.tracks_folder, memory).tracks:
         if facts.name == world:
             return known.get(facts.direction)
     return None
@@ -553,12 +544,10 @@ def droa_get_model(
 
     Example: dr-droa show 2w7R6h2PNexQ9kC --summary
     """
-    from drcli.outside.droa.droa_metrics import ModelReport, metrics_summary
-
     droa = connection.droa()
     found = droa.find(model)
-    means = metrics_summary(droa, found) if summary else None
-    report = ModelReport.of(droa.place, found, means or [])
+    means = droa_metrics.metrics_summary(droa, found) if summary else None
+    report = droa_metrics.ModelReport.of(droa.place, found, means or [])
     console.emit(report, show_model(found, means, verbose=verbose))
 
 
@@ -608,8 +597,6 @@ def droa_import_model(
 
     Example: dr-droa import --from my-model.tar.gz --model-name my-model
     """
-    from drcli.outside.droa import droa_import
-
     if source is not None and (prefix or best or number is not None):
         raise typer.BadParameter(
             "--from takes a folder or archive as it is; --model-prefix, --best and --checkpoint "
@@ -618,8 +605,6 @@ def droa_import_model(
     choice = checkpoint_choice(best, number)
     connection.refuse_no_site()
     if source is not None:
-        from drcli.outside.droa.droa_package import read_package
-
         files, found_name = read_package(source), _stem(source)
     else:
         loaded = settings()
@@ -683,9 +668,6 @@ def droa_download_logs(
 
     Example: dr-droa download 2w7R6h2PNexQ9kC -o logs.tar.gz
     """
-    from drcli.outside.droa import droa_download
-    from drcli.outside.droa.droa_metrics import archive_summary
-
     if kind == "EVALUATION_LOGS" and not evaluation:
         raise typer.BadParameter("EVALUATION_LOGS needs --evaluation-id.")
     if summary and not kind.endswith("_LOGS"):
@@ -704,7 +686,7 @@ def droa_download_logs(
     report = droa_download.DownloadedAsset(
         droa.place, model_id, kind, str(file), file.stat().st_size
     )
-    means = archive_summary(file) if summary else None
+    means = droa_metrics.archive_summary(file) if summary else None
     console.emit(report, downloaded(report, means))
 
 
@@ -718,18 +700,16 @@ def droa_delete_model(connection: Connection, model: _Model, force: _Yes = False
 
     Example: dr-droa delete 2w7R6h2PNexQ9kC -f
     """
-    from drcli.outside.droa.droa_download import delete_model, refuse_undeletable
-
     droa = connection.droa()
     found = droa.find(model)
-    refuse_undeletable(found)
+    droa_download.refuse_undeletable(found)
     prompts.agree(
         f"Delete the model {found.name} ({found.model_id}, {found.status}) at {droa.place}? It "
         "cannot be restored.",
         yes=force,
         words=[found.name],
     )
-    report = delete_model(droa, found)
+    report = droa_download.delete_model(droa, found)
     console.emit(report, deleted(report))
 
 

@@ -12,21 +12,33 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from drcli.base.errors import BadValue, WorkerDied, shown
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli import evaluation_options as options
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import checkpoint_option, parsed_checkpoint
 from drcli.cli.views.layout import Rows, fitted
 from drcli.cli.working_folder import settings
-from drcli.records.evaluation_task import PolicySource, Runtime
-from drcli.records.iteration import lap_time
+from drcli.records.evaluation_task import PolicySource, RobustCell, RobustResult, Runtime
+from drcli.records.iteration import counted_resets, lap_time
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
-    from drcli.records.evaluation_task import RobustCell, RobustResult
     from drcli.run.evaluation_loop import LoopReport
     from drcli.run.evaluation_report import EndPlace, EvaluationReport, LapsReport, TrialReport
     from drcli.run.many_evaluations import TableReport
+
+with lazy_imports():
+    from drcli.run import (
+        evaluation,
+        evaluation_loop,
+        evaluation_plan,
+        evaluation_report,
+        many_evaluations,
+        stopping,
+    )
+
 
 # Shows the trials of an evaluation.
 
@@ -98,11 +110,8 @@ def _ended(trial: "TrialReport") -> str:
 
 
 def _laps(report: "EvaluationReport") -> str:
-    from drcli.records.iteration import counted_resets
-    from drcli.run.evaluation_report import best_average, summary
-
-    words = summary(report.trials)
-    run = best_average(report.trials, report.average_laps)
+    words = evaluation_report.summary(report.trials)
+    run = evaluation_report.best_average(report.trials, report.average_laps)
     if run and report.average_laps > 1:
         words += f", best average of {report.average_laps} laps {report.best_average_s:.2f} s"
         resets = sum(trial.resets for trial in run)
@@ -359,19 +368,16 @@ def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool) -> None:
     Raises:
         typer.BadParameter: The other side of a comparison cannot be read.
     """
-    from drcli.base.errors import BadValue, WorkerDied, shown
-    from drcli.run.many_evaluations import Rival, on_world, prepare_many, run_many
-
     try:
-        rival = Rival.parse(asked.against) if asked.against else None
+        rival = many_evaluations.Rival.parse(asked.against) if asked.against else None
     except BadValue as error:
         raise typer.BadParameter(
             f"--against {shown(asked.against)} {error.reason}. {error.remedy}"
         ) from None
     for world in asked.worlds or [settings.world_name]:
-        bring_tracks(on_world(settings, world))
+        bring_tracks(many_evaluations.on_world(settings, world))
     say = _say(quiet=quiet)
-    plan = prepare_many(
+    plan = many_evaluations.prepare_many(
         settings,
         models=asked.models,
         worlds=asked.worlds,
@@ -382,7 +388,7 @@ def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool) -> None:
         own=asked.own,
         on_progress=say,
     )
-    report = run_many(plan, say)
+    report = many_evaluations.run_many(plan, say)
     console.warn(*report.notes)
     if asked.robust and len(report.rows) == 1 and report.robust:
         found = report.robust[0]
@@ -400,11 +406,9 @@ def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool) -> None:
 
 
 def evaluate_in_a_loop(settings: "Settings", seed: int | None, *, quiet: bool) -> None:
-    from drcli.run.evaluation_loop import run_loop
-
     say = _say(quiet=quiet)
     say("Evaluating each new checkpoint until Ctrl-C or dr-stop-evaluation.")
-    report = run_loop(settings, seed=seed, on_progress=say, on_failure=console.warn)
+    report = evaluation_loop.run_loop(settings, seed=seed, on_progress=say, on_failure=console.warn)
     console.emit(report, best_laps(report))
 
 
@@ -551,9 +555,6 @@ def evaluate(
 
     Example: dr-evaluate --model policy.onnx --json
     """
-    from drcli.run import evaluation, stopping
-    from drcli.run.evaluation_plan import prepare_evaluation
-
     if clone and model is not None:
         raise typer.BadParameter("-c copies a model in the bucket, but --model drives a file.")
     if checkpoint is not None and model is not None:
@@ -619,7 +620,7 @@ def evaluate(
         evaluate_in_a_loop(loaded, seed, quiet=quiet)
         return
     if quiet and context.info_name == STARTER:
-        plan = prepare_evaluation(
+        plan = evaluation_plan.prepare_evaluation(
             loaded, clone=clone, seed=seed, on_progress=console.say, own=own, opponent=opponent
         )
         record = evaluation.launch_evaluation(plan)

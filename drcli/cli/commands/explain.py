@@ -6,11 +6,16 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console
 from drcli.cli.views.layout import indented
 
 if TYPE_CHECKING:
     from drcli.checks.explain.lookup import Entry, Explanation
+
+with lazy_imports():
+    from drcli.checks.explain import lookup
+
 
 # Shows explanations.
 
@@ -76,7 +81,5 @@ def explain(
 
     Example: dr-explain discount_factor
     """
-    from drcli.checks.explain.lookup import Explanation
-
-    report = Explanation.of(" ".join(name or []))
+    report = lookup.Explanation.of(" ".join(name or []))
     console.emit(report, explanation(report))

@@ -10,7 +10,9 @@ from rich.console import Group, RenderableType
 from rich.filesize import decimal
 from rich.text import Text
 
+from drcli.base.errors import Problem, refuse
 from drcli.base.files import refuse_existing, safe_name
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import (
     DryRun,
@@ -28,13 +30,18 @@ from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
-    from drcli.base.errors import Problem
     from drcli.config.settings import Settings
     from drcli.convert.car_rules import CarAction
     from drcli.convert.policy_file import Form
     from drcli.transfer.export_car import ArchiveReport, CarExport, CarReport
     from drcli.transfer.export_forms import ExportReport, FormReport
     from drcli.transfer.export_model import ExportSource, Selection
+
+with lazy_imports():
+    from drcli.checks import compare_on_drive
+    from drcli.transfer import export_car as transfer_export_car
+    from drcli.transfer import export_droa, export_forms, export_model, upload
+
 
 # Shows archives for the physical car.
 
@@ -117,9 +124,7 @@ def selection(best: bool, number: str | None, prefix: str | None) -> "Selection"
     Raises:
         BadParameter: -b and -c are both given, or -c names none.
     """
-    from drcli.transfer.export_model import Selection
-
-    return Selection(checkpoint_choice(best, number, "best"), prefix)
+    return export_model.Selection(checkpoint_choice(best, number, "best"), prefix)
 
 
 # `dr export car` and `dr upload-car-zip`.
@@ -154,9 +159,6 @@ def export_car(
 
     Example: dr-export car
     """
-    from drcli.transfer.export_car import archive_path, write_archive
-    from drcli.transfer.export_model import read_export_source
-
     if check is not None:
         if best or number is not None or prefix or out or force:
             raise typer.BadParameter("--check takes a file, and no other option with it.")
@@ -165,9 +167,9 @@ def export_car(
     if out is not None and not out.is_dir():
         refuse_existing(out, force=force)
     loaded = settings()
-    source = read_export_source(loaded, selection(best, number, prefix))
-    path = archive_path(out, source.file_name, force=force)
-    report = write_archive(_made(loaded, source, path.name), path)
+    source = export_model.read_export_source(loaded, selection(best, number, prefix))
+    path = transfer_export_car.archive_path(out, source.file_name, force=force)
+    report = transfer_export_car.write_archive(_made(loaded, source, path.name), path)
     _warn(report.problems)
     console.emit(report, show_archive(report))
 
@@ -203,49 +205,44 @@ def upload_car_zip(
 
     Example: dr-upload-car-zip -fL
     """
-    from drcli.transfer.export_car import CAR_FILE, plan_car_upload, upload_archive, upload_names
-    from drcli.transfer.export_model import Selection, read_export_source
-    from drcli.transfer.upload import retention_of
-
     loaded = settings()
-    chosen = Selection(checkpoint_choice(best, number), prefix)  # the last one, as there
+    chosen = export_model.Selection(
+        checkpoint_choice(best, number), prefix
+    )  # the last one, as there
     if dry_run:
         console.say("*** DRYRUN MODE ***")
-    target = plan_car_upload(
+    target = transfer_export_car.plan_car_upload(
         loaded,
         prefix,
         local=local,
         dry_run=dry_run,
-        retention=retention_of(loaded, keep, max_mb),
+        retention=upload.retention_of(loaded, keep, max_mb),
     )
-    source = read_export_source(loaded, chosen)
+    source = export_model.read_export_source(loaded, chosen)
     if console.as_json:
         console.say(source.chosen.line)
     else:
         console.write(f"{source.chosen.line}\n")  # on stdout, where scripts look for it
-    console.say(f"Uploading the car archive of {source.url} to {target.url}/{CAR_FILE}")
+    console.say(
+        f"Uploading the car archive of {source.url} to {target.url}/{transfer_export_car.CAR_FILE}"
+    )
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
-    names = upload_names(source, numbered=numbered, only_numbered=only_numbered)
+    names = transfer_export_car.upload_names(source, numbered=numbered, only_numbered=only_numbered)
     export = _made(loaded, source, names[1])
     progress = partial(console.progress, unit="bytes")
-    report = upload_archive(export, target, names, progress, dry_run=dry_run)
+    report = transfer_export_car.upload_archive(export, target, names, progress, dry_run=dry_run)
     _warn(report.problems)
     console.emit(report, show_archive(report))
 
 
 def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":
-    from drcli.checks.compare_on_drive import made_car_archive
-
     with console.waiting("Writing the graph and comparing it with the weights on a drive ..."):
-        return made_car_archive(loaded, source, file_name)
+        return compare_on_drive.made_car_archive(loaded, source, file_name)
 
 
 def _check(path: Path) -> None:
-    from drcli.base.errors import refuse
-    from drcli.transfer.export_car import check_archive
-
-    report = check_archive(path)
+    report = transfer_export_car.check_archive(path)
     _warn(report.warnings)
     console.emit(report, show_check(report))
     refuse(report.errors)
@@ -354,12 +351,10 @@ def _export(
     *,
     fp16: bool = False,
 ) -> None:
-    from drcli.transfer.export_forms import export_form, plan_form
-
     chosen = selection(best, number, prefix)
     target = None if out is None else out.expanduser()
-    planned = plan_form(settings(), chosen, form, target, fp16=fp16, force=force)
-    report = export_form(planned)
+    planned = export_forms.plan_form(settings(), chosen, form, target, fp16=fp16, force=force)
+    report = export_forms.export_form(planned)
     console.emit(report, exported(report))
     console.suggest([(f"dr-evaluate --model {report.file}", "drive laps with it")])
 
@@ -395,15 +390,14 @@ def tf_checkpoint(
 
     Example: dr-export tf-checkpoint --out s3://bucket/team/model-1
     """
-    from drcli.transfer.export_forms import export_checkpoint, read_checkpoint_export
-    from drcli.transfer.export_model import export_target
-
     loaded, chosen = settings(), selection(best, number, prefix)
     source = chosen.prefix or loaded.model_prefix
     place = out or f"{safe_name(source)}-tf-checkpoint"
-    target = export_target(loaded, place, source, local=local, force=force)
-    exported = read_checkpoint_export(loaded, chosen)
-    report = export_checkpoint(exported, target, partial(console.progress, unit="bytes"))
+    target = export_model.export_target(loaded, place, source, local=local, force=force)
+    exported = export_forms.read_checkpoint_export(loaded, chosen)
+    report = export_forms.export_checkpoint(
+        exported, target, partial(console.progress, unit="bytes")
+    )
     console.emit(report, reference(report))
 
 
@@ -431,23 +425,22 @@ def droa(
 
     Example: dr-export droa --out my-model
     """
-    from drcli.transfer.export_droa import export_droa, read_droa_export
-    from drcli.transfer.export_model import export_target, is_url
-
     loaded, chosen = settings(), selection(best, number, prefix)
     source = chosen.prefix or loaded.model_prefix
     place = out or f"{safe_name(source)}-droa"
     target, archive = None, None
-    if place.endswith((".tar.gz", ".tgz")) and not is_url(place):
+    if place.endswith((".tar.gz", ".tgz")) and not export_model.is_url(place):
         archive = Path(place).expanduser()
     else:
-        target = export_target(loaded, place, source, local=local, force=force)
+        target = export_model.export_target(loaded, place, source, local=local, force=force)
         if target.folder is not None:
             archive = target.folder.with_name(f"{target.folder.name}.tar.gz")
     if archive is not None:
         refuse_existing(archive, force=force)
-    exported = read_droa_export(loaded, chosen, world)
-    report = export_droa(exported, target, archive, partial(console.progress, unit="bytes"))
+    exported = export_droa.read_droa_export(loaded, chosen, world)
+    report = export_droa.export_droa(
+        exported, target, archive, partial(console.progress, unit="bytes")
+    )
     console.emit(report, reference(report))
     if target is not None and target.folder is not None:
         import_it = f"dr-droa import --from {shlex.quote(place)}"

@@ -10,7 +10,9 @@ from rich.console import Group, RenderableType
 from rich.filesize import decimal
 
 from drcli.base.errors import DrError
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
+from drcli.cli.commands.copy_model import copy_here
 from drcli.cli.options import (
     CustomFiles,
     DryRun,
@@ -27,6 +29,12 @@ if TYPE_CHECKING:
     from drcli.config.settings import Settings
     from drcli.records.evaluation_task import CarTrials
     from drcli.transfer.import_model import ImportedModel
+
+with lazy_imports():
+    from drcli.run import car_trials
+    from drcli.transfer import find_checkpoint
+    from drcli.transfer import import_model as transfer_import_model
+
 
 # Shows what an import made.
 
@@ -128,11 +136,6 @@ def import_model(
 
     Example: dr-import model_30.pb --metadata model_metadata.json -t team/model-30
     """
-    from drcli.cli.commands.copy_model import copy_here
-    from drcli.transfer.find_checkpoint import OwnModel
-    from drcli.transfer.import_model import ImportOptions, copy_of_own, plan_import
-    from drcli.transfer.import_model import import_model as write
-
     if not target:
         raise typer.BadParameter("No target prefix defined. Exiting. Give it with -t.")
     if best and number is not None:
@@ -147,14 +150,14 @@ def import_model(
                 "number, last or best."
             )
         wanted = chosen
-    options = ImportOptions(
+    options = transfer_import_model.ImportOptions(
         source, target, wanted, metadata, world, local, wipe, dry_run, custom_files
     )
     try:
         with console.waiting("Reading and comparing the model ..."):
-            planned = plan_import(loaded, options)
-    except OwnModel:
-        copy_here(copy_of_own(loaded, options), force=force)
+            planned = transfer_import_model.plan_import(loaded, options)
+    except find_checkpoint.OwnModel:
+        copy_here(transfer_import_model.copy_of_own(loaded, options), force=force)
         return
     if dry_run:
         console.say("*** DRYRUN MODE ***")
@@ -164,7 +167,9 @@ def import_model(
         console.warn(f"{planned.report.target} is not empty: {counted(planned.used, 'file')}.")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
-    report = write(planned, loaded, partial(console.progress, unit="bytes"))
+    report = transfer_import_model.import_model(
+        planned, loaded, partial(console.progress, unit="bytes")
+    )
     if drive and not dry_run:
         report = replace(report, trials=_tried(loaded, planned.options.prefix, report))
     console.emit(report, imported(report))
@@ -180,12 +185,10 @@ def import_model(
 
 
 def _tried(loaded: "Settings", prefix: str, model: "ImportedModel") -> "CarTrials | None":
-    from drcli.run.car_trials import settings_of_model, try_cars
-
     try:
-        own = settings_of_model(loaded, prefix, model.world)
+        own = car_trials.settings_of_model(loaded, prefix, model.world)
         with console.waiting(f"Trying the cars of all years on {model.world} ..."):
-            return try_cars(own, model.checkpoint)
+            return car_trials.try_cars(own, model.checkpoint)
     except DrError as error:  # the model is imported all the same
         console.warn(f"The cars were not tried: {error} {error.remedy}")
         return None

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console, prompts
 from drcli.cli.options import (
     Delimiter,
@@ -21,6 +22,11 @@ from drcli.cli.options import (
 from drcli.cli.views import models_view, training_view
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings, working_folder
+
+with lazy_imports():
+    from drcli.config import editing
+    from drcli.run import increment
+    from drcli.transfer import upload
 
 
 def increment_training(
@@ -76,16 +82,14 @@ def increment_training(
 
     Example: dr-increment-training -f --checkpoint first-lap --hyperparameter lr=0.0001
     """
-    from drcli.run.increment import Overrides, make_increment, plan_increment
-
     others = list(setting or ())
     if max_iterations is not None:
         others.append(f"DR_TRAIN_MAX_ITERATIONS={max_iterations}")
-    overrides = Overrides(
+    overrides = increment.Overrides(
         parsed_checkpoint(checkpoint), world, reward, hyperparameter or (), others, description
     )
     loaded = settings()
-    planned = plan_increment(
+    planned = increment.plan_increment(
         loaded, prefix=prefix, delimiter=delimiter, wiping=wipe, overrides=overrides
     )
     step = planned.step
@@ -97,7 +101,7 @@ def increment_training(
     prompts.agree("Are you sure?", yes=force)
     if step.wipes:
         prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
-    step = make_increment(planned, loaded.storage)
+    step = increment.make_increment(planned, loaded.storage)
     console.emit(step, training_view.increment(step))
     for path in step.files:
         console.say(f"Wrote {path}")
@@ -116,8 +120,6 @@ def increment_upload_model(
 
     Example: dr-increment-upload-model -f
     """
-    from drcli.transfer import upload
-
     planned = upload.plan_upload_increment(
         settings(), prefix=prefix, delimiter=delimiter, wiping=wipe
     )
@@ -156,10 +158,8 @@ def set_upload_model(
 
     Example: dr-set-upload-model team/fast-car-1
     """
-    from drcli.config.editing import set_values
-
     folder, before = working_folder(), settings().upload_s3_prefix
-    edit = set_values(folder, {"DR_UPLOAD_S3_PREFIX": prefix}, file="run.env")
+    edit = editing.set_values(folder, {"DR_UPLOAD_S3_PREFIX": prefix}, file="run.env")
     console.warn(*edit.warnings)
     after = settings()
     place = f"s3://{after.upload_s3_bucket}/{after.upload_s3_prefix}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import BadValue, ProblemsError, one_of, shown
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console, prompts
 from drcli.cli.options import force_option, in_options, world_option
 from drcli.cli.views.layout import counted
@@ -17,6 +18,11 @@ from drcli.cli.working_folder import current_folder, working_folder
 
 if TYPE_CHECKING:
     from drcli.transfer.ready_made import ReadyMadeModel
+
+with lazy_imports():
+    from drcli.config import new_folder, presets, settings
+    from drcli.model.files import hyperparameters
+    from drcli.transfer import ready_made as transfer_ready_made
 
 OPTIONS = {
     "DR_WORLD_NAME": "--world",
@@ -133,17 +139,6 @@ def init(
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
-    from drcli.config.new_folder import (
-        has_activate_script,
-        plan_experiment,
-        plan_folder,
-        with_curriculum,
-        write,
-    )
-    from drcli.config.presets import preset_of
-    from drcli.model.files.hyperparameters import plan_with_method
-    from drcli.transfer.ready_made import check_place, put_into_bucket, values_with
-
     if folder == "":
         raise typer.BadParameter(
             "The name of the folder is empty. Leave it out for the current one."
@@ -153,15 +148,15 @@ def init(
     given = (world, race_type, prefix, workers, cloud, bucket, endpoint, profile)
     pairs = zip(OPTIONS, given, strict=False)  # all but the experiment
     values = {name: str(value) for name, value in pairs if value is not None}
-    chosen = None if preset is None else preset_of(preset)
+    chosen = None if preset is None else presets.preset_of(preset)
     ready_made = None if model is None else _ready_made(model)
     files = None
     if ready_made is not None:
-        values = values_with(ready_made, values, experiment=experiment)
+        values = transfer_ready_made.values_with(ready_made, values, experiment=experiment)
         files = ready_made.files
     try:
         if experiment is not None:
-            plan = plan_experiment(
+            plan = new_folder.plan_experiment(
                 Path(folder or working_folder()), experiment, values, chosen, files
             )
         else:
@@ -169,14 +164,14 @@ def init(
                 values = with_answers(values, prompts.ask, console.warn)
                 if teacher is None and ready_made is None and preset != "sac":
                     teacher = wants_teacher(prompts.ask, usually=_is_taught(preset, values))
-            plan = plan_folder(Path(folder or current_folder()), values, chosen, files)
+            plan = new_folder.plan_folder(Path(folder or current_folder()), values, chosen, files)
         if curriculum:
-            plan = with_curriculum(plan)
+            plan = new_folder.with_curriculum(plan)
         is_new = experiment is None and ready_made is None
         if teacher is None and is_new and _is_taught(preset, values):
             teacher = True
         if teacher is not None:
-            plan = plan_with_method(plan, teacher)
+            plan = hyperparameters.plan_with_method(plan, teacher)
     except ProblemsError as error:
         raise in_options(error, OPTIONS, {*values, "DR_EXPERIMENT_NAME"}) from None
     if plan.clashes and not force:
@@ -186,18 +181,18 @@ def init(
         prompts.agree(f"{there} Replace them, and keep the old ones as .bak?", yes=False)
     if ready_made is not None:
         looking = console.waiting("Looking at the bucket ...", only_live=True)
-        check_place(plan, experiment, looking)
-    report = write(plan)
+        transfer_ready_made.check_place(plan, experiment, looking)
+    report = new_folder.write(plan)
     if ready_made is not None:
         progress = partial(console.progress, unit="bytes")
-        report = put_into_bucket(report, plan, experiment, ready_made, progress)
+        report = transfer_ready_made.put_into_bucket(report, plan, experiment, ready_made, progress)
     console.warn(*report.warnings)
     if report.backups:
         console.warn(f"The old files are kept as {', '.join(report.backups)}.")
     console.emit(report, None)
     kept = f"; {counted(len(report.unchanged), 'file')} kept" if report.unchanged else ""
     console.say(f"{counted(len(report.written), 'file')} written to {report.folder}{kept}.")
-    sourced = has_activate_script(plan.folder)
+    sourced = new_folder.has_activate_script(plan.folder)
     if ready_made is not None:
         console.say(f"{report.model} is the ready-made model {ready_made.name}.")
         if chosen is not None:
@@ -223,15 +218,12 @@ _AFTER_MODEL = (
 
 
 def _ready_made(name: str) -> "ReadyMadeModel":
-    from drcli.config.presets import ready_made
-    from drcli.transfer.ready_made import read_ready_made
-
-    names = ready_made()
+    names = presets.ready_made()
     if name not in names:
         raise typer.BadParameter(
             f"--model {shown(name)}: there is no such ready-made model. {one_of(names, name)}"
         )
-    return read_ready_made(name)
+    return transfer_ready_made.read_ready_made(name)
 
 
 def with_answers(
@@ -246,15 +238,13 @@ def with_answers(
         ask: Takes a question, a default and the allowed words, and returns the answer.
         warn: Prints what is wrong with an answer, before the question is asked again.
     """
-    from drcli.config.settings import catalogue
-
     values = dict(given)
 
     def ask_for(name: str, question: str, default: str, choices: Sequence[str] = ()) -> None:
         while name not in values:
             answer = ask(question, default, choices)
             try:
-                catalogue()[name].read(answer)
+                settings.catalogue()[name].read(answer)
             except BadValue as bad:
                 warn(f"{shown(answer)} {bad.reason}. {bad.remedy}")
             else:

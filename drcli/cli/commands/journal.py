@@ -9,12 +9,16 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.views.layout import fitted, indented
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.run.journal import JournalReport
+
+with lazy_imports():
+    from drcli.run import journal as run_journal
 
 # Shows a model's journal.
 
@@ -74,8 +78,6 @@ def journal(
 
     Example: dr-journal
     """
-    from drcli.run.journal import journal_of
-
-    report = journal_of(settings(), model)
+    report = run_journal.journal_of(settings(), model)
     console.warn(*report.damaged)
     console.emit(report, show_journal(report))

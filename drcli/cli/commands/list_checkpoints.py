@@ -8,6 +8,7 @@ from rich.console import Group, RenderableType
 from rich.filesize import decimal
 from rich.text import Text
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import models_argument
 from drcli.cli.views.layout import Rows, counted
@@ -16,6 +17,10 @@ from drcli.model.model_store import ModelStore
 
 if TYPE_CHECKING:
     from drcli.model.checkpoint_list import CheckpointList, ListedCheckpoint, MilestoneEntry
+
+with lazy_imports():
+    from drcli.model import checkpoint_list
+    from drcli.transfer import transfer_buckets
 
 # Shows checkpoints and milestones.
 
@@ -81,12 +86,9 @@ def list_checkpoints(
 
     Example: dr-list-checkpoints team/model-1
     """
-    from drcli.model import checkpoint_list
-    from drcli.transfer.transfer_buckets import bucket_to_look_at
-
     loaded = settings()
     prefix = loaded.model_prefix if model is None else model.rstrip("/")
-    bucket = bucket_to_look_at(loaded.transfer, upload=False)
+    bucket = transfer_buckets.bucket_to_look_at(loaded.transfer, upload=False)
     with console.waiting(f"Reading s3://{bucket.name}/{prefix} ..."):
         found = checkpoint_list.list_checkpoints(
             loaded.model, ModelStore(bucket, prefix), check=check

@@ -4,10 +4,16 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import models_argument
 from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings
+
+with lazy_imports():
+    from drcli.model import model_list
+    from drcli.transfer import transfer_buckets
+
 
 _Pattern = Annotated[
     str, models_argument("PATTERN", "Part of a name, or a whole name with * and ?.")
@@ -26,9 +32,6 @@ def list_models(
 
     Example: dr-list-models "team/*"
     """
-    from drcli.model import model_list
-    from drcli.transfer import transfer_buckets
-
     bucket = transfer_buckets.bucket_to_look_at(settings().transfer, upload=upload)
     with console.waiting(f"Reading s3://{bucket.name} ..."):
         found = model_list.list_models(bucket, pattern)

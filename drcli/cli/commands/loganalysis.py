@@ -6,9 +6,16 @@ from typing import Annotated
 import typer
 
 from drcli.base.errors import Absent
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console
 from drcli.cli.open_page import open_page
 from drcli.cli.working_folder import settings
+from drcli.transfer.report_place import report_file
+
+with lazy_imports():
+    from drcli.analysis import analysis, outputs, read_run
+    from drcli.run import stopping
+
 
 _NOTHING_RUNS = "No log analysis is running. dr-start-loganalysis writes a file; it starts nothing."
 
@@ -47,17 +54,12 @@ def start_loganalysis(
 
     Example: dr-start-loganalysis
     """
-    from drcli.analysis.analysis import analyse
-    from drcli.analysis.outputs import write_report
-    from drcli.analysis.read_run import read_run
-    from drcli.transfer.report_place import report_file
-
     loaded = settings()
     with console.waiting(f"Reading {what or loaded.model_prefix} ..."):
-        run = read_run(loaded, what)
+        run = read_run.read_run(loaded, what)
     path = report_file(loaded.directory, run.name)
     with console.waiting("Writing the report ..."):
-        written = write_report(path, analyse(run))
+        written = outputs.write_report(path, analysis.analyse(run))
     console.warn(*written.problems)
     address = ReportAddress(run.name, str(path), path.as_uri())
     console.emit(address, f"{address.html}\n{address.url}", folded=False)
@@ -70,8 +72,6 @@ def url_loganalysis() -> None:
 
     Example: dr-url-loganalysis
     """
-    from drcli.transfer.report_place import report_file
-
     loaded = settings()
     path = report_file(loaded.directory, loaded.model_prefix)
     if not path.is_file():
@@ -104,7 +104,5 @@ def logs_loganalysis() -> None:
 
 
 def _say_nothing_runs() -> None:
-    from drcli.run.stopping import StopReport
-
     console.say(_NOTHING_RUNS)
-    console.emit(StopReport(), None)
+    console.emit(stopping.StopReport(), None)

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.base.clock import moment
 from drcli.base.errors import Absent, SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console
 from drcli.cli.log_tail import POLL_S, chosen, show_log
 from drcli.cli.options import text_only
@@ -19,6 +21,12 @@ from drcli.model.model_store import ModelStore
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
     from drcli.run.read_logs import UploadedLog
+
+with lazy_imports():
+    from drcli.bucket import connect
+    from drcli.records import run_record
+    from drcli.run import read_logs
+
 
 # Shows the uploaded copy of a log.
 
@@ -47,9 +55,7 @@ def show_uploaded_log(log: "UploadedLog", last_lines: int | None, since: datetim
 
 
 def follow_uploaded_log(log: "UploadedLog", shown: bytes, until: Callable[[], bool]) -> None:
-    from drcli.run.read_logs import UploadedTail
-
-    tail = UploadedTail(log.bucket, log.key, shown)
+    tail = read_logs.UploadedTail(log.bucket, log.key, shown)
     failure = ""
     while not until():
         try:
@@ -132,8 +138,6 @@ def logs(
 
     Example: dr-logs reward -f
     """
-    from drcli.records.run_record import json_log, log_file
-
     loaded, name = settings(), _name(worker, number)
     if whole and lines is not None:
         raise typer.BadParameter("--all and --lines exclude each other.")
@@ -141,8 +145,8 @@ def logs(
         raise _no_json_lines(name)
     begin = _begin(since, name)
     count = lines if lines is not None or whole or begin is not None else TAIL_LINES
-    path = log_file(working_folder(), loaded.model_prefix, name)
-    path = json_log(path) if json_lines else path
+    path = run_record.log_file(working_folder(), loaded.model_prefix, name)
+    path = run_record.json_log(path) if json_lines else path
     if not uploaded and path.exists():
         show_log(path, count, lambda: follow, since=begin)
         return
@@ -180,15 +184,12 @@ def _show_copy(
 
 
 def _copy(loaded: "Settings", name: str, file: str, *, keep_waiting: bool) -> "UploadedLog | None":
-    from drcli.bucket.connect import open_running_bucket
-    from drcli.run.read_logs import find_uploaded
-
     try:
-        bucket = open_running_bucket(loaded.storage)
+        bucket = connect.open_running_bucket(loaded.storage)
         return (
             None
             if bucket is None
-            else find_uploaded(ModelStore(bucket, loaded.model_prefix), name, file)
+            else read_logs.find_uploaded(ModelStore(bucket, loaded.model_prefix), name, file)
         )
     except StorageError as error:
         if not keep_waiting:
@@ -206,7 +207,6 @@ def _begin(since: str | None, name: str) -> datetime | None:
             remedy="Leave out --since. With DR_LOG_JSON=True, "
             f"`dr-logs {_worker_of(name)} --json-lines --since {since}` has the prints, too.",
         )
-    from drcli.base.clock import moment
 
     return moment("--since", since, datetime.now(UTC))
 

@@ -6,6 +6,8 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from drcli.base.errors import StorageError
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import models_argument
 from drcli.cli.stopped_process import show_stopped
@@ -14,6 +16,10 @@ from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
     from drcli.run.tensorboard_server import MetricsReport
+
+with lazy_imports():
+    from drcli.run import tensorboard_server
+    from drcli.transfer import transfer_buckets
 
 # Shows where figures go.
 
@@ -73,16 +79,12 @@ def start_metrics(
 
     Example: dr-metrics start
     """
-    from drcli.base.errors import StorageError
-    from drcli.run import tensorboard_server
-    from drcli.transfer.transfer_buckets import bucket_to_look_at
-
     loaded = settings()
     tensorboard_server.check_tensorboard(loaded)
     prefixes = [loaded.model_prefix] if not models else [name.rstrip("/") for name in models]
     with console.waiting("Starting TensorBoard ..."):
         try:
-            bucket = bucket_to_look_at(loaded.transfer, upload=False)
+            bucket = transfer_buckets.bucket_to_look_at(loaded.transfer, upload=False)
             fetched = tensorboard_server.fetch_events(loaded, bucket, prefixes)
             written = tensorboard_server.write_histories(loaded, bucket, prefixes)
         except StorageError as error:
@@ -102,8 +104,6 @@ def stop_metrics() -> None:
 
     Example: dr-metrics stop
     """
-    from drcli.run.tensorboard_server import stop_tensorboard
-
-    record = stop_tensorboard(working_folder())
+    record = tensorboard_server.stop_tensorboard(working_folder())
     pid = None if record is None else record.pid
     show_stopped("TensorBoard", pid, none="No TensorBoard is running.")

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import prefix_option
 from drcli.cli.views import notes_view
@@ -11,6 +12,10 @@ from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.transfer.model_notes import NoteList
+
+with lazy_imports():
+    from drcli.transfer import model_notes
+
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -32,9 +37,7 @@ def add(text: _Text, prefix: _Prefix = None) -> None:
 
     Example: dr-note add "Wider kerbs, slower in the hairpin"
     """
-    from drcli.transfer.model_notes import write_note
-
-    _show(write_note(settings(), prefix, text))
+    _show(model_notes.write_note(settings(), prefix, text))
 
 
 @app.command("list")
@@ -43,8 +46,6 @@ def list_notes(prefix: _Prefix = None) -> None:
 
     Example: dr-note list -p team/model-1
     """
-    from drcli.transfer import model_notes
-
     _show(model_notes.list_notes(settings(), prefix))
 
 
@@ -54,9 +55,7 @@ def edit(number: _Number, text: _Text, prefix: _Prefix = None) -> None:
 
     Example: dr-note edit 0 "Fast, but leaves the track"
     """
-    from drcli.transfer.model_notes import rewrite_note
-
-    _show(rewrite_note(settings(), prefix, number, text))
+    _show(model_notes.rewrite_note(settings(), prefix, number, text))
 
 
 @app.command()
@@ -65,9 +64,7 @@ def remove(number: _Number, prefix: _Prefix = None) -> None:
 
     Example: dr-note remove 2
     """
-    from drcli.transfer.model_notes import delete_note
-
-    _show(delete_note(settings(), prefix, number))
+    _show(model_notes.delete_note(settings(), prefix, number))
 
 
 def _show(found: "NoteList") -> None:

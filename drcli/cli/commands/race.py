@@ -1,12 +1,17 @@
 """`dr race`."""
 
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_replacing
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
+from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import (
     DryRun,
     Force,
@@ -20,6 +25,21 @@ from drcli.cli.race_access import Closes, Race, found_race, open_races, print_ra
 from drcli.cli.views import race_view
 from drcli.cli.working_folder import settings
 from drcli.races.race_records import Pairing, RaceKind, Ranking
+from drcli.races.race_report import RaceList
+from drcli.races.race_settings import settings_of_rules
+from drcli.races.stored_race import read_rules
+
+with lazy_imports():
+    from drcli.races import (
+        organise,
+        queue_process,
+        race_export,
+        race_queue,
+        race_wish,
+        stored_race,
+        submissions,
+    )
+
 
 # Options of `dr race create`.
 
@@ -133,9 +153,6 @@ def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None
     Raises:
         typer.BadParameter: The race has no such objects.
     """
-    from drcli.base.errors import SettingsError
-    from drcli.races import race_wish
-
     try:
         return race_wish.object_settings(race_type, obstacles, bots)
     except SettingsError as error:
@@ -172,16 +189,9 @@ def create(
 
     Example: dr-race create "Friday Cup" --world bean --rank best-average --closes 2h
     """
-    import time
-
-    from drcli.cli.fetch_tracks import bring_tracks
-    from drcli.races.organise import create_race
-    from drcli.races.race_settings import settings_of_rules
-    from drcli.races.race_wish import RaceWish, parse_time, rules_of
-
     now = time.time()
     objects = object_settings(race_type, obstacles, bots)
-    wish = RaceWish(
+    wish = race_wish.RaceWish(
         name=name,
         world=world,
         reverse=reverse,
@@ -193,16 +203,16 @@ def create(
         off_track_penalty_s=off_track_penalty,
         collision_penalty_s=collision_penalty,
         max_submissions=max_submissions,
-        opens_at=None if opens is None else parse_time("--opens", opens, now),
-        closes_at=None if closes is None else parse_time("--closes", closes, now),
+        opens_at=None if opens is None else race_wish.parse_time("--opens", opens, now),
+        closes_at=None if closes is None else race_wish.parse_time("--closes", closes, now),
         seed=seed,
         pairing=pairing,
         sensors=tuple(sensor or ()),
         settings=tuple(objects.items()),
     )
     loaded = settings()
-    bring_tracks(settings_of_rules(loaded, rules_of(loaded, wish, now)))
-    report = create_race(loaded, open_races(loaded), wish, now_s=now)
+    bring_tracks(settings_of_rules(loaded, race_wish.rules_of(loaded, wish, now)))
+    report = organise.create_race(loaded, open_races(loaded), wish, now_s=now)
     print_race(report)
     console.suggest(
         [
@@ -242,11 +252,6 @@ def edit(
 
     Example: dr-race edit friday-cup --laps 5 --rank best-average
     """
-    from dataclasses import replace
-
-    from drcli.races.organise import change_rules, wish_of
-    from drcli.races.stored_race import read_rules
-
     given = {
         "name": name,
         "world": world,
@@ -266,8 +271,8 @@ def edit(
         raise typer.BadParameter("Say what to change, such as --laps 5.")
     loaded = settings()
     bucket, found = found_race(loaded, race)
-    wish = replace(wish_of(read_rules(bucket, found)), **changes)
-    print_race(change_rules(loaded, bucket, found, wish))
+    wish = replace(organise.wish_of(read_rules(bucket, found)), **changes)
+    print_race(organise.change_rules(loaded, bucket, found, wish))
 
 
 app = typer.Typer(
@@ -297,12 +302,9 @@ def list_all() -> None:
 
     Example: dr-race list
     """
-    from drcli.races.organise import list_races
-    from drcli.races.race_report import RaceList
-
     loaded = settings()
     bucket = races_to_look_at(loaded)
-    found = RaceList(loaded.bucket, []) if bucket is None else list_races(bucket)
+    found = RaceList(loaded.bucket, []) if bucket is None else organise.list_races(bucket)
     console.warn(*found.damaged)
     console.emit(found, race_view.races(found))
 
@@ -313,10 +315,8 @@ def show(race: Race) -> None:
 
     Example: dr-race show friday-cup
     """
-    from drcli.races.organise import show_race
-
     bucket, found = found_race(settings(), race)
-    print_race(show_race(bucket, found))
+    print_race(organise.show_race(bucket, found))
 
 
 @app.command()
@@ -339,14 +339,14 @@ def submit(
 
     Example: dr-race submit friday-cup team/model-1 --racer Ann
     """
-    from drcli.races.submissions import submit as submit_to
-
     if model and prefix:
         raise typer.BadParameter("MODEL and --prefix both name the model; use only one.")
     prefix = model or prefix
     loaded = settings()
     bucket, found = found_race(loaded, race)
-    taken = submit_to(loaded, bucket, found, prefix=prefix, checkpoint=checkpoint, racer=racer)
+    taken = submissions.submit(
+        loaded, bucket, found, prefix=prefix, checkpoint=checkpoint, racer=racer
+    )
     console.emit(taken, race_view.taken(taken))
     if not taken.queue:
         console.suggest([(f"dr-race run {found}", "drive what was submitted")])
@@ -358,8 +358,6 @@ def withdraw(race: Race, submission: _Submission, force: Force = False) -> None:
 
     Example: dr-race withdraw friday-cup 3f9a01c2
     """
-    from drcli.races import stored_race, submissions
-
     bucket, found = found_race(settings(), race)
     stored = stored_race.read_race(bucket, found)
     entry = stored.submissions[stored.find(submission)]
@@ -380,8 +378,6 @@ def move(
 
     Example: dr-race move friday-cup 3f9a01c2 1
     """
-    from drcli.races import submissions
-
     bucket, found = found_race(settings(), race)
     print_race(submissions.move(bucket, found, submission, place))
 
@@ -392,8 +388,6 @@ def restart(race: Race, submission: _Submission) -> None:
 
     Example: dr-race restart friday-cup 3f9a01c2
     """
-    from drcli.races import submissions
-
     bucket, found = found_race(settings(), race)
     print_race(submissions.restart(bucket, found, submission))
 
@@ -426,10 +420,8 @@ def stop(race: Race) -> None:
 
     Example: dr-race stop friday-cup
     """
-    from drcli.races.queue_process import stop_queue
-
     bucket, found = found_race(settings(), race)
-    stopped = stop_queue(bucket, found)
+    stopped = queue_process.stop_queue(bucket, found)
     text = f"Stopped the queue of {found} (process {stopped.pid}). What was driven is kept."
     console.emit(stopped, text)
 
@@ -440,14 +432,9 @@ def open_again(race: Race, closes: Closes = None) -> None:
 
     Example: dr-race open friday-cup --closes 1d
     """
-    import time
-
-    from drcli.races.organise import open_race
-    from drcli.races.race_wish import parse_time
-
     bucket, found = found_race(settings(), race)
-    until = None if closes is None else parse_time("--closes", closes, time.time())
-    print_race(open_race(bucket, found, until))
+    until = None if closes is None else race_wish.parse_time("--closes", closes, time.time())
+    print_race(organise.open_race(bucket, found, until))
 
 
 @app.command()
@@ -456,10 +443,8 @@ def close(race: Race) -> None:
 
     Example: dr-race close friday-cup
     """
-    from drcli.races.organise import close_race
-
     bucket, found = found_race(settings(), race)
-    print_race(close_race(bucket, found))
+    print_race(organise.close_race(bucket, found))
 
 
 @app.command()
@@ -481,21 +466,18 @@ def export(
 
     Example: dr-race export friday-cup --html cup.html --videos
     """
-    from drcli.races.organise import show_race
-    from drcli.races.race_export import export_race, videos_of
-
     for given in (csv, html):
         if given is not None:
             refuse_replacing(given, force=force)
     bucket, found = found_race(settings(), race)
-    report = show_race(bucket, found)
+    report = organise.show_race(bucket, found)
     page = Path(f"{found}.html") if html is None and csv is None else html
     if videos and page is None:
         raise typer.BadParameter("--videos puts videos into a page; add --html FILE.")
     if page is not None:
         refuse_replacing(page, force=force)
-    films = videos_of(report, bucket) if videos else {}
-    written = export_race(report, csv_path=csv, html_path=page, videos=films)
+    films = race_export.videos_of(report, bucket) if videos else {}
+    written = race_export.export_race(report, csv_path=csv, html_path=page, videos=films)
     console.emit(written, race_view.exported(written))
 
 
@@ -505,31 +487,27 @@ def delete(race: Race, force: Force = False, dry_run: DryRun = False) -> None:
 
     Example: dr-race delete friday-cup
     """
-    from drcli.races.organise import delete_race
-
     bucket, found = found_race(settings(), race)
-    planned = delete_race(bucket, found, dry_run=True)
+    planned = organise.delete_race(bucket, found, dry_run=True)
     if not dry_run:
         console.err.print(race_view.deleted(planned))
         prompts.agree("Delete this race? It cannot be undone.", yes=force)
-        planned = delete_race(bucket, found)
+        planned = organise.delete_race(bucket, found)
     console.emit(planned, race_view.deleted(planned))
 
 
 def drive(race: str, *, quiet: bool, video: bool | None, limit: int) -> None:
     """Drive a queue here, or in the background."""
-    from drcli.cli.fetch_tracks import bring_tracks
-    from drcli.races.queue_process import launch_queue
-    from drcli.races.race_queue import race_conditions, run_queue
-
     loaded = settings()
     bucket, found = found_race(loaded, race)
-    bring_tracks(race_conditions(loaded, bucket, found))
+    bring_tracks(race_queue.race_conditions(loaded, bucket, found))
     if quiet:
         if limit:
             raise typer.BadParameter("-n limits what is driven here; leave out -q.")
-        started = launch_queue(loaded, bucket, found, video=video)
+        started = queue_process.launch_queue(loaded, bucket, found, video=video)
         console.emit(started, race_view.started(started))
         return
-    report = run_queue(loaded, bucket, found, video=video, limit=limit, on_progress=console.say)
+    report = race_queue.run_queue(
+        loaded, bucket, found, video=video, limit=limit, on_progress=console.say
+    )
     print_race(report)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import Absent
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.log_tail import POLL_S, show_log
 from drcli.cli.options import text_only
@@ -16,6 +17,10 @@ from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
     from drcli.run.worker_processes import Process
+
+with lazy_imports():
+    from drcli.run import worker_processes
+
 
 TAIL_LINES = 100
 """The reference: the last five minutes."""
@@ -96,13 +101,11 @@ def get_robomaker_stats(replica: _Replica = 1) -> None:
 
     Example: dr-get-robomaker-stats -n 2 --json
     """
-    from drcli.run.worker_processes import speed_of
-
     wanted = _robomaker(replica)
     found = wanted.find()
     if not found:
         raise wanted.absent()
-    report = speed_of(found[0], settings().run)
+    report = worker_processes.speed_of(found[0], settings().run)
     console.emit(report, summary_view.speed(report))
 
 
@@ -117,8 +120,6 @@ class _Wanted:
     evaluation: bool = False
 
     def find(self) -> "list[Process]":
-        from drcli.run import worker_processes
-
         look = worker_processes.evaluations if self.evaluation else worker_processes.simulations
         if self is _TRAINER:
             look = worker_processes.trainers
@@ -156,9 +157,7 @@ def _follow(wanted: _Wanted, wait_s: float, *, whole: bool) -> None:
 
 
 def _print(wanted: _Wanted) -> None:
-    from drcli.run.worker_processes import ProcessReport
-
-    report = ProcessReport([process for process in wanted.find() if process.alive])
+    report = worker_processes.ProcessReport([process for process in wanted.find() if process.alive])
     lines = "\n".join(str(process.pid) for process in report.processes)
     if console.as_json or lines:
         console.emit(report, lines)

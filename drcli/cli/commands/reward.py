@@ -10,7 +10,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from drcli.base.errors import ProblemsError, SettingsError
+from drcli.base.errors import Problem, ProblemsError, SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import Replace, in_options, world_option
 from drcli.cli.views import iterations
@@ -19,11 +20,17 @@ from drcli.cli.views.layout import Fitted, Rows, counted, indented
 from drcli.cli.working_folder import working_folder
 
 if TYPE_CHECKING:
-    from drcli.base.errors import Problem
     from drcli.config.settings import Settings
     from drcli.rewards.check import OtherRace, RewardReport
     from drcli.rewards.compare import ComparisonReport
     from drcli.rewards.pictures import PlotReport
+
+with lazy_imports():
+    from drcli.config import loading
+    from drcli.rewards import check as rewards_check
+    from drcli.rewards import compare as rewards_compare
+    from drcli.rewards import pictures
+
 
 # Shows reports about reward functions.
 
@@ -209,10 +216,8 @@ def check(file: _File = None, world: _World = None) -> None:
 
     Example: dr-reward check
     """
-    from drcli.rewards import check as checking
-
     with _on_track(world) as settings, console.waiting("Trying the reward function ..."):
-        report = checking.check(settings, file, working_folder())
+        report = rewards_check.check(settings, file, working_folder())
     console.emit(report, show_check(report))
     if not report.works:
         first, *more = report.errors
@@ -233,10 +238,8 @@ def plot(
 
     Example: dr-reward plot -o reward.png
     """
-    from drcli.rewards import pictures as plotting
-
     with _on_track(world) as settings, console.waiting("Trying the reward function ..."):
-        report = plotting.plot(settings, file, out, working_folder(), force=force)
+        report = pictures.plot(settings, file, out, working_folder(), force=force)
     console.emit(report, show_plot(report))
 
 
@@ -254,19 +257,17 @@ def compare(
 
     Example: dr-reward compare custom_files/reward_function.py other.py -o both.png
     """
-    from drcli.rewards import compare as comparing
-
     with _on_track(world) as settings, console.waiting("Trying both reward functions ..."):
-        report = comparing.compare(settings, first, second, out, working_folder(), force=force)
+        report = rewards_compare.compare(
+            settings, first, second, out, working_folder(), force=force
+        )
     console.emit(report, comparison(report))
 
 
 @contextmanager
 def _on_track(world: str | None) -> "Iterator[Settings]":
-    from drcli.config.loading import load_settings
-
     flags = {"DR_WORLD_NAME": world} if world is not None else {}
     try:
-        yield load_settings(working_folder(), flags=flags)
+        yield loading.load_settings(working_folder(), flags=flags)
     except ProblemsError as error:
         raise in_options(error, {"DR_WORLD_NAME": "--world"}, flags) from None

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from drcli.base.errors import ProblemsError
 from drcli.base.files import refuse_existing, refuse_replacing, safe_name
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli import evaluation_options as options
 from drcli.cli.fetch_tracks import bring_tracks
@@ -22,13 +23,18 @@ from drcli.cli.options import (
 )
 from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import working_folder
+from drcli.config.value_types import CheckpointChoice, parse_checkpoint
 from drcli.model.model_store import ModelStore
 from drcli.view.saliency.question import METHODS, MOST_PICTURES, SPACINGS, TARGETS, Question
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
-    from drcli.config.value_types import CheckpointChoice
     from drcli.view.saliency.explain_model import ExplainedStep, SaliencyReport
+
+with lazy_imports():
+    from drcli.config import loading
+    from drcli.transfer import transfer_buckets
+    from drcli.view.saliency import explain_model
 
 # Shows what moved the car.
 
@@ -143,9 +149,6 @@ def saliency(
 
     Example: dr-saliency --checkpoint best --html saliency.html
     """
-    from drcli.config.loading import load_settings
-    from drcli.transfer.transfer_buckets import bucket_to_look_at
-
     if file is not None and (model is not None or checkpoint is not None):
         raise typer.BadParameter("--model explains a file; leave out MODEL and --checkpoint.")
     if metadata is not None and file is None:
@@ -154,7 +157,7 @@ def saliency(
     question = _question(pictures, steps, target, methods, spacing, seed)
     flags = {"DR_WORLD_NAME": world} if world is not None else {}
     try:
-        settings = load_settings(working_folder(), flags=flags)
+        settings = loading.load_settings(working_folder(), flags=flags)
     except ProblemsError as error:
         raise in_options(error, {"DR_WORLD_NAME": "--world"}, flags) from None
     settings = options.with_options(
@@ -169,15 +172,13 @@ def saliency(
     if png is not None and (old := next(png.glob("saliency-*.png"), None)) is not None:
         refuse_existing(old, force=force)
 
-    from drcli.view.saliency import explain_model  # here: torch takes seconds to load
-
     name = None
     with console.waiting("Driving an episode and explaining it ..."):
         if file is not None:
             prefix = str(file)
             explained = explain_model.explain_file(settings, file, metadata, question)
         else:
-            bucket = bucket_to_look_at(settings.transfer, upload=False)
+            bucket = transfer_buckets.bucket_to_look_at(settings.transfer, upload=False)
             prefix = settings.model_prefix if model is None else model.rstrip("/")
             wanted = chosen or _configured(settings)
             explained, name = explain_model.explain_checkpoint(
@@ -192,8 +193,6 @@ def saliency(
 
 
 def _configured(settings: "Settings") -> "CheckpointChoice":
-    from drcli.config.value_types import parse_checkpoint
-
     return parse_checkpoint(settings.eval_checkpoint)
 
 

@@ -6,8 +6,12 @@ from typing import Annotated
 import typer
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.working_folder import settings
+
+with lazy_imports():
+    from drcli.outside import messages
 
 
 @dataclass(frozen=True)
@@ -35,10 +39,8 @@ def send_message(
 
     Example: dr-send-message "Does this arrive?"
     """
-    from drcli.outside.messages import Message, open_channels, try_channels
-
     loaded = settings()
-    channels = open_channels(loaded, loaded.storage.aws_profile)
+    channels = messages.open_channels(loaded, loaded.storage.aws_profile)
     if not channels:
         raise SettingsError(
             "No place for messages is set.",
@@ -46,9 +48,9 @@ def send_message(
             "system.env.",
         )
     facts = {"model": f"s3://{loaded.bucket}/{loaded.model_prefix}"}
-    message = Message("test", f"message: {loaded.model_prefix}", text, facts)
+    message = messages.Message("test", f"message: {loaded.model_prefix}", text, facts)
     with console.waiting("Sending ..."):
-        results = try_channels(channels, message)
+        results = messages.try_channels(channels, message)
     report = MessageReport(
         text,
         [name for name, error in results.items() if error is None],

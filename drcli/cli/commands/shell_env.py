@@ -5,8 +5,13 @@ import os
 import typer
 
 from drcli.base.errors import DrError
+from drcli.base.installation import lazy_imports
 from drcli.cli.options import text_only
 from drcli.cli.working_folder import working_folder
+
+with lazy_imports():
+    from drcli.config import shell_variables
+
 
 EXPERIMENT = "_DR_EXPERIMENT"
 
@@ -19,10 +24,8 @@ def shell_env() -> None:
 
     Example: eval "$(dr shell-env)"
     """
-    from drcli.config.shell_variables import shell_change
-
     try:
-        change = shell_change(
+        change = shell_variables.shell_change(
             working_folder(), os.environ, experiment=os.environ.get(EXPERIMENT, "")
         )
     except DrError as error:  # a line in every new shell is enough; `dr config check` says more

@@ -13,17 +13,39 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 import typer
 
 from drcli.base.errors import Absent, NotAvailable, ProblemsError, SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.commands.spot_watch import watch
 from drcli.cli.options import DryRun, text_only
 from drcli.cli.spot_options import Profile, Region, StackName, Yes, account, usual_region
 from drcli.cli.views import spot_view
 from drcli.cli.working_folder import working_folder
+from drcli.outside.aws import stacks
+from drcli.outside.aws.instance_types import default_types, find_types
+from drcli.outside.aws.machine_marks import log_folder, read_marks
+from drcli.outside.aws.racer_files import environment, find_source, lay_out
+from drcli.outside.aws.stacks import (
+    check_name,
+    create_stack,
+    need_stack,
+    our_stacks,
+    refuse_existing,
+)
+from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_template
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
     from drcli.outside.aws.aws_account import Account
     from drcli.outside.aws.creation import Market
+
+with lazy_imports():
+    from drcli.checks import validate
+    from drcli.config import loading
+    from drcli.model import keys as model_keys
+    from drcli.outside.aws import creation, machines, stack_end, stack_report
+    from drcli.outside.aws import prices as aws_prices
+    from drcli.transfer import copy_custom_files
+
 
 # `dr-spot create`, base stacks, access and subscriptions.
 
@@ -75,9 +97,6 @@ def create_base(
 
     Example: dr-spot create-base racing
     """
-    from drcli.outside.aws.stacks import check_name, create_stack, refuse_existing
-    from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_template
-
     check_name(stack)
     ours = account(region, profile)
     refuse_existing(ours, stack)
@@ -183,12 +202,6 @@ def create(
 
     Example: dr-spot create my-run --base racing --ttl 480
     """
-    from drcli.outside.aws import creation
-    from drcli.outside.aws.creation import Wishes, check_wishes
-    from drcli.outside.aws.racer_files import find_source
-    from drcli.outside.aws.stacks import check_name, need_stack
-    from drcli.transfer.copy_custom_files import upload_custom_files
-
     check_name(stack)
     if on_demand and fallback:
         raise typer.BadParameter("--on-demand uses no spot machine, so there is no --fallback.")
@@ -202,7 +215,7 @@ def create(
             shared = need_stack(ours, base, "base")
             bucket = bucket or os.environ.get(_BUCKET_VARIABLE) or shared.bucket
             topic = shared.outputs.get("Topic", "")
-        wishes = Wishes(
+        wishes = creation.Wishes(
             stack,
             bucket or _usual_bucket(before),
             tuple(named),
@@ -217,7 +230,7 @@ def create(
             image,
             tuple(subnets or ()),
         )
-        check_wishes(wishes)
+        creation.check_wishes(wishes)
         loaded = _checked(folder, ours, wishes.bucket, stack, before)
         with console.waiting("Preparing what the machine installs ..."):
             source = find_source(install)
@@ -234,7 +247,7 @@ def create(
         console.say(spot_view.plan_text(plan, ours.region))
         prompts.agree("Start it?", yes=yes, remedy="Add --yes to start it without a question.")
         if loaded.custom_files.folder.is_dir():
-            upload_custom_files(loaded.custom_files, loaded.storage, console.say)
+            copy_custom_files.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
         with console.waiting(f"Making the stack {stack} ..."):
             report = creation.carry_out(ours, plan)
     console.emit(report, spot_view.created(report))
@@ -259,9 +272,6 @@ def add_access(
 
     Example: dr-spot add-access my-run 203.0.113.7
     """
-    from drcli.outside.aws import stacks
-    from drcli.outside.aws.stacks import need_stack
-
     ours = account(region, profile)
     added = stacks.add_access(ours, need_stack(ours, stack, "training"), address)
     report = AccessReport(stack, added)
@@ -278,9 +288,6 @@ def subscribe(
 
     Example: dr-spot subscribe my-run me@example.com
     """
-    from drcli.outside.aws import stacks
-    from drcli.outside.aws.stacks import need_stack
-
     ours = account(region, profile)
     found = need_stack(ours, stack)
     stacks.subscribe(ours, found.outputs["Topic"], email)
@@ -294,7 +301,6 @@ def _folder(files: Path | None) -> Iterator[Path]:
     if files is None:
         yield working_folder()
         return
-    from drcli.outside.aws.racer_files import lay_out
 
     with tempfile.TemporaryDirectory() as name:
         lay_out(files, Path(name))
@@ -309,9 +315,7 @@ def _later(region: str | None, profile: str | None) -> dict[str, str]:
 
 
 def _loaded(folder: Path, variables: dict[str, str]) -> "Settings":
-    from drcli.config.loading import load_settings
-
-    return load_settings(folder, environ={**os.environ, **variables})
+    return loading.load_settings(folder, environ={**os.environ, **variables})
 
 
 def _usual_bucket(loaded: "Settings") -> str:
@@ -328,11 +332,7 @@ def _usual_bucket(loaded: "Settings") -> str:
 def _checked(
     folder: Path, ours: "Account", bucket: str, stack: str, before: "Settings"
 ) -> "Settings":
-    from drcli.checks import validate
-    from drcli.outside.aws.creation import check_bucket
-    from drcli.outside.aws.racer_files import environment
-
-    check_bucket(ours, bucket)
+    creation.check_bucket(ours, bucket)
     variables = environment(bucket, ours.region, stack, before.upload_s3_bucket)
     variables["DR_LOCAL_S3_PROFILE"] = ours.profile or "default"
     loaded = _loaded(folder, variables)
@@ -383,9 +383,6 @@ def stop(
 
     Example: dr-spot stop my-run
     """
-    from drcli.outside.aws import stack_end
-    from drcli.outside.aws.stacks import need_stack
-
     ours = account(region, profile)
     found = need_stack(ours, stack, "training")
     checkpoint = ""
@@ -414,9 +411,6 @@ def delete(
 
     Example: dr-spot delete my-run
     """
-    from drcli.outside.aws import stack_end
-    from drcli.outside.aws.stacks import need_stack
-
     ours = account(region, profile)
     found = need_stack(ours, stack)
     if found.kind == "base":
@@ -468,12 +462,11 @@ def list_all(region: Region = None, profile: Profile = None) -> None:
 
     Example: dr-spot list
     """
-    from drcli.outside.aws.stack_report import StackReports, report_on
-    from drcli.outside.aws.stacks import our_stacks
-
     ours = account(region, profile)
     with console.waiting(f"Looking for stacks in {ours.region} ...", only_live=True):
-        found = StackReports(ours.region, [report_on(ours, each) for each in our_stacks(ours)])
+        found = stack_report.StackReports(
+            ours.region, [stack_report.report_on(ours, each) for each in our_stacks(ours)]
+        )
     console.emit(found, spot_view.stacks(found))
 
 
@@ -511,43 +504,36 @@ def prices(
 
     Example: dr-spot prices --region all --interruption-filter "<5%"
     """
-    from drcli.outside.aws.instance_types import default_types, find_types
-    from drcli.outside.aws.prices import (
-        Advisor,
-        Offer,
-        Offers,
-        SortKey,
-        arranged,
-        offers_of,
-        read_advisor,
-    )
-
-    keys = {each.casefold(): each for each in get_args(SortKey)}
+    keys = {each.casefold(): each for each in get_args(aws_prices.SortKey)}
     if order.casefold() not in keys:
-        raise typer.BadParameter(f"'{order}' is not one of {', '.join(get_args(SortKey))}.")
+        raise typer.BadParameter(
+            f"'{order}' is not one of {', '.join(get_args(aws_prices.SortKey))}."
+        )
     classes = _classes(allowed or [])
     missing: list[str] = []
-    advisor = Advisor({})
+    advisor = aws_prices.Advisor({})
     try:
-        advisor = read_advisor()
+        advisor = aws_prices.read_advisor()
     except StorageError as error:
         if classes is not None:
             raise
         missing.append(str(error))
-    offers: list[Offer] = []
+    offers: list[aws_prices.Offer] = []
     named = types or []
     for each in _regions(regions or [], profile):
         with console.waiting(f"Asking for prices in {each.region} ...", only_live=True):
             try:
                 known = find_types(each, named or default_types("any"), named=False)
-                offers += offers_of(each, known, advisor)
+                offers += aws_prices.offers_of(each, known, advisor)
             except (SettingsError, StorageError) as error:
                 if len(regions or []) == 1 and _EVERY not in (regions or []):
                     raise
                 missing.append(str(error))
     if not offers and missing:
         raise StorageError(missing[-1], remedy="Choose other types or regions.")
-    found = Offers(arranged(offers, keys[order.casefold()], classes)[:limit], missing)
+    found = aws_prices.Offers(
+        aws_prices.arranged(offers, keys[order.casefold()], classes)[:limit], missing
+    )
     console.warn(*missing)
     console.emit(found, spot_view.offers(found))
 
@@ -561,14 +547,10 @@ def cost(
 
     Example: dr-spot cost my-run
     """
-    from drcli.outside.aws.machine_marks import read_marks
-    from drcli.outside.aws.machines import cost_of, machines_of
-    from drcli.outside.aws.stacks import need_stack
-
     ours = account(region, profile)
     found = need_stack(ours, stack, "training")
     marks = read_marks(ours.bucket(found.bucket), stack)
-    report = cost_of(ours, stack, machines_of(ours, found, marks))
+    report = machines.cost_of(ours, stack, machines.machines_of(ours, found, marks))
     console.warn(*report.notes)
     console.emit(report, spot_view.cost(report))
 
@@ -592,14 +574,10 @@ def logs(
 
     Example: dr-spot logs my-run trainer -n 100
     """
-    from drcli.model import keys
-    from drcli.outside.aws.machine_marks import log_folder
-    from drcli.outside.aws.stacks import need_stack
-
     ours = account(region, profile)
     found = need_stack(ours, stack, "training")
     bucket = ours.bucket(found.bucket)
-    folders = (f"{keys.folder(found.model)}logs/", log_folder(stack))
+    folders = (f"{model_keys.folder(found.model)}logs/", log_folder(stack))
     every = [info for folder in folders for info in bucket.list(folder)]
     chosen = [info for info in every if name in info.key.rpartition("/")[2]]
     if not chosen:
@@ -625,16 +603,12 @@ def ssh(stack: StackName, region: Region = None, profile: Profile = None) -> Non
 
     Example: dr-spot ssh my-run
     """
-    from drcli.outside.aws.machine_marks import read_marks
-    from drcli.outside.aws.machines import machines_of
-    from drcli.outside.aws.stacks import need_stack
-
     ours = account(region, profile)
     found = need_stack(ours, stack, "training")
     marks = []
     with suppress(StorageError):
         marks = read_marks(ours.bucket(found.bucket), stack)
-    there = [each for each in machines_of(ours, found, marks) if each.state == "running"]
+    there = [each for each in machines.machines_of(ours, found, marks) if each.state == "running"]
     if not there:
         raise Absent(
             f"No machine of {stack} is running.",
@@ -656,11 +630,9 @@ def ssh(stack: StackName, region: Region = None, profile: Profile = None) -> Non
 
 
 def _classes(given: list[str]) -> set[str] | None:
-    from drcli.outside.aws.prices import CLASSES
-
     words = [word for text in given for word in text.replace(",", " ").split()]
-    if wrong := [word for word in words if word not in CLASSES]:
-        raise typer.BadParameter(f"'{wrong[0]}' is not one of {', '.join(CLASSES)}.")
+    if wrong := [word for word in words if word not in aws_prices.CLASSES]:
+        raise typer.BadParameter(f"'{wrong[0]}' is not one of {', '.join(aws_prices.CLASSES)}.")
     return set(words) or None
 
 

@@ -16,7 +16,15 @@ import typer
 from drcli.base.errors import Absent, SettingsError
 from drcli.base.processes import STOPS, handle, is_alive, restore, started_s
 from drcli.cli import console
-from drcli.outside.notices.notice_watch import Announced, Notice, NoticeWatch, soonest
+from drcli.outside.notices.notice_watch import (
+    Announced,
+    Notice,
+    NoticeWatch,
+    cloud_of_machine,
+    command_words,
+    soonest,
+    source_of,
+)
 from drcli.run.interruption_watch import MARGIN_S, SAVE_S, due
 from drcli.run.outcome import INTERRUPTED
 
@@ -268,13 +276,6 @@ def watch(
 
     Example: dr-spot watch --on-notice ./save.sh -- python train.py
     """
-    from drcli.outside.notices.notice_watch import (
-        NoticeWatch,
-        cloud_of_machine,
-        command_words,
-        source_of,
-    )
-
     if command and pid is not None:
         raise typer.BadParameter("Give a program or --pid, not both.")
     if command and not command[0]:

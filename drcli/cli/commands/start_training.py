@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.live import Live
 
 from drcli.base.errors import WorkerDied
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.log_tail import Tail
@@ -33,6 +35,15 @@ if TYPE_CHECKING:
     from drcli.records.iteration import IterationRecord
     from drcli.run.plan import EndWorkPlan, RunPlan, StartOptions
     from drcli.run.status import RunReport
+
+with lazy_imports():
+    from drcli.bucket import connect
+    from drcli.model import history, lease, model_prefix
+    from drcli.records import run_record
+    from drcli.run import early_training, plan, status, training
+    from drcli.run import resume_or_start as run_resume_or_start
+    from drcli.transfer import transfer_buckets
+
 
 # Shows a running training: live, as lines, or by its logs.
 
@@ -82,8 +93,6 @@ def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
 
 @contextmanager
 def live(*, verbose: bool) -> Iterator[Show]:
-    from rich.live import Live
-
     with Live(console=console.err, auto_refresh=False) as screen:
         yield lambda report: screen.update(
             training_view.live(report, time.time(), verbose=verbose), refresh=True
@@ -134,15 +143,12 @@ def is_over(report: "RunReport") -> bool:
 
 
 def _reports(config: "RunConfig", stop: threading.Event | None = None) -> "Iterator[RunReport]":
-    from drcli.model.history import HistoryReader
-    from drcli.run.status import inspect
-
-    reader = HistoryReader()
+    reader = history.HistoryReader()
     clock = stop or threading.Event()
     last: RunReport | None = None
     while True:
         stopped = clock.is_set()
-        report = inspect(config, reader)
+        report = status.inspect(config, reader)
         if last is not None and not report.history:  # the bucket did not answer this time
             report = replace(
                 report,
@@ -305,7 +311,6 @@ def start_training(
     """
     if no_wait and not resume_or_start:
         raise typer.BadParameter("--no-wait needs --resume-or-start.")
-    from drcli.run import early_training
 
     loaded = _with_weights(settings(), pretrained, checkpoint, resume=resume)
     if on_end is not None:
@@ -351,23 +356,18 @@ def _with_weights(
             "the model with --pretrained PREFIX."
         )
     if pretrained is not None:
-        from drcli.transfer.transfer_buckets import checked_prefix
-
-        prefix = checked_prefix(pretrained, "--pretrained")
+        prefix = transfer_buckets.checked_prefix(pretrained, "--pretrained")
         loaded = loaded.replaced(pretrained=True, pretrained_prefix=prefix)
     return loaded if choice is None else loaded.replaced(pretrained_checkpoint=str(choice))
 
 
 def _agree_to_wipe(loaded: "Settings") -> None:
-    from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
-    from drcli.model.model_prefix import is_used, newest_checkpoint
-
     prefix = loaded.model_prefix
-    bucket = open_bucket(loaded.storage, patience_s=COMMAND_PATIENCE_S)
+    bucket = connect.open_bucket(loaded.storage, patience_s=connect.COMMAND_PATIENCE_S)
     model = ModelStore(bucket, prefix)
-    if not is_used(model):
+    if not model_prefix.is_used(model):
         return
-    newest = newest_checkpoint(model)
+    newest = model_prefix.newest_checkpoint(model)
     learned = "no checkpoint" if newest is None else f"checkpoints up to {newest.number}"
     question = f"Delete s3://{bucket.name}/{prefix}, which has {learned}? It cannot be undone."
     prompts.agree(question, yes=False)
@@ -382,40 +382,29 @@ class _How:
 
 
 def _planned(loaded: "Settings", options: "StartOptions") -> "RunPlan":
-    from drcli.run import plan
-
     with console.waiting("Checking settings, files and reward function ...", only_live=True):
         return plan.prepare(loaded, options)
 
 
 def _resume_or_start(loaded: "Settings", options: "StartOptions", how: _How, *, wait: bool) -> int:
-    from drcli.model.lease import ModelInUse
-    from drcli.run.resume_or_start import NothingToDo, prepare_next, was_overtaken
-    from drcli.run.status import inspect
-
     while True:
-        planned = prepare_next(loaded, options, wait=wait)
-        if isinstance(planned, NothingToDo):
+        planned = run_resume_or_start.prepare_next(loaded, options, wait=wait)
+        if isinstance(planned, run_resume_or_start.NothingToDo):
             console.say(planned.sentence)
-            console.emit(inspect(loaded.run), None)
+            console.emit(status.inspect(loaded.run), None)
             return 0
         try:
             return _run(loaded, planned, how)
-        except (ModelInUse, WorkerDied):
-            if not was_overtaken(loaded, planned.job):
+        except (lease.ModelInUse, WorkerDied):
+            if not run_resume_or_start.was_overtaken(loaded, planned.job):
                 raise
 
 
 def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int:
-    from drcli.records.run_record import log_file
-    from drcli.run import training
-    from drcli.run.plan import RunPlan
-    from drcli.run.status import inspect
-
     quiet, verbose, foreground = how.quiet, how.verbose, how.foreground
     followed, folder = how.followed, loaded.directory
     if not quiet:
-        if isinstance(planned, RunPlan):
+        if isinstance(planned, plan.RunPlan):
             console.warn(*planned.warnings)
             console.say(views.start_text(planned))
         else:
@@ -424,16 +413,18 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
     if quiet:
         display = nothing()
     elif followed:
-        display = logs({name: log_file(folder, loaded.model_prefix, name) for name in followed})
+        display = logs(
+            {name: run_record.log_file(folder, loaded.model_prefix, name) for name in followed}
+        )
     elif console.is_live() and not foreground:
         display = live(verbose=verbose)
     else:
-        display = lines(inspect(loaded.run).history, verbose=verbose)
+        display = lines(status.inspect(loaded.run).history, verbose=verbose)
 
     if foreground:
         with meanwhile(loaded.run, display):
             ended_with = training.supervise_job(planned.job)
-        report = inspect(loaded.run)
+        report = status.inspect(loaded.run)
         if not is_over(report):
             report = replace(
                 report,
@@ -446,14 +437,14 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
     else:
         with console.waiting("Starting the workers ...", only_live=True):
             pid = training.launch(planned)
-        if inspect(loaded.run).pid != pid:
+        if status.inspect(loaded.run).pid != pid:
             raise WorkerDied(
                 "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
             )
         if quiet:
             console.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
             if console.as_json:
-                console.emit(inspect(loaded.run), None)
+                console.emit(status.inspect(loaded.run), None)
             return 0
         console.suggest(NEXT)
         ended = until_the_end(loaded.run, display)

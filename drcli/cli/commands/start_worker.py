@@ -6,8 +6,12 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.working_folder import settings_or_defaults, working_folder
+
+with lazy_imports():
+    from drcli.run import join_training
 
 
 def _place(text: str) -> tuple[str, str]:
@@ -81,9 +85,7 @@ def start_worker(
         flags |= {"DR_AWS_APP_REGION": region}
     settings = settings_or_defaults(flags)
 
-    from drcli.run.join_training import join_training
-
-    report = join_training(
+    report = join_training.join_training(
         settings,
         prefix,
         waits=wait,

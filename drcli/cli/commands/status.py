@@ -3,9 +3,14 @@
 from dataclasses import replace
 
 from drcli.base.errors import WorkerDied
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.views import summary_view, training_view
 from drcli.cli.working_folder import settings
+
+with lazy_imports():
+    from drcli.run import status as run_status
+    from drcli.run import summary as run_summary
 
 
 def status() -> None:
@@ -15,12 +20,10 @@ def status() -> None:
 
     Example: dr-status --json
     """
-    from drcli.run.status import inspect, notes_of_run
-
     loaded = settings()
     config = loaded.run
-    report = inspect(config)
-    report = replace(report, notes=notes_of_run(config, report))
+    report = run_status.inspect(config)
+    report = replace(report, notes=run_status.notes_of_run(config, report))
     console.warn(*report.damaged)
     console.emit(report, training_view.run(report))
     if commands := training_view.next_commands(report, loaded.model_prefix):
@@ -41,7 +44,5 @@ def summary() -> None:
 
     Example: dr-summary
     """
-    from drcli.run.summary import summarize
-
-    report = summarize(settings())
+    report = run_summary.summarize(settings())
     console.emit(report, summary_view.summary(report))

@@ -3,9 +3,14 @@
 from dataclasses import replace
 
 from drcli.base.errors import SettingsError, WorkerDied
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
+
+with lazy_imports():
+    from drcli.run import stopping
+    from drcli.web import viewer_process
 
 AFTERWARDS = [
     ("dr-start-training --resume", "continue training"),
@@ -24,8 +29,6 @@ def stop_training() -> None:
 
     Example: dr-stop-training
     """
-    from drcli.run import stopping
-
     folder = working_folder()
     try:
         loaded = settings()
@@ -72,8 +75,6 @@ def stop_evaluation() -> None:
 
     Example: dr-stop-evaluation
     """
-    from drcli.run import stopping
-
     report = stopping.StopReport(stopping.stop_evaluations(working_folder(), settings().run_id))
     console.emit(report, summary_view.stopped_evaluations(report))
 
@@ -86,14 +87,13 @@ def stop_all() -> None:
 
     Example: dr-stop-all
     """
-    from drcli.run import stopping
-    from drcli.web.viewer_process import stop_viewer
-
     folder = working_folder()
     if not (folder / "data").exists():  # nothing was ever started here
         settings()  # raises an error in a folder that is no working folder
     with console.waiting("Stopping everything that was started in this folder ..."):
-        viewer = stop_viewer(folder)  # first: an open page would start the S3 server again
+        viewer = viewer_process.stop_viewer(
+            folder
+        )  # first: an open page would start the S3 server again
         report = stopping.stop_all(folder, lambda: settings().storage)
         report = replace(report, viewer=viewer is not None)
     console.emit(report, summary_view.stopped(report))

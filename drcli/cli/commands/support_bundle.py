@@ -7,10 +7,14 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import ReplaceOrYes
 from drcli.cli.views import doctor_view
 from drcli.cli.working_folder import current_folder, working_folder
+
+with lazy_imports():
+    from drcli.run import support_bundle as run_support_bundle
 
 
 def support_bundle(
@@ -33,15 +37,15 @@ def support_bundle(
 
     Example: dr-support-bundle --without-files
     """
-    from drcli.run.support_bundle import make_bundle
-
     folder = working_folder()
     target = file or Path(f"drcli-support-{time.strftime('%Y%m%d-%H%M%S')}.tar.gz")
     if target.is_dir():
         target /= f"drcli-support-{time.strftime('%Y%m%d-%H%M%S')}.tar.gz"
     target = current_folder() / target
     with console.waiting("Collecting; this takes about ten seconds ..."):
-        report = make_bundle(folder, target, with_custom_files=not without_files, overwrite=force)
+        report = run_support_bundle.make_bundle(
+            folder, target, with_custom_files=not without_files, overwrite=force
+        )
     console.emit(report, doctor_view.bundle(report))
     path = shlex.quote(report.file)
     manifest = "drcli-support/manifest.json"

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Group, RenderableType
+from rich.live import Live
 from rich.text import Text
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing, refuse_replacing, rewrite
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import DryRun, Force, Replace, text_only, wipe_option
@@ -22,6 +24,12 @@ if TYPE_CHECKING:
     from drcli.config.settings import Settings
     from drcli.sweeps.start_sweep import SweepPlanned
     from drcli.sweeps.sweep_report import SweepList, SweepReport, TrialReport
+
+with lazy_imports():
+    from drcli.config import loading
+    from drcli.sweeps import start_sweep, stored_sweep, sweep_report
+    from drcli.transfer import transfer_buckets
+
 
 # Shows sweeps.
 
@@ -171,11 +179,9 @@ def start(
 
     Example: dr-sweep start sweep.yaml
     """
-    from drcli.sweeps.start_sweep import SweepStart, comparison_page, try_to_compare
-
     loaded = _own_settings()
     with console.waiting("Checking the sweep ...", only_live=True):
-        begun = SweepStart(loaded, file)
+        begun = start_sweep.SweepStart(loaded, file)
     plan = begun.planned(parallel)
     if dry_run:
         console.emit(plan, planned(plan))
@@ -194,9 +200,9 @@ def start(
     )
     with _live() as show:
         report = begun.run(parallel=parallel, say=console.say, warn=console.warn, on_change=show)
-    page = comparison_page(loaded.directory, plan.name) if html is None else html
+    page = start_sweep.comparison_page(loaded.directory, plan.name) if html is None else html
     with console.waiting("Comparing the trainings ...", only_live=True):
-        report, problem = try_to_compare(begun, report, page)
+        report, problem = start_sweep.try_to_compare(begun, report, page)
     if problem:
         console.warn(problem)
     console.emit(report, sweep(report))
@@ -218,10 +224,9 @@ def list_all() -> None:
 
     Example: dr-sweep list
     """
-    from drcli.sweeps.sweep_report import list_sweeps
-    from drcli.transfer.transfer_buckets import bucket_to_look_at
-
-    found = list_sweeps(bucket_to_look_at(settings().transfer, upload=False))
+    found = sweep_report.list_sweeps(
+        transfer_buckets.bucket_to_look_at(settings().transfer, upload=False)
+    )
     console.warn(*found.damaged)
     console.emit(found, sweeps(found))
 
@@ -234,18 +239,13 @@ def show(
 
     Example: dr-sweep show first-sweep
     """
-    from drcli.base.errors import SettingsError
-    from drcli.sweeps.stored_sweep import read_sweep
-    from drcli.sweeps.sweep_report import report_of
-    from drcli.transfer.transfer_buckets import bucket_to_look_at
-
-    bucket = bucket_to_look_at(settings().transfer, upload=False)
-    record = read_sweep(bucket, name)
+    bucket = transfer_buckets.bucket_to_look_at(settings().transfer, upload=False)
+    record = stored_sweep.read_sweep(bucket, name)
     if record is None:
         raise SettingsError(
             f"s3://{bucket.name} has no sweep {name}.", remedy="List them with `dr-sweep list`."
         )
-    report = report_of(record, bucket.name)
+    report = sweep_report.report_of(record, bucket.name)
     console.emit(report, sweep(report))
 
 
@@ -267,10 +267,8 @@ def init(
 
 
 def _own_settings() -> "Settings":
-    from drcli.config.loading import load_settings
-
     settings()  # says what is wrong with DR_DIR
-    return load_settings(working_folder(), flags={"DR_EXPERIMENT_NAME": ""})
+    return loading.load_settings(working_folder(), flags={"DR_EXPERIMENT_NAME": ""})
 
 
 @contextmanager
@@ -278,7 +276,6 @@ def _live() -> Iterator[Callable[["SweepReport"], None]]:
     if not console.is_live():
         yield lambda report: None
         return
-    from rich.live import Live
 
     with Live(console=console.err, refresh_per_second=2, transient=True) as display:
         yield lambda report: display.update(sweep(report))

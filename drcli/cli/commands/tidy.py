@@ -4,10 +4,14 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import DryRun, Force, KeepModels, models_argument
 from drcli.cli.views import removal_view
 from drcli.cli.working_folder import settings
+
+with lazy_imports():
+    from drcli.transfer import tidy as transfer_tidy
 
 _DAY_S = 86_400.0
 
@@ -53,19 +57,17 @@ def tidy(
 
     Example: dr-tidy "team/*" --checkpoints milestones,every-100 --dry-run
     """
-    from drcli.transfer import tidy as tidying
-
-    kinds = tidying.read_kinds(only, checkpoints)
+    kinds = transfer_tidy.read_kinds(only, checkpoints)
     loaded = settings()
-    options = tidying.TidyOptions(
+    options = transfer_tidy.TidyOptions(
         models or (), keep or (), kinds, checkpoints, older_than * _DAY_S, dry_run
     )
     with console.waiting(f"Reading s3://{loaded.bucket} ..."):
-        report = tidying.find_surplus(loaded, options)
+        report = transfer_tidy.find_surplus(loaded, options)
     if report.items and not dry_run:
         console.err.print(removal_view.surplus(report))
         prompts.agree("Delete all of this? It cannot be undone.", yes=force)
         with console.waiting("Deleting ..."):
-            report = tidying.tidy(report, loaded)
+            report = transfer_tidy.tidy(report, loaded)
     view = removal_view.surplus if dry_run or not report.items else removal_view.tidied
     console.emit(report, view(report))

@@ -4,9 +4,14 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion
 from drcli.cli.commands.race import drive
 from drcli.cli.working_folder import settings
+
+with lazy_imports():
+    from drcli.bucket import connect
+    from drcli.races import organise
 
 
 def start_tournament(
@@ -36,8 +41,7 @@ def start_tournament(
     Example: dr-start-tournament club-night
     """
     if race is None:
-        from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
-        from drcli.races.organise import only_tournament
-
-        race = only_tournament(open_bucket(settings().storage, patience_s=COMMAND_PATIENCE_S))
+        race = organise.only_tournament(
+            connect.open_bucket(settings().storage, patience_s=connect.COMMAND_PATIENCE_S)
+        )
     drive(race, quiet=quiet, video=video, limit=0)

@@ -11,16 +11,24 @@ from rich.text import Text
 
 from drcli.base.errors import SettingsError, shown
 from drcli.base.files import refuse_replacing
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console
 from drcli.cli.options import Replace
 from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings, working_folder
 from drcli.config.value_types import CarName
+from drcli.tracks.track_list import list_tracks
 
 if TYPE_CHECKING:
     from drcli.drive.racer_limit import Asked, FastestLine
     from drcli.tracks.track_facts import TrackFacts, TrackList
     from drcli.tracks.tracks_folder import TrackView
+
+with lazy_imports():
+    from drcli.config import track_names
+    from drcli.drive import racer_limit
+    from drcli.tracks import community, tracks_folder
+
 
 # Shows tracks.
 
@@ -115,8 +123,6 @@ def list_all() -> None:
 
     Example: dr-tracks list --json
     """
-    from drcli.tracks.track_list import list_tracks
-
     memory = working_folder() / "data" / "cache" / "tracks.json"
     found = list_tracks(settings().tracks_folder, memory)
     for sentence in found.unreadable:
@@ -134,17 +140,20 @@ def show(
 
     Example: dr-tracks show reinvent_base --png map.png
     """
-    from drcli.config.track_names import ROUTE_FILES, is_installed, remedy
-    from drcli.tracks.tracks_folder import MAP_COLUMNS, show_track
-
     if png is not None:
         refuse_replacing(png, force=force)
     wanted = settings().race.replaced(world_name=name)
-    if not name.endswith(ROUTE_FILES) and not is_installed(wanted):
-        raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
-    columns = MAP_COLUMNS if console.as_json else min(MAP_COLUMNS, console.columns())
+    if not name.endswith(track_names.ROUTE_FILES) and not track_names.is_installed(wanted):
+        raise SettingsError(
+            f"There is no track {shown(name)} here.", remedy=track_names.remedy(wanted)
+        )
+    columns = (
+        tracks_folder.MAP_COLUMNS
+        if console.as_json
+        else min(tracks_folder.MAP_COLUMNS, console.columns())
+    )
     known = _known_line(name)
-    view = show_track(
+    view = tracks_folder.show_track(
         name, wanted.tracks_folder, png, columns=columns, line=known.line if known else None
     )
     view = replace(view, limit=known.text if known else "")
@@ -159,9 +168,7 @@ def line(name: _Name, reverse: _Reverse = False, car: _Car = None) -> None:
 
     Example: dr-tracks line reinvent_base > line.py
     """
-    from drcli.drive.racer_limit import fastest_line_of
-
-    found = fastest_line_of(_asked(name, car, reverse=reverse))
+    found = racer_limit.fastest_line_of(_asked(name, car, reverse=reverse))
     console.emit(found, show_line(found))
 
 
@@ -174,25 +181,19 @@ def limit(name: _Name, reverse: _Reverse = False, car: _Car = None) -> None:
 
     Example: dr-tracks limit my_track
     """
-    from drcli.drive.racer_limit import computed_line_of
-
-    found = computed_line_of(_asked(name, car, reverse=reverse))
+    found = racer_limit.computed_line_of(_asked(name, car, reverse=reverse))
     console.emit(found, Text(found.text))
 
 
 def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
-    from drcli.drive.racer_limit import Asked
-
     loaded = settings()
     car = car or loaded.sim_car
-    return Asked(name, loaded.tracks_folder, loaded.directory, reverse, car)
+    return racer_limit.Asked(name, loaded.tracks_folder, loaded.directory, reverse, car)
 
 
 def _known_line(name: str) -> "FastestLine | None":
-    from drcli.drive.racer_limit import fastest_line_of
-
     with suppress(SettingsError):
-        return fastest_line_of(_asked(name, None, reverse=False))
+        return racer_limit.fastest_line_of(_asked(name, None, reverse=False))
     return None
 
 
@@ -212,10 +213,10 @@ def add(
 
     Example: dr-tracks add my_track.svg --length 25 --width 0.9
     """
-    from drcli.tracks.tracks_folder import add_track
-
     folder = settings().tracks_folder
-    facts = add_track(file, folder, name=name, width_m=width, length_m=length, replace=force)
+    facts = tracks_folder.add_track(
+        file, folder, name=name, width_m=width, length_m=length, replace=force
+    )
     _warn_if_built_in(facts.name)
     console.emit(facts, track_facts(facts))
 
@@ -235,18 +236,16 @@ def fetch(
 
     Example: dr-tracks fetch Oval_track
     """
-    from drcli.tracks.community import fetch_track
-
     s = settings()
-    facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
+    facts = community.fetch_track(
+        name, url or s.tracks_url, s.tracks_folder, called=called, replace=force
+    )
     _warn_if_built_in(facts.name)
     console.emit(facts, track_facts(facts))
 
 
 def _warn_if_built_in(name: str) -> None:
-    from drcli.config.track_names import built_in
-
-    if name in built_in():
+    if name in track_names.built_in():
         console.warn(
             f"{name} is also a built-in track. From now on, the name means your file; remove the "
             "file to get the built-in track back."

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,7 +12,9 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.base.files import refuse_replacing
+from drcli.base.errors import Absent
+from drcli.base.files import refuse_replacing, rewrite
+from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console, prompts
 from drcli.cli.options import DryRun, Force, Replace
 from drcli.cli.views.layout import Rows, counted, fitted, indented
@@ -28,6 +31,14 @@ if TYPE_CHECKING:
         TrainingDetails,
     )
     from drcli.transfer.training_list import Condition, KnownTrainings, TrainingList
+
+with lazy_imports():
+    from drcli.bucket import connect
+    from drcli.config import settings as config_settings
+    from drcli.model import model_list
+    from drcli.model.files import hyperparameters
+    from drcli.transfer import family_tree, training_details, training_list
+
 
 # Shows the history of trainings.
 
@@ -241,12 +252,10 @@ def _start(start: "RecordedStart") -> str:
 
 
 def _best(found: "TrainingDetails") -> str:
-    from drcli.model.model_list import score_text
-
     each = found.training
     if not each.best_checkpoint:
         return ""
-    score = score_text(found.record.metric, each.best_score)
+    score = model_list.score_text(found.record.metric, each.best_score)
     return f"{each.best_checkpoint}, {score}" if score else each.best_checkpoint
 
 
@@ -294,8 +303,6 @@ def _value(value: Any) -> str:
 
 
 def _result(name: str, value: Any, metric: str) -> str:
-    from drcli.model.model_list import score_text
-
     if value is None:
         return "-"
     if name == "elapsed_s":
@@ -307,7 +314,7 @@ def _result(name: str, value: Any, metric: str) -> str:
     if name in ("hours", "usd"):
         return _hours(value) if name == "hours" else _money(value)
     if name == "best_score":
-        return score_text(metric, value)
+        return model_list.score_text(metric, value)
     return f"{value:,}" if isinstance(value, int) else _value(value)
 
 
@@ -423,9 +430,6 @@ def list_trainings(
 
     Example: dr-history list --world reinvent_base --where "best_lap_s<12" --sort lap
     """
-    from drcli.transfer import training_list
-    from drcli.transfer.training_list import chosen
-
     if csv is not None and str(csv) != "-":
         refuse_replacing(csv, force=force)
     now = datetime.now(UTC)
@@ -444,11 +448,9 @@ def list_trainings(
     if where:
         names = _names(known)
         conditions += [training_list.where(text, names) for text in where]
-    found = chosen(known, conditions, sort, limit)
+    found = training_list.chosen(known, conditions, sort, limit)
     if csv is not None:
-        from drcli.transfer.training_list import csv_table
-
-        _write(csv, csv_table(known, found.trainings))
+        _write(csv, training_list.csv_table(known, found.trainings))
         if str(csv) == "-":
             return
     console.emit(found, show_trainings(found))
@@ -467,10 +469,8 @@ def show(
 
     Example: dr-history show team/model-1 --save old-files
     """
-    from drcli.transfer.training_details import details_of
-
     bucket, known = _known()
-    found = details_of(bucket, known, training, save=save, force=force)
+    found = training_details.details_of(bucket, known, training, save=save, force=force)
     console.emit(found, details(found))
 
 
@@ -490,12 +490,9 @@ def compare(
 
     Example: dr-history compare team/model-1 team/model-2
     """
-    from drcli.transfer.training_details import compare as compare_trainings
-    from drcli.transfer.training_details import compared
-
     bucket, known = _known()
-    one, other = (compared(bucket, known, name) for name in (before, after))
-    found = compare_trainings(one, other)
+    one, other = (training_details.compared(bucket, known, name) for name in (before, after))
+    found = training_details.compare(one, other)
     console.emit(found, comparison(found))
 
 
@@ -514,10 +511,8 @@ def tree(
 
     Example: dr-history tree team/model-2
     """
-    from drcli.transfer.family_tree import family_tree
-
     _, known = _known()
-    found = family_tree(known, None if training is None else known.find(training))
+    found = family_tree.family_tree(known, None if training is None else known.find(training))
     console.emit(found, show_tree(found))
 
 
@@ -533,14 +528,12 @@ def forget(
 
     Example: dr-history forget 3f9a01c2
     """
-    from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
-    from drcli.transfer import training_details
-    from drcli.transfer.training_list import entry_of
-
-    bucket = open_bucket(settings().storage, patience_s=COMMAND_PATIENCE_S)
+    bucket = connect.open_bucket(settings().storage, patience_s=connect.COMMAND_PATIENCE_S)
     known = _read(bucket)
     records = training_details.plan_forgetting(known, trainings)
-    entries = [entry_of(record, exists=record.id in known.existing) for record in records]
+    entries = [
+        training_list.entry_of(record, exists=record.id in known.existing) for record in records
+    ]
     found = training_details.ForgottenTrainings(bucket.name, entries, dry_run)
     if not dry_run:
         console.err.print(forgotten(found))
@@ -550,11 +543,8 @@ def forget(
 
 
 def _known() -> "tuple[Bucket, KnownTrainings]":
-    from drcli.base.errors import Absent
-    from drcli.bucket.connect import open_running_bucket
-
     loaded = settings()
-    bucket = open_running_bucket(loaded.storage)
+    bucket = connect.open_running_bucket(loaded.storage)
     if bucket is None:
         raise Absent(
             f"s3://{loaded.bucket} has no trainings yet, or its local server does not run.",
@@ -564,28 +554,22 @@ def _known() -> "tuple[Bucket, KnownTrainings]":
 
 
 def _read(bucket: "Bucket") -> "KnownTrainings":
-    from drcli.transfer.training_list import known_trainings
-
     with console.waiting(f"Reading s3://{bucket.name} ...", only_live=True):
-        known = known_trainings(bucket)
+        known = training_list.known_trainings(bucket)
     console.warn(*known.damaged)
     return known
 
 
 def _names(known: "KnownTrainings") -> list[str]:
-    from dataclasses import fields
-
-    from drcli.config.settings import catalogue
-    from drcli.model.files.hyperparameters import KEYS
-    from drcli.transfer.training_list import TrainingEntry
-
     named = {name for record in known.records for name in record.hyperparameters}
-    return [*(each.name for each in fields(TrainingEntry)), *sorted({*named, *KEYS}), *catalogue()]
+    return [
+        *(each.name for each in fields(training_list.TrainingEntry)),
+        *sorted({*named, *hyperparameters.KEYS}),
+        *config_settings.catalogue(),
+    ]
 
 
 def _write(target: Path, text: str) -> None:
-    from drcli.base.files import rewrite
-
     if str(target) == "-":
         console.write(text)
         return

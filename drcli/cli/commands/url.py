@@ -4,9 +4,14 @@ from typing import Annotated, Literal, get_args
 
 import typer
 
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings
+
+with lazy_imports():
+    from drcli.run import summary
+
 
 What = Literal["bucket", "model", "custom-files", "metrics", "all"]
 
@@ -23,11 +28,9 @@ def url(
 
     Example: dr-url model
     """
-    from drcli.run.summary import PlaceName, addresses
-
     loaded = settings()
-    names = [name for name in get_args(PlaceName) if what in ("all", name)]
-    report = addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
+    names = [name for name in get_args(summary.PlaceName) if what in ("all", name)]
+    report = summary.addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
     console.emit(report, summary_view.addresses(report), folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"

@@ -5,10 +5,15 @@ from typing import Annotated
 
 import typer
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import SettingsError, refuse
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.views import settings_view
 from drcli.cli.working_folder import settings, working_folder
+
+with lazy_imports():
+    from drcli.checks import validate as checks_validate
+    from drcli.config import settings_report, track_names
 
 
 def validate(
@@ -28,11 +33,9 @@ def validate(
 
     Example: dr-validate --console-compatible
     """
-    from drcli.checks import validate as everything
-
     folder = working_folder()
     with console.waiting(f"Checking {folder} ..."):
-        report = everything.validate(folder, console_compatible=console_compatible)
+        report = checks_validate.validate(folder, console_compatible=console_compatible)
     console.emit(report, settings_view.problems(report))
     if not report.ok and not force:
         raise typer.Exit(SettingsError.code)
@@ -63,15 +66,13 @@ def update(
 
     Example: dr-update
     """
-    from drcli.base.errors import refuse
-    from drcli.config.settings_report import warnings_of
-    from drcli.config.track_names import track_problems
-
     loaded = settings()
-    tracks = track_problems(loaded.races, known_suffices=True)
+    tracks = track_names.track_problems(loaded.races, known_suffices=True)
     refuse(tracks)
     names = {place.file for place in loaded.sources.values() if place.line is not None}
-    report = Checked(sorted(names), len(loaded.sources), [*loaded.warnings, *warnings_of(tracks)])
+    report = Checked(
+        sorted(names), len(loaded.sources), [*loaded.warnings, *settings_report.warnings_of(tracks)]
+    )
     if not quiet:
         console.warn(*report.warnings)
         files = " and ".join(report.files)

@@ -8,19 +8,32 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import BadValue, SettingsError
+from drcli.base.files import refuse_new_file
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import until_sigterm
 from drcli.cli import console
+from drcli.cli.evaluation_options import with_options
 from drcli.cli.options import Replace, checkpoint_option, parsed_checkpoint, world_option
 from drcli.cli.views.layout import Rows
 from drcli.cli.working_folder import settings_for_files
+from drcli.config.value_types import colour
+from drcli.model import keys
 from drcli.model.model_store import ModelStore
+from drcli.view.video.encode import GIF_FPS, require_encoder
 
 if TYPE_CHECKING:
     from drcli.bucket.bucket import Bucket
     from drcli.config.settings import Settings
     from drcli.view.video.make_video import VideoReport
     from drcli.view.video.trace_source import FoundTrace
+
+with lazy_imports():
+    from drcli.cli import fetch_tracks
+    from drcli.run import evaluation as run_evaluation
+    from drcli.transfer import transfer_buckets
+    from drcli.view.video import make_video, trace_source, video_job
+
 
 # Shows what a video holds.
 
@@ -230,15 +243,8 @@ def video(
         raise typer.BadParameter(f"--gif makes a GIF, but --out {out} does not end in .gif.")
     chosen = parsed_checkpoint(checkpoint)
     loaded = settings_for_files([] if what is None else [what])
-    from drcli.base.files import refuse_new_file
-    from drcli.config.value_types import colour
-    from drcli.view.video.encode import GIF_FPS, require_encoder
-    from drcli.view.video.make_video import USUAL_SECONDS, Wish, frames_of, refuse_file
-    from drcli.view.video.video_job import Defaults, PolicyWish, make_video
 
     if color is not None:
-        from drcli.base.errors import BadValue
-
         try:
             color = colour(color)
         except BadValue as error:
@@ -248,23 +254,21 @@ def video(
     if not is_gif:
         require_encoder()
     if out is not None:
-        refuse_file(out, force=force)
+        make_video.refuse_file(out, force=force)
     else:
         refuse_new_file(Path(f"lap{ending}"))
     opened: list[Bucket] = []
 
     def bucket() -> "Bucket":
         if not opened:
-            from drcli.transfer.transfer_buckets import bucket_to_look_at
-
-            opened.append(bucket_to_look_at(loaded.transfer, upload=False))
+            opened.append(transfer_buckets.bucket_to_look_at(loaded.transfer, upload=False))
         return opened[0]
 
     if chosen is not None:
         evaluation = _drive(loaded, str(chosen), what)
     trace = _trace(loaded, bucket, what, evaluation, iteration, worker)
     path = out or _free_name(trace.stem + ending)
-    wish = Wish(
+    wish = make_video.Wish(
         episode=episode,
         size=size,
         fps=min(fps, GIF_FPS) if is_gif else fps,
@@ -273,20 +277,20 @@ def video(
         color=color or "",
         racer=racer or "",
         explain=explain,
-        most_seconds=(USUAL_SECONDS if seconds is None else seconds) or None,
+        most_seconds=(make_video.USUAL_SECONDS if seconds is None else seconds) or None,
     )
-    refuse_file(path, force=force)
-    doing = f"Filming {frames_of(trace, wish)} frames of {trace.origin} ..."
+    make_video.refuse_file(path, force=force)
+    doing = f"Filming {make_video.frames_of(trace, wish)} frames of {trace.origin} ..."
     stopped = until_sigterm("The video was stopped; no file was written.", "Run it again.")
     with stopped, console.waiting(doing):
-        report = make_video(
-            Defaults.of(loaded.model, loaded.race),
+        report = video_job.make_video(
+            video_job.Defaults.of(loaded.model, loaded.race),
             bucket,
             trace,
             wish,
             [("film", path)],
             world=world,
-            policy=PolicyWish(policy, metadata, iteration),
+            policy=video_job.PolicyWish(policy, metadata, iteration),
             ghosts=ghost or [],
         )
     console.warn(*report.notes)
@@ -329,8 +333,6 @@ def _trace(
     iteration: int | None,
     worker: int,
 ) -> "FoundTrace":
-    from drcli.view.video import trace_source
-
     if what is not None and _is_file(what):
         return trace_source.trace_of_file(Path(what).expanduser())
     prefix = loaded.model_prefix if what is None else what.rstrip("/")
@@ -341,11 +343,6 @@ def _trace(
 
 
 def _drive(loaded: "Settings", checkpoint: str, what: str | None) -> str:
-    from drcli.cli.evaluation_options import with_options
-    from drcli.cli.fetch_tracks import bring_tracks
-    from drcli.model import keys
-    from drcli.run import evaluation
-
     if what is not None and what.rstrip("/") != loaded.model_prefix:
         prefix = what.rstrip("/")
         loaded = loaded.replaced(model_prefix=prefix, metrics_prefix=keys.metrics_prefix(prefix))
@@ -355,8 +352,8 @@ def _drive(loaded: "Settings", checkpoint: str, what: str | None) -> str:
         DR_EVAL_NUMBER_OF_TRIALS=1,
         DR_EVAL_SAVE_MP4=False,
     )
-    bring_tracks(loaded)
-    report = evaluation.evaluate(loaded, on_progress=console.say)
+    fetch_tracks.bring_tracks(loaded)
+    report = run_evaluation.evaluate(loaded, on_progress=console.say)
     console.warn(*report.notes)
     return report.simtrace.rpartition("/evaluation-simtrace/")[0].rpartition("evaluation-")[2]
 

@@ -7,15 +7,21 @@ from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 import typer
 
 from drcli.base.errors import Absent
+from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.open_page import open_page
 from drcli.cli.stopped_process import show_stopped
 from drcli.cli.working_folder import settings_or_defaults, working_folder
+from drcli.web.listen import STREAM, TOPICS
 
 if TYPE_CHECKING:
     from drcli.config.run_config import WebConfig
     from drcli.config.settings import Settings
     from drcli.web.viewer_process import ViewerReport
+
+with lazy_imports():
+    from drcli.web import viewer_process
+
 
 USUAL_TOPIC = "/racecar/deepracer/kvs_stream"
 
@@ -127,9 +133,7 @@ def stop_viewer() -> None:
 
     Example: dr-console stop
     """
-    from drcli.web.viewer_process import stop_viewer
-
-    record = stop_viewer(working_folder())
+    record = viewer_process.stop_viewer(working_folder())
     pid = None if record is None else record.pid
     show_stopped("the console", pid, none="No console is running.")
 
@@ -142,12 +146,10 @@ def status() -> None:
 
     Example: dr-console status
     """
-    from drcli.web.viewer_process import report_of, running_viewer
-
-    record = running_viewer(working_folder())
+    record = viewer_process.running_viewer(working_folder())
     if record is None:
         raise Absent("No console is running.", remedy="Start it with `dr console`.")
-    report = report_of(record, started=False)
+    report = viewer_process.report_of(record, started=False)
     console.emit(report, report.url, folded=False)
 
 
@@ -167,8 +169,6 @@ def stream(
 
     Example: dr-console stream -t /racecar/camera/zed/rgb/image_rect_color
     """
-    from drcli.web.listen import STREAM, TOPICS
-
     if topic not in TOPICS:
         raise typer.BadParameter(
             f"there is no topic {topic[:200]}; there are {', '.join(TOPICS)}.",
@@ -247,12 +247,10 @@ def _start(port: int | None, *, again: bool = False, browser: bool, program: str
 
 
 def _started(loaded: "Settings", port: int | None = None, *, again: bool = False) -> "ViewerReport":
-    from drcli.web.viewer_process import start_viewer
-
     if port is not None:
         loaded = settings_or_defaults({"DR_WEBVIEWER_PORT": str(port)})
     with console.waiting("Starting the console ..."):
-        report = start_viewer(loaded.directory, loaded.web, again=again)
+        report = viewer_process.start_viewer(loaded.directory, loaded.web, again=again)
     _warn_of_old(report, loaded.web)
     return report
 

@@ -7,6 +7,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.cli.views.layout import Rows, counted, indented
+from drcli.races import race_words as words
+from drcli.races.race_words import gap
 
 if TYPE_CHECKING:
     from drcli.races.organise import DeletedRace
@@ -39,8 +41,6 @@ def races(found: "RaceList") -> RenderableType:
 
 
 def race(report: "RaceReport") -> RenderableType:
-    from drcli.races import race_words as words
-
     rules = report.rules
     different = words.conditions(rules)
     parts: list[RenderableType] = [
@@ -65,8 +65,6 @@ def race(report: "RaceReport") -> RenderableType:
 
 
 def _board(report: "RaceReport") -> Rows:
-    from drcli.races.race_words import gap
-
     return Rows(
         (
             "rank",

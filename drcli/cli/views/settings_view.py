@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.base.errors import MOST_SHOWN, shown
+from drcli.base.errors import MOST_SHOWN, Problem, shown
 from drcli.cli.views.layout import INDENT, counted, fitted, indented
+from drcli.config.track_names import ASKED
 
 if TYPE_CHECKING:
-    from drcli.base.errors import Problem
     from drcli.checks.check_report import Report
     from drcli.checks.config_check import FullCheck
     from drcli.config.editing import Edit
@@ -131,8 +131,6 @@ def _problem(item: "Problem") -> list[RenderableType]:
 
 
 def _sum(found: "Report") -> str:
-    from drcli.config.track_names import ASKED
-
     counts = f"{counted(len(found.errors), 'error')}, {counted(len(found.warnings), 'warning')}."
     if not found.ok and all(item.rule == "V-13" for item in found.errors):
         return f"{counts} A training can start when the present one has ended."

@@ -7,10 +7,15 @@ from functools import cached_property
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.endpoint import Endpoint, session_of
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import error_code, error_text
 from drcli.config import secret_environment
+
+with lazy_imports():
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
 
 PROFILE_SETTING = "DR_LOCAL_S3_PROFILE"
 
@@ -55,11 +60,9 @@ class Account:
         Raises:
             StorageError: The profile does not exist.
         """
-        from botocore.config import Config
-
         known = (service, region or self.region)
         if known not in self._clients:
-            config = Config(
+            config = botocore_config.Config(
                 retries={"total_max_attempts": 5, "mode": "standard"},
                 connect_timeout=10,
                 read_timeout=60,
@@ -85,11 +88,9 @@ class Account:
         Raises:
             DrError: Amazon failed or refused.
         """
-        from botocore.exceptions import BotoCoreError, ClientError
-
         try:
             yield
-        except (BotoCoreError, ClientError) as error:
+        except (boto.BotoCoreError, boto.ClientError) as error:
             raise explained(error, action, self.region) from error
 
     @cached_property
@@ -99,8 +100,6 @@ class Account:
 
 
 def explained(error: Exception, action: str, region: str) -> DrError:
-    from botocore import exceptions as boto
-
     code, said = error_code(error).removeprefix("Client."), error_text(error)
     start = f"Cannot {action}: "
     if isinstance(error, boto.NoCredentialsError | boto.PartialCredentialsError):
@@ -160,8 +159,6 @@ def _denial(error: Exception, start: str, said: str) -> StorageError:
 
 
 def _unanswered(error: Exception, start: str, region: str, code: str, said: str) -> StorageError:
-    from botocore import exceptions as boto
-
     if isinstance(error, boto.SSLError):
         return StorageError(
             f"{start}the certificate of Amazon in {region} is not valid.",

@@ -9,6 +9,7 @@ from shlex import quote
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import error_code
 from drcli.config.settings import Settings
@@ -51,6 +52,9 @@ from drcli.outside.aws.training_template import (
     run_folders,
     training_template,
 )
+
+with lazy_imports():
+    from botocore import exceptions as boto
 
 # What is asked for, and its checks that need no machine.
 
@@ -114,12 +118,10 @@ def check_bucket(account: Account, name: str) -> S3Bucket:
     Raises:
         DrError: It is unusable or in another region.
     """
-    from botocore.exceptions import ClientError
-
     with account.trying(f"open the bucket {name}"):
         try:
             answer = account.client("s3").head_bucket(Bucket=name)
-        except ClientError as error:
+        except boto.ClientError as error:
             if error_code(error) in ("404", "NoSuchBucket"):
                 raise SettingsError(
                     f"There is no bucket {name}.",
@@ -191,12 +193,10 @@ def continue_stopped(bucket: S3Bucket, prefix: str) -> None:
 
 def key_of(account: Account, bucket: str) -> str:
     """Empty for Amazon's own KMS key, or if unknown."""
-    from botocore.exceptions import ClientError
-
     with account.trying(f"look at the encryption of {bucket}"):
         try:
             answer = account.client("s3").get_bucket_encryption(Bucket=bucket)
-        except ClientError:
+        except boto.ClientError:
             return ""  # old buckets have none, and not everybody may ask
     for rule in answer["ServerSideEncryptionConfiguration"]["Rules"]:
         key = str(rule.get("ApplyServerSideEncryptionByDefault", {}).get("KMSMasterKeyID", ""))

@@ -5,9 +5,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.training_template import Architecture, Image
+
+with lazy_imports():
+    from botocore import exceptions as boto
 
 Processor = Literal["x86", "arm", "any"]
 
@@ -94,8 +98,6 @@ def find_types(account: Account, names: Sequence[str], *, named: bool) -> list[I
 
 
 def _offered(account: Account, names: Sequence[str]) -> set[str]:
-    from botocore.exceptions import ClientError
-
     asked = {
         "LocationType": "region",
         "Filters": [{"Name": "instance-type", "Values": list(names)}],
@@ -105,7 +107,7 @@ def _offered(account: Account, names: Sequence[str]) -> set[str]:
             found = account.pages(
                 "ec2", "describe_instance_type_offerings", "InstanceTypeOfferings", **asked
             )
-        except ClientError as error:
+        except boto.ClientError as error:
             if error_code(error) == "InvalidInstanceType":
                 return set()
             raise
@@ -153,14 +155,12 @@ def find_network(account: Account, subnets: Sequence[str]) -> Network:
     Raises:
         SettingsError: None, or not of one network.
     """
-    from botocore.exceptions import ClientError
-
     filters = [{"Name": "default-for-az", "Values": ["true"]}]
     asked = {"SubnetIds": list(subnets)} if subnets else {"Filters": filters}
     with account.trying(f"look for networks in {account.region}"):
         try:
             found = account.pages("ec2", "describe_subnets", "Subnets", **asked)
-        except ClientError as error:
+        except boto.ClientError as error:
             if not error_code(error).startswith("InvalidSubnetID"):
                 raise
             found = []
@@ -190,8 +190,6 @@ def find_images(
     Raises:
         SettingsError: It does not exist, or is for other processors.
     """
-    from botocore.exceptions import ClientError
-
     found: dict[Architecture, Image] = {}
     for kind in dict.fromkeys(kinds):
         with account.trying("look for the image of Ubuntu 24.04"):
@@ -201,7 +199,7 @@ def find_images(
                     answer = account.client("ssm").get_parameter(Name=name)
                     name = answer["Parameter"]["Value"]
                 entries = account.client("ec2").describe_images(ImageIds=[name])["Images"]
-            except ClientError as error:
+            except boto.ClientError as error:
                 if error_code(error) not in _MISSING:
                     raise
                 entries = []

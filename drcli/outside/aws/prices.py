@@ -10,12 +10,18 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError, parse_json
 from drcli.bucket.endpoint import session_of
 from drcli.config import secret_environment
 from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
 from drcli.outside.aws.instance_types import InstanceType
 from drcli.outside.notices.metadata_service import ec2_metadata
+
+with lazy_imports():
+    import requests
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
 
 # Interruption rates from Amazon's public Spot Advisor.
 
@@ -45,8 +51,6 @@ def read_advisor() -> Advisor:
     Raises:
         StorageError: It cannot be read.
     """
-    import requests
-
     address = os.environ.get(ADDRESS_VARIABLE) or ADDRESS
     try:
         with requests.get(address, timeout=_TIMEOUT_S, stream=True) as answer:
@@ -243,7 +247,6 @@ def own_spot_price(profile: str | None = None) -> SpotPrice:
     """
     kind, zone, region = _instance()
     place = f"{kind} in {zone}"
-    from botocore.exceptions import BotoCoreError, ClientError
 
     try:
         answer = _client(region, profile).describe_spot_price_history(
@@ -254,7 +257,7 @@ def own_spot_price(profile: str | None = None) -> SpotPrice:
             MaxResults=1,
         )
         prices = [float(entry["SpotPrice"]) for entry in answer["SpotPriceHistory"]]
-    except (BotoCoreError, ClientError, KeyError, ValueError) as error:
+    except (boto.BotoCoreError, boto.ClientError, KeyError, ValueError) as error:
         raise _unknown(f"EC2 does not tell the spot price of {place}: {error}") from error
     if not prices:
         raise _unknown(f"EC2 knows no spot price of {place}")
@@ -285,9 +288,7 @@ def _instance() -> tuple[str, str, str]:
 
 
 def _client(region: str, profile: str | None) -> Any:
-    from botocore.config import Config
-
-    config = Config(
+    config = botocore_config.Config(
         retries={"total_max_attempts": 2, "mode": "standard"},
         connect_timeout=_EC2_TIMEOUT_S,
         read_timeout=_EC2_TIMEOUT_S,

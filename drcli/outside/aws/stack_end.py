@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code
 from drcli.model import keys, lease
 from drcli.model.checkpoints import CheckpointStore
@@ -17,6 +18,9 @@ from drcli.outside.aws.creation import forget_files
 from drcli.outside.aws.machine_marks import ENDED, read_marks
 from drcli.outside.aws.machines import Machine, machines_of
 from drcli.outside.aws.stacks import Pause, Stack, delete_stack, our_stacks
+
+with lazy_imports():
+    from botocore import exceptions as boto
 
 STOP_COMMAND = (
     "cd /opt/drcli/racer && exec runuser -u drcli -- "
@@ -133,15 +137,13 @@ def verified_checkpoint(account: Account, stack: Stack) -> str:
 
 def end_groups(account: Account, stack: Stack) -> None:
     """Set the groups to 0."""
-    from botocore.exceptions import ClientError
-
     for group in stack.groups:
         with account.trying(f"end the machines of {group}"):
             try:
                 account.client("autoscaling").update_auto_scaling_group(
                     AutoScalingGroupName=group, MinSize=0, DesiredCapacity=0
                 )
-            except ClientError as error:
+            except boto.ClientError as error:
                 if error_code(error) != "ValidationError":  # there is no such group
                     raise
 
@@ -166,8 +168,6 @@ def content_of_bucket(account: Account, stack: Stack) -> BucketContent | None:
     Raises:
         SettingsError: A training uses it.
     """
-    from botocore.exceptions import ClientError
-
     users = [
         each.name
         for each in our_stacks(account)
@@ -181,7 +181,7 @@ def content_of_bucket(account: Account, stack: Stack) -> BucketContent | None:
     with account.trying(f"list the bucket {stack.bucket}"):
         try:
             found = account.pages("s3", "list_objects_v2", "Contents", Bucket=stack.bucket)
-        except ClientError as error:
+        except boto.ClientError as error:
             if error_code(error) == "NoSuchBucket":
                 return None
             raise
@@ -198,7 +198,6 @@ def remove_base(
     delete_stack(account, stack.name, pause)
     if keep_bucket:
         return
-    from botocore.exceptions import ClientError
 
     client = account.client("s3")
     with account.trying(f"delete the bucket {stack.bucket}"):
@@ -208,7 +207,7 @@ def remove_base(
                 entries = [*page.get("Versions", []), *page.get("DeleteMarkers", [])]
                 _delete_versions(client, stack.bucket, entries)
             client.delete_bucket(Bucket=stack.bucket)
-        except ClientError as error:
+        except boto.ClientError as error:
             if error_code(error) != "NoSuchBucket":
                 raise
 
@@ -231,8 +230,6 @@ def _running(account: Account, stack: Stack) -> list[Machine]:
 
 
 def _send(account: Account, instances: Sequence[str]) -> str:
-    from botocore.exceptions import ClientError
-
     with account.trying("ask the machine to stop the training"):
         try:
             answer = account.client("ssm").send_command(
@@ -242,7 +239,7 @@ def _send(account: Account, instances: Sequence[str]) -> str:
                 TimeoutSeconds=_DELIVERY_S,
                 Parameters={"commands": [STOP_COMMAND]},
             )
-        except ClientError as error:
+        except boto.ClientError as error:
             if error_code(error) != "InvalidInstanceId":
                 raise
             raise StorageError(
@@ -254,13 +251,11 @@ def _send(account: Account, instances: Sequence[str]) -> str:
 
 
 def _done(account: Account, command: str, instances: Sequence[str]) -> bool:
-    from botocore.exceptions import ClientError
-
     client = account.client("ssm")
     for instance in instances:
         try:
             answer = client.get_command_invocation(CommandId=command, InstanceId=instance)
-        except ClientError:
+        except boto.ClientError:
             return False  # not delivered yet
         if answer["Status"] != "Success":
             return False

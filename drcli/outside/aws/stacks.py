@@ -9,9 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code, error_text
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.training_template import KIND_TAG, MODEL_TAG, STACK_TAG
+
+with lazy_imports():
+    from botocore import exceptions as boto
 
 BUCKET_TAG, ENDS_TAG = "drcli:bucket", "drcli:ends"
 
@@ -66,13 +70,11 @@ def check_name(name: str) -> None:
 
 def find_stack(account: Account, name: str) -> Stack | None:
     """Raises SettingsError for a stack of others."""
-    from botocore.exceptions import ClientError
-
     check_name(name)
     with account.trying(f"look for the stack {name}"):
         try:
             answer = account.client("cloudformation").describe_stacks(StackName=name)
-        except ClientError as error:
+        except boto.ClientError as error:
             if error_code(error) == "ValidationError" and "not exist" in error_text(error):
                 return None
             raise
@@ -124,8 +126,6 @@ def create_stack(
         SettingsError: A stack has that name.
         StorageError: It cannot be made, and why.
     """
-    from botocore.exceptions import ClientError
-
     client = account.client("cloudformation")
     with account.trying(f"make the stack {name}"):
         try:
@@ -136,7 +136,7 @@ def create_stack(
                 Capabilities=["CAPABILITY_IAM"] if roles else [],
                 OnFailure="DELETE",
             )["StackId"]
-        except ClientError as error:
+        except boto.ClientError as error:
             if error_code(error) == "AlreadyExistsException":
                 raise _exists(account, name) from error
             raise
@@ -224,8 +224,6 @@ def add_access(account: Account, stack: Stack, address: str) -> str:
     Raises:
         SettingsError: It is not a single address.
     """
-    from botocore.exceptions import ClientError
-
     try:
         single = ipaddress.ip_address(address.removesuffix("/32").removesuffix("/128"))
     except ValueError as error:
@@ -249,7 +247,7 @@ def add_access(account: Account, stack: Stack, address: str) -> str:
             account.client("ec2").authorize_security_group_ingress(
                 GroupId=stack.outputs["Firewall"], IpPermissions=[rule]
             )
-        except ClientError as error:
+        except boto.ClientError as error:
             if error_code(error) != "InvalidPermission.Duplicate":
                 raise
     return f"{single}/{32 if single.version == 4 else 128}"

@@ -6,14 +6,16 @@ later connections must match.
 
 import hashlib
 import socket
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from drcli.base.installation import lazy_imports
 from drcli.outside.car.car_address import CarAddress, CarError, CarLogin
 
-if TYPE_CHECKING:
-    from ssl import SSLContext
+with lazy_imports():
+    import ssl
 
     import requests
+    from requests import adapters
 
 CONNECT_TIMEOUT_S = 5.0
 
@@ -45,10 +47,8 @@ def readable(fingerprint: str) -> str:
 
 def trusting_session(login: CarLogin) -> "requests.Session":
     """Accepts only the car of a login; uses no proxy."""
-    import requests
-    from requests.adapters import HTTPAdapter
 
-    class Unsigned(HTTPAdapter):
+    class Unsigned(adapters.HTTPAdapter):
         def init_poolmanager(self, *args: Any, **named: Any) -> None:
             pinned = login.fingerprint if login.trust == "fingerprint" else None
             context = _unchecked()
@@ -62,10 +62,8 @@ def trusting_session(login: CarLogin) -> "requests.Session":
     return session
 
 
-def _unchecked() -> "SSLContext":
+def _unchecked() -> "ssl.SSLContext":
     """Authorities take 0.1 s to load."""
-    import ssl
-
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
@@ -73,8 +71,6 @@ def _unchecked() -> "SSLContext":
 
 
 def unreachable(address: CarAddress, error: BaseException) -> CarError:
-    import ssl
-
     causes = list(_causes(error))
     text = " ".join(str(cause) for cause in causes)
     if any(isinstance(cause, socket.gaierror) for cause in causes) or "resolve" in text:

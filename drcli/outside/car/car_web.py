@@ -4,11 +4,13 @@ Requests need the cookie of a login; changes also need a token on the page (CSRF
 failures have status 200 and `success: false`.
 """
 
+import warnings
 from dataclasses import replace
 from html.parser import HTMLParser
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from drcli.base.errors import SettingsError, shown
+from drcli.base.installation import lazy_imports
 from drcli.outside.car.car_address import (
     LOGIN_HOURS,
     CarAddress,
@@ -27,8 +29,9 @@ from drcli.outside.car.car_certificate import (
     unreachable,
 )
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
+    from urllib3 import exceptions as urllib3
 
 TOKEN_COOKIE = "deepracer_token"
 ANSWER_TIMEOUT_S = 15.0
@@ -123,18 +126,15 @@ class CarWeb:
         self, method: str, path: str, *, timeout_s: float = ANSWER_TIMEOUT_S, **body: Any
     ) -> "requests.Response":
         """Redirects are not followed: cookies would go with them."""
-        import warnings
-
-        import requests
-        from urllib3.exceptions import InsecureRequestWarning
-
         # Flask compares the address of the page that a change comes from.
         headers = {"Referer": f"{self.address.url}/"}
         if method in _CHANGES:
             headers["X-CSRFToken"] = self._login.csrf_token
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", InsecureRequestWarning)  # asked for by --insecure
+                warnings.simplefilter(
+                    "ignore", urllib3.InsecureRequestWarning
+                )  # asked for by --insecure
                 return self._session.request(
                     method,
                     self.address.url + path,

@@ -7,15 +7,19 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from urllib.parse import quote, urlencode
 
 from drcli.base.errors import SettingsError, StorageError, shown
+from drcli.base.installation import lazy_imports
 from drcli.outside.droa.droa_session import DroaSession, Keys
 from drcli.outside.web_request import Pause, Web
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
+    from botocore import auth as botocore_auth
+    from botocore import awsrequest
+    from botocore import credentials as botocore_credentials
 
 # Models at DeepRacer on AWS.
 
@@ -233,19 +237,16 @@ def _signed(
     method: str, url: str, data: bytes, keys: Keys, region: str, origin: str
 ) -> "requests.Request":
     """AWS signature version 4 for API Gateway."""
-    import requests
-    from botocore.auth import SigV4Auth
-    from botocore.awsrequest import AWSRequest
-    from botocore.credentials import Credentials
-
     headers = {"Accept": "application/json"}
     if data:
         headers["Content-Type"] = "application/json"
     if origin:  # as the web page sends them
         headers |= {"Origin": origin, "Referer": f"{origin}/"}
-    signed = AWSRequest(method=method, url=url, data=data, headers=headers)
-    credentials = Credentials(keys.access_key, keys.secret_key, keys.session_token)
-    SigV4Auth(credentials, "execute-api", region).add_auth(signed)
+    signed = awsrequest.AWSRequest(method=method, url=url, data=data, headers=headers)
+    credentials = botocore_credentials.Credentials(
+        keys.access_key, keys.secret_key, keys.session_token
+    )
+    botocore_auth.SigV4Auth(credentials, "execute-api", region).add_auth(signed)
     return requests.Request(method, url, headers=dict(signed.headers), data=data)
 
 

@@ -7,16 +7,16 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.files import hand_out
+from drcli.base.installation import lazy_imports
 from drcli.outside.droa.droa_api import DELETABLE, AssetType, Droa, RemoteModel
 from drcli.outside.droa.droa_import import POLL_S, Progress, Waiting
 from drcli.outside.web_request import ATTEMPTS, explain, polls
 
-if TYPE_CHECKING:
+with lazy_imports():
     import requests
 
 ASSET_PATIENCE_S = 300.0
@@ -88,8 +88,6 @@ def download(
         StorageError: It cannot be downloaded.
         SettingsError: It cannot be written.
     """
-    import requests
-
     file: Path | None = None
     for attempt in range(1, ATTEMPTS + 1):
         try:
@@ -117,7 +115,6 @@ def _shown(
 
 def _ask(droa: Droa, url: str) -> "requests.Response":
     """The address holds a signature, so no error shows it."""
-    import requests
 
     def make() -> "requests.Request":
         # Compressed on the way, the body would have another length than announced.

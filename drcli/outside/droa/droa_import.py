@@ -11,12 +11,19 @@ from typing import Any
 
 from drcli.base import errors as notices
 from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError, of_severity
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code
 from drcli.outside.droa.droa_api import Droa, RemoteModel
 from drcli.outside.droa.droa_package import is_wanted
 from drcli.outside.droa.droa_rules import check_description, check_name, package_problems
 from drcli.outside.droa.droa_session import DroaSession, aws_client, aws_failure
 from drcli.outside.web_request import polls
+
+with lazy_imports():
+    from boto3 import exceptions as boto3_exceptions
+    from boto3.s3 import transfer as s3_transfer
+    from botocore import exceptions as boto
+    from s3transfer import subscribers
 
 # Copies models to the bucket from which DeepRacer on AWS imports.
 
@@ -46,9 +53,6 @@ def upload_files(session: DroaSession, files: Mapping[str, bytes], watch: Watch)
     Raises:
         StorageError: The bucket cannot be written.
     """
-    from boto3.exceptions import S3UploadFailedError
-    from botocore.exceptions import BotoCoreError, ClientError
-
     folder = f"{FOLDER}/{uuid.uuid4()}"
     bucket = session.site.upload_bucket
     client = aws_client("s3", session.site, session.keys())
@@ -58,7 +62,12 @@ def upload_files(session: DroaSession, files: Mapping[str, bytes], watch: Watch)
         for name in sorted(wanted, key=lambda name: len(files[name])):
             sent.append(name)
             _put(client, bucket, f"{folder}/{name}", files[name], watch)
-    except (BotoCoreError, ClientError, S3UploadFailedError, ValueError) as e:
+    except (
+        boto.BotoCoreError,
+        boto.ClientError,
+        boto3_exceptions.S3UploadFailedError,
+        ValueError,
+    ) as e:
         remove_files(session, folder, sent)
         raise _failure(e, name, len(sent) == 1, session) from e
     except BaseException:
@@ -75,15 +84,14 @@ def remove_files(session: DroaSession, folder: str, names: list[str]) -> None:
 
 
 def _put(client: Any, bucket: str, key: str, data: bytes, watch: Watch) -> None:
-    from boto3.s3.transfer import TransferConfig, create_transfer_manager
-    from s3transfer.subscribers import BaseSubscriber
-
-    class Progress(BaseSubscriber):
+    class Progress(subscribers.BaseSubscriber):
         def on_progress(self, future: Any, bytes_transferred: int, **_: Any) -> None:
             watch(bytes_transferred)
 
     kind = _TYPES.get(PurePosixPath(key).suffix.casefold(), "application/octet-stream")
-    with create_transfer_manager(client, TransferConfig(max_concurrency=4)) as transfers:
+    with s3_transfer.create_transfer_manager(
+        client, s3_transfer.TransferConfig(max_concurrency=4)
+    ) as transfers:
         transfers.upload(
             io.BytesIO(data), bucket, key, {"ContentType": kind}, [Progress()]
         ).result()

@@ -9,8 +9,12 @@ from typing import Any, NamedTuple
 
 from drcli.base.archive import read_packed, unpack_readable
 from drcli.base.errors import SettingsError, StorageError
+from drcli.base.installation import lazy_imports
 from drcli.outside.droa.droa_api import Droa, RemoteModel
 from drcli.records.episode_metrics import is_clean
+
+with lazy_imports():
+    import requests
 
 
 @dataclass(frozen=True)
@@ -80,8 +84,6 @@ class ModelReport:
 
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
     """Of training; SettingsError without any."""
-    import requests
-
     url = model.text("trainingMetricsUrl")
     none = SettingsError(
         f"The model {model.name} ({model.model_id}) has no training metrics.",

@@ -16,12 +16,19 @@ from typing import TYPE_CHECKING, Any
 from drcli.base import errors
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.files import read_regular
+from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code, error_text
 from drcli.outside.droa.droa_site import Site
 from drcli.outside.web_request import CONNECT_TIMEOUT_S, READ_TIMEOUT_S, USER_AGENT
 
 if TYPE_CHECKING:
     from botocore.session import Session
+
+with lazy_imports():
+    import botocore
+    from botocore import config as botocore_config
+    from botocore import exceptions as boto
+    from botocore import session as core
 
 # Temporary keys, kept between commands, never a password.
 #
@@ -110,12 +117,9 @@ def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
 
     Settings of AWS belong to other buckets, so they are ignored.
     """
-    from botocore import UNSIGNED
-    from botocore.config import Config
-
-    config = Config(
+    config = botocore_config.Config(
         region_name=site.region,
-        signature_version=UNSIGNED if keys is None else None,
+        signature_version=botocore.UNSIGNED if keys is None else None,
         retries={"total_max_attempts": 4, "mode": "standard"},
         connect_timeout=CONNECT_TIMEOUT_S,
         read_timeout=READ_TIMEOUT_S,
@@ -134,18 +138,15 @@ def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
 @cache
 def _session() -> "Session":
     """Keeps descriptions of services, slow to load."""
-    from botocore.session import Session
-
     # Each is (name in the files, variable, default, type).
     no_files = {"profile": (None, None, None, None), "config_file": (None, None, None, None)}
     own_address = {"ignore_configured_endpoint_urls": (None, None, True, None)}
-    return Session(session_vars={**no_files, **own_address})
+    session: Session = core.Session(session_vars={**no_files, **own_address})
+    return session
 
 
 def aws_failure(error: Exception, action: str, site: Site) -> StorageError:
     """`action` is read after "Cannot"."""
-    from botocore import exceptions as boto
-
     where = site.aws_endpoint_url or f"Amazon in {site.region}"
     if isinstance(error, boto.ClientError):
         return StorageError(
@@ -215,8 +216,6 @@ def log_in(site: Site, username: str, password: str, ask: Ask) -> Keys:
 
 
 def _id_token(site: Site, username: str, password: str, ask: Ask) -> str:
-    from botocore.exceptions import BotoCoreError, ClientError
-
     action = f"sign in to {site.place} as {username}"
     try:
         cognito = aws_client("cognito-idp", site)
@@ -236,9 +235,9 @@ def _id_token(site: Site, username: str, password: str, ask: Ask) -> str:
                 Session=answer.get("Session", ""),
                 ChallengeResponses={"USERNAME": username, name: ask(question)},
             )
-    except ClientError as e:
+    except boto.ClientError as e:
         raise _refusal(e, action, site) from e
-    except (BotoCoreError, ValueError) as e:
+    except (boto.BotoCoreError, ValueError) as e:
         raise aws_failure(e, action, site) from e
     token = (answer.get("AuthenticationResult") or {}).get("IdToken")
     if not token:
@@ -252,8 +251,6 @@ def _id_token(site: Site, username: str, password: str, ask: Ask) -> str:
 
 
 def _keys_of_answer(site: Site, token: str) -> Keys:
-    from botocore.exceptions import BotoCoreError, ClientError
-
     logins = {f"cognito-idp.{site.region}.amazonaws.com/{site.user_pool_id}": token}
     action = f"get temporary keys from {site.place}"
     try:
@@ -263,7 +260,7 @@ def _keys_of_answer(site: Site, token: str) -> Keys:
             IdentityId=identity["IdentityId"], Logins=logins
         )
         return _read_keys(answer["Credentials"])
-    except ClientError as e:
+    except boto.ClientError as e:
         if error_code(e) in ("NotAuthorizedException", "ResourceNotFoundException"):
             raise StorageError(
                 f"Cannot {action}: {error_text(e)} ({error_code(e)}).",
@@ -271,7 +268,7 @@ def _keys_of_answer(site: Site, token: str) -> Keys:
                 "ask who runs that site whether your account is allowed to use it.",
             ) from e
         raise aws_failure(e, action, site) from e
-    except (BotoCoreError, KeyError, TypeError, ValueError) as e:
+    except (boto.BotoCoreError, KeyError, TypeError, ValueError) as e:
         raise aws_failure(e, action, site) from e
 
 

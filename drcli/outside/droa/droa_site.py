@@ -7,8 +7,12 @@ from dataclasses import dataclass, fields
 from urllib.parse import urlsplit
 
 from drcli.base.errors import SettingsError, StorageError, shown
+from drcli.base.installation import lazy_imports
 from drcli.config.fields import hidden
 from drcli.outside.web_request import Web
+
+with lazy_imports():
+    import requests
 
 # Reads env.js, in which a DeepRacer on AWS names its parts.
 #
@@ -280,8 +284,6 @@ def _refuse_plain_http(scheme: str, host: str, what: str) -> None:
 
 
 def _read(address: str, web: Web) -> dict[str, str]:
-    import requests
-
     url = f"{address}/env.js"
     answer = web.send(lambda: requests.Request("GET", url), repeat=True, redirects=True)
     if answer.status_code != 200:

@@ -8,9 +8,17 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from email.utils import parsedate_to_datetime
 from typing import Any
+from urllib.parse import urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.base.installation import lazy_imports
+
+with lazy_imports():
+    from http import client as http_client
+    from urllib import error as urllib_error
+    from urllib import request as urllib_request
 
 TIMEOUT_S = 1.0
 """As EC2's own libraries."""
@@ -43,8 +51,6 @@ class Answer:
 
     def now(self, otherwise: float) -> float:
         """Unix seconds of the service, whose clock may be better."""
-        from email.utils import parsedate_to_datetime
-
         try:
             return parsedate_to_datetime(self.headers["date"]).timestamp()
         except (KeyError, ValueError, TypeError):
@@ -75,36 +81,33 @@ class MetadataService:
 
     def ask(self, path: str, headers: Mapping[str, str], method: str = "GET") -> Answer:
         """Raises MetadataSilent without an answer in time."""
-        import http.client
-        from urllib.error import HTTPError, URLError
-        from urllib.request import HTTPRedirectHandler, ProxyHandler, Request, build_opener
 
-        class Stay(HTTPRedirectHandler):
+        class Stay(urllib_request.HTTPRedirectHandler):
             """Keeps tokens from login pages of hotels, which redirect everything."""
 
             def redirect_request(self, *_: Any) -> None:
                 return None
 
-        opener = build_opener(ProxyHandler({}), Stay)
-        request = Request(f"{self._address}/{path}", headers=dict(headers), method=method)
+        opener = urllib_request.build_opener(urllib_request.ProxyHandler({}), Stay)
+        request = urllib_request.Request(
+            f"{self._address}/{path}", headers=dict(headers), method=method
+        )
         try:
             try:
                 answer = opener.open(request, timeout=self._timeout_s)
-            except HTTPError as error:
+            except urllib_error.HTTPError as error:
                 answer = error
             with answer:
                 found = {name.lower(): value for name, value in answer.headers.items()}
                 return Answer(answer.status or 0, answer.read(LARGEST_ANSWER), found)
-        except URLError as error:
+        except urllib_error.URLError as error:
             raise silent(f"at {self._address} does not answer ({error.reason})") from error
-        except (OSError, http.client.HTTPException, ValueError) as error:
+        except (OSError, http_client.HTTPException, ValueError) as error:
             raise silent(f"at {self._address} does not answer ({error})") from error
 
 
 def checked_address(address: str) -> str:
     """Raises SettingsError for anything but an HTTP address."""
-    from urllib.parse import urlsplit
-
     stripped = address.strip().rstrip("/")
     try:
         parts = urlsplit(stripped)

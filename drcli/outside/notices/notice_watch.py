@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -431,8 +432,6 @@ def source_of(
 
 
 def _moment(value: object) -> float | None:
-    from email.utils import parsedate_to_datetime
-
     text = str(value or "")
     for read in (datetime.fromisoformat, parsedate_to_datetime):
         try:

@@ -20,6 +20,7 @@ from types import FrameType
 from typing import Any
 
 from drcli.base.errors import SettingsError, WorkerDied
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import from_json, json_default
 from drcli.base.log import RotatingFile, get_logger, traces
 from drcli.config import secret_environment
@@ -36,6 +37,10 @@ from drcli.workers import worker_process
 from drcli.workers.cores import with_known_overlap
 from drcli.workers.pulse import STACKS_SIGNAL
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
+
+with lazy_imports():
+    from drcli.learn import compute
+    from drcli.train import trainer
 
 # What Ray runs on a node for a trainer.
 #
@@ -314,7 +319,6 @@ def main(job: Job, lifeline: Lifeline) -> None:
         end_as(code)
         return
     _logger.info("The trainer runs here: the cluster has no GPU that this machine has not.")
-    from drcli.train import trainer
 
     trainer.main(job, lifeline)
 
@@ -339,9 +343,7 @@ def train_elsewhere(ray: Any, job: Job, lifeline: Lifeline, gpus: int) -> int:
 
 
 def _gpus_here() -> int:
-    from drcli.learn.compute import gpu_count  # loads torch
-
-    return gpu_count()
+    return compute.gpu_count()
 
 
 def wait_for_node(

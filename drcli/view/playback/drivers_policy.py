@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli.base.errors import DrError, SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
 from drcli.model.checkpoint_choice import ModelCheckpoints, find_choice
@@ -17,6 +18,9 @@ from drcli.view.video.trace_source import FoundTrace
 
 if TYPE_CHECKING:
     from drcli.view.saliency.policy_outputs import ExplainedPolicy
+
+with lazy_imports():
+    from drcli.view.saliency import policy_outputs
 
 
 @dataclass(frozen=True)
@@ -62,11 +66,6 @@ def open_checkpoint(model: ModelStore, config: ModelConfig, number: int) -> "Exp
         SettingsError: It cannot be found or used.
         StorageError: It is damaged, or the bucket cannot be read.
     """
-    from drcli.view.saliency.policy_outputs import (  # torch takes seconds
-        open_policy,
-        open_policy_file,
-    )
-
     name = ""
     try:
         name = find_choice(ModelStore.of(config, model.bucket, model.prefix), number).name
@@ -74,12 +73,12 @@ def open_checkpoint(model: ModelStore, config: ModelConfig, number: int) -> "Exp
         if not model.bucket.exists(keys.checkpoint_graph(model.prefix, number)):
             raise
     if name:
-        return open_policy(model, name)
+        return policy_outputs.open_policy(model, name)
     with tempfile.TemporaryDirectory(prefix="dr-policy-") as folder:
         graph, metadata = Path(folder, f"model_{number}.pb"), Path(folder, "model_metadata.json")
         graph.write_bytes(model.bucket.get(keys.checkpoint_graph(model.prefix, number)))
         metadata.write_bytes(model.bucket.get(keys.model_metadata(model.prefix)))
-        return open_policy_file(graph, metadata)
+        return policy_outputs.open_policy_file(graph, metadata)
 
 
 def _available(model: ModelStore, config: ModelConfig) -> list[int]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from drcli.base.errors import DrError, SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.model import keys
 from drcli.model.files.model_metadata import ModelMetadata
@@ -25,12 +26,21 @@ from drcli.view.video.make_video import chosen_laps, rank_of
 from drcli.view.video.recorded_lap import RecordedLap, find_world, load_world
 from drcli.view.video.trace_source import FoundTrace, trace_of_key
 from drcli.view.video.video_job import Defaults
+from drsim.car.actions import DiscreteActions
 from drsim.race.solids import SHAPES, Shape
 from drsim.track.track import Track
 from drsim.viewing.car_eye import CarEye
 
 if TYPE_CHECKING:
     from drcli.view.saliency.policy_outputs import ExplainedPolicy, PolicyOutputs
+
+with lazy_imports():
+    import torch
+
+    from drcli.learn import policy as learn_policy
+    from drcli.view.saliency import explanation_pictures, policy_outputs
+    from drcli.view.video import policy_insight
+
 
 # A trace that is being played.
 
@@ -365,8 +375,6 @@ class EpisodePlayer:
 
     def _policy(self, model: str, checkpoint: int) -> "ExplainedPolicy":
         def read() -> "ExplainedPolicy":
-            import torch
-
             torch.set_num_threads(1)
             bucket, defaults = self._connect()
             return open_checkpoint(ModelStore(bucket, model), defaults.model, checkpoint)
@@ -384,15 +392,16 @@ class EpisodePlayer:
     ) -> bytes:
         subject = self._policy(model, checkpoint)
         seen = self._seen(opened, subject, lap, range(first, first + count))
-        from drcli.learn.policy import Observation
-        from drcli.view.saliency.policy_outputs import outputs_of
 
         return pack(
             {
                 "first": first,
                 "count": count,
                 "checkpoint": checkpoint,
-                **choices(outputs_of(subject, Observation.of_arrays(*seen)), subject),
+                **choices(
+                    policy_outputs.outputs_of(subject, learn_policy.Observation.of_arrays(*seen)),
+                    subject,
+                ),
             }
         )
 
@@ -405,8 +414,6 @@ class EpisodePlayer:
         count: int,
         checkpoint: int,
     ) -> bytes:
-        from drcli.view.saliency.explanation_pictures import overlay
-
         rows = _rows(first, min(count, MOST_EXPLAINED))
         name, lap = opened.trace.name, opened.lap(index)
         place = (model, name, index, checkpoint)
@@ -419,7 +426,9 @@ class EpisodePlayer:
             eyes = subject.policy.spec.eyes
             for row, frame, values in zip(missing, frames, maps, strict=True):
                 # Of a stack, the newest picture of the first eye.
-                there[row] = jpeg(overlay(frame[len(frame) - eyes], values, full))
+                there[row] = jpeg(
+                    explanation_pictures.overlay(frame[len(frame) - eyes], values, full)
+                )
                 self.pictures.keep((*place, row), there[row] or b"")
         facts = {"first": first, "count": len(there), "checkpoint": checkpoint}
         return pack(facts, [file or b"" for file in there.values()])
@@ -427,10 +436,8 @@ class EpisodePlayer:
     def _strongest(
         self, opened: OpenedTrace, subject: "ExplainedPolicy", lap: RecordedLap
     ) -> float:
-        from drcli.view.saliency.explanation_pictures import full_of
-
         rows = sorted({round(at) for at in np.linspace(0, len(lap.time_s) - 1, _SAMPLES)})
-        return full_of(self._maps(opened, subject, lap, rows)[1])
+        return explanation_pictures.full_of(self._maps(opened, subject, lap, rows)[1])
 
     def _maps(
         self,
@@ -439,10 +446,8 @@ class EpisodePlayer:
         lap: RecordedLap,
         rows: Iterable[int],
     ) -> tuple[Picture, NDArray[np.float32]]:
-        from drcli.view.video.policy_insight import action_maps
-
         frames, scans, states = self._seen(opened, subject, lap, rows)
-        return frames, action_maps(subject, frames, scans, states)
+        return frames, policy_insight.action_maps(subject, frames, scans, states)
 
     def _seen(
         self,
@@ -464,8 +469,6 @@ class EpisodePlayer:
 
 
 def choices(outputs: "PolicyOutputs", subject: "ExplainedPolicy") -> dict[str, Any]:
-    from drsim.car.actions import DiscreteActions
-
     def rounded(values: NDArray[np.float64] | None, digits: int = 4) -> Any:
         return None if values is None else np.round(values, digits).tolist()
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.files import refuse_replacing
+from drcli.base.installation import lazy_imports
 from drcli.config.value_types import shell_color
 from drcli.records.iteration import counted_resets
 from drcli.records.trace import STATUS_LABELS
@@ -20,11 +21,15 @@ from drcli.view.video.trace_source import FoundTrace
 from drsim.race.solids import SHAPES, Shape
 from drsim.track.track import Track
 from drsim.viewing.car_eye import CarEye, lens_above
+from drsim.viewing.mujoco_view import MujocoView, RendererError
 from drsim.viewing.placed_things import OPPONENT_COLOR
 from drsim.viewing.world_view import WorldView
 
 if TYPE_CHECKING:
     from drcli.view.saliency.policy_outputs import ExplainedPolicy
+
+with lazy_imports():
+    from drcli.view.video import policy_insight
 
 # What a video holds.
 
@@ -251,8 +256,6 @@ def rank_of(lap: RecordedLap) -> tuple[bool, int, float]:
 
 def _renderer(wish: Wish, track: Track, size: tuple[int, int]) -> Renderer:
     if wish.renderer == "mujoco":
-        from drsim.viewing.mujoco_view import MujocoView, RendererError
-
         try:
             view = MujocoView(track, columns=size[1], rows=size[0])
             view.frame(lens_above(track, size), [])
@@ -305,9 +308,7 @@ def _scene(
     if subject is None:
         camera = eye.frames(lap.poses, lap.objects)[:, 0]
     else:
-        from drcli.view.video.policy_insight import look_through  # torch takes seconds to load
-
-        seen = look_through(subject, eye, lap, explain=wish.explain)
+        seen = policy_insight.look_through(subject, eye, lap, explain=wish.explain)
         insight, camera, actions = seen.insight, seen.camera, seen.actions
     other_color = "" if trace.recording is None else trace.recording.other_color
     where = f"{track.name} · episode {lap.number}"

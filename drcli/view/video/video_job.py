@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli.base.errors import BadValue, DrError, SettingsError
+from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import Bucket
 from drcli.config.run_config import ModelConfig, RaceConfig
 from drcli.config.value_types import parse_checkpoint
@@ -13,12 +14,15 @@ from drcli.model import keys, race_keys
 from drcli.model.checkpoint_choice import find_choice
 from drcli.model.model_store import ModelStore
 from drcli.view.video.film import View
-from drcli.view.video.make_video import VideoReport, Wish, film_trace
+from drcli.view.video.make_video import VideoReport, Wish, chosen_laps, film_trace
 from drcli.view.video.recorded_lap import RecordedLap, find_world, load_world
 from drcli.view.video.trace_source import FoundTrace, trace_of_evaluation, trace_of_file
 
 if TYPE_CHECKING:
     from drcli.view.saliency.policy_outputs import ExplainedPolicy
+
+with lazy_imports():
+    from drcli.view.saliency import policy_outputs
 
 NO_POLICY = "none"
 _POLICY_FILES = (".pb", ".onnx", ".xml", ".tflite", ".gz", ".tgz")
@@ -124,10 +128,8 @@ def _policy(
     if wish.name == NO_POLICY:
         return None, "", []
     if wish.name is not None and _is_file(wish.name):
-        from drcli.view.saliency.policy_outputs import open_policy_file
-
         path = Path(wish.name).expanduser()
-        return open_policy_file(path, wish.metadata), path.name, []
+        return policy_outputs.open_policy_file(path, wish.metadata), path.name, []
     if wish.name is not None:
         if not trace.model:
             raise SettingsError(
@@ -154,8 +156,6 @@ def _policy(
 def _checkpoint(
     defaults: Defaults, bucket: Bucket, model: str, name: str
 ) -> tuple["ExplainedPolicy | None", str, list[str]]:
-    from drcli.view.saliency.policy_outputs import open_policy
-
     try:
         choice = parse_checkpoint(name)
     except BadValue as error:
@@ -163,7 +163,7 @@ def _checkpoint(
     found = find_choice(ModelStore.of(defaults.model, bucket, model), choice).name
     number = found.partition("_")[0]
     title = f"{race_keys.submitted_model(model)} · checkpoint {number}"
-    return open_policy(ModelStore(bucket, model), found), title, []
+    return policy_outputs.open_policy(ModelStore(bucket, model), found), title, []
 
 
 def _is_file(name: str) -> bool:
@@ -171,8 +171,6 @@ def _is_file(name: str) -> bool:
 
 
 def _ghost(bucket: Callable[[], Bucket], trace: FoundTrace, name: str) -> tuple[str, RecordedLap]:
-    from drcli.view.video.make_video import chosen_laps
-
     path = Path(name).expanduser()
     if path.exists():
         other, title = trace_of_file(path), path.parent.parent.name or path.stem

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import threading
 import venv
 from importlib import metadata
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from drcli.base import installation
+from drcli.base.errors import NotAvailable
 
 ROOT = Path(__file__).resolve().parents[3]
 [HERE] = {Path(metadata.distribution(name).locate_file("")) for name in ("mujoco", "numba")}
@@ -59,6 +61,10 @@ def test_mujoco_after_an_upgrade_from_version_3_is_named_with_what_mends_it(envi
         copy = packages / Path(file).relative_to(HERE)
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.symlink_to(file)
+    if command != "validate":  # which would start the S3 server
+        folder = packages.parents[3] / "work"
+        folder.mkdir()
+        (folder / "run.env").touch()
 
     code, said = dr(packages, *command.split())
 
@@ -132,3 +138,42 @@ def test_a_version_that_fits_no_other_is_told_with_its_own_words(tmp_path, monke
 
     assert str(error) == "choosy cannot be imported: Choosy needs Picky 2 or less."
     assert "in a new environment" in error.remedy
+
+
+def test_a_lazy_import_loads_a_module_when_something_of_it_is_used(tmp_path, monkeypatch):
+    package = tmp_path / "slow_package"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "part.py").write_text("VALUE = 7\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    with installation.lazy_imports():
+        import slow_package as whole
+        from slow_package import part
+
+    assert "slow_package" not in sys.modules
+    assert part.VALUE == 7
+    assert whole.part is sys.modules["slow_package.part"]
+
+
+def test_an_import_of_another_thread_is_not_delayed(tmp_path, monkeypatch):
+    (tmp_path / "eager_module.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    with installation.lazy_imports():
+        thread = threading.Thread(target=exec, args=("import eager_module",))
+        thread.start()
+        thread.join()
+
+    assert "eager_module" in sys.modules
+
+
+def test_a_lazy_library_that_is_missing_names_its_extra(monkeypatch):
+    monkeypatch.setattr(installation, "is_installed", lambda name: False)
+    with installation.lazy_imports():
+        import pandas
+
+    with pytest.raises(NotAvailable) as raised:
+        pandas.DataFrame()
+
+    assert raised.value.remedy == 'Install it with `pip install "drcli[analysis]"`.'

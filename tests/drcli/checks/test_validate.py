@@ -224,7 +224,7 @@ def test_files_that_the_bucket_does_not_give_are_told_with_its_own_remedy(folder
         raise StorageError("The server is busy.", remedy="Try again.")
 
     folder.remove("reward_function.py")
-    monkeypatch.setattr("drcli.checks.validate.probe", lambda *_: [])
+    monkeypatch.setattr("drcli.checks.start_rules.probe", lambda *_: [])
     monkeypatch.setattr(folder.bucket, "get", fail)
 
     told = [(item.rule, item.message, item.remedy) for item in folder.report().errors]

@@ -212,7 +212,7 @@ def test_without_the_encoder_laps_are_driven_and_the_race_says_why_it_has_no_vid
     def missing():
         raise NotAvailable("An MP4 needs av.", remedy="Install drcli[video].")
 
-    monkeypatch.setattr("drcli.view.video.encode.require_encoder", missing)
+    monkeypatch.setattr("drcli.races.race_queue.require_encoder", missing)
     home.race()
     home.submit("ann")
     with pytest.raises(NotAvailable):
@@ -234,7 +234,7 @@ def test_a_film_is_put_beside_the_race_and_a_film_that_fails_costs_no_laps(home,
         return []
 
     monkeypatch.setattr("drcli.races.race_queue._film", film)
-    monkeypatch.setattr("drcli.view.video.encode.require_encoder", lambda: None)
+    monkeypatch.setattr("drcli.races.race_queue.require_encoder", lambda: None)
     home.race()
     home.submit("ann")
     home.submit("bob")

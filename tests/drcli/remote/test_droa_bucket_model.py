@@ -98,7 +98,7 @@ def test_the_route_says_the_direction_where_the_name_does_not(
 ):
     facts = SimpleNamespace(name="reInvent2019_wide", direction=direction)
     monkeypatch.setattr(
-        "drcli.cli.commands.droa.list_tracks", lambda *_: SimpleNamespace(tracks=[facts])
+        "drcli.tracks.track_list.list_tracks", lambda *_: SimpleNamespace(tracks=[facts])
     )
     bucket(world="reInvent2019_wide")
 
@@ -109,7 +109,7 @@ def test_the_route_says_the_direction_where_the_name_does_not(
 
 def test_a_direction_that_nobody_knows_is_asked_for(droa, fake, bucket, monkeypatch, capsys):
     monkeypatch.setattr(
-        "drcli.cli.commands.droa.list_tracks", lambda *_: SimpleNamespace(tracks=[])
+        "drcli.tracks.track_list.list_tracks", lambda *_: SimpleNamespace(tracks=[])
     )
     bucket(world="arctic_open")
 

@@ -288,7 +288,7 @@ def paper_reports(
         _lay_down_sweep(run.folder, monkeypatch)
         report = run.folder / "report.html"
         report.touch()
-        monkeypatch.setattr("drcli.transfer.report_place.report_file", lambda *_: report)
+        monkeypatch.setattr("drcli.cli.commands.loganalysis.report_file", lambda *_: report)
         _lay_down_evaluations(monkeypatch)
         _lay_down_video(monkeypatch)
         _lay_down_droa(run.folder, monkeypatch)
