@@ -4,12 +4,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli.base.errors import Problem
+from drcli.base.installation import lazy_imports
 from drcli.checks.check_report import Report
-from drcli.checks.settings_rules import review_settings
-from drcli.checks.validate import validate
 from drcli.config.settings_report import check_settings
 from drcli.config.track_names import track_problems
 from drcli.config.unused_names import WithoutEffect
+
+with lazy_imports():
+    from drcli.checks import settings_rules, validate
 
 
 @dataclass(frozen=True)
@@ -64,10 +66,8 @@ def check_alone(directory: Path) -> FullCheck:
 
 
 def with_rules(check: FullCheck) -> FullCheck:
-    # Settings are checked without what these load.
-
     directory = Path(check.directory)
-    reviewed = review_settings(directory)
+    reviewed = settings_rules.review_settings(directory)
     settings = reviewed.settings
     known = () if settings is None else (*settings.problems, *track_problems(settings.races))
     idle = {name for group in check.without_effect for name in group.names}
@@ -75,7 +75,7 @@ def with_rules(check: FullCheck) -> FullCheck:
     def new(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:
         return tuple(each for each in problems if each not in known and each.key not in idle)
 
-    rules = validate(directory, reviewed=reviewed)
+    rules = validate.validate(directory, reviewed=reviewed)
     rules = replace(
         rules, errors=new(rules.errors), warnings=new(rules.warnings), notes=new(rules.notes)
     )
