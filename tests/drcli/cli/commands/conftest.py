@@ -475,10 +475,10 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module, read, write in (
         # First the one that imports the other: it would keep an answer that is there already.
         ("export_droa", "read_droa_export", "export_droa"),
-        ("export_checkpoint", "read_checkpoint_export", "export_checkpoint"),
+        ("export_forms", "read_checkpoint_export", "export_checkpoint"),
     ):
-        answer(f"models.{module}.{read}", exported)
-        answer(f"models.{module}.{write}", export)
+        answer(f"transfer.{module}.{read}", exported)
+        answer(f"transfer.{module}.{write}", export)
     custom = CustomFilesReport(f"{folder}/custom_files", URL, files, files, [])
     answer("transfer.copy_custom_files.upload_custom_files", custom)
     answer("transfer.copy_custom_files.download_custom_files", custom)
@@ -507,7 +507,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         NoteEntry(1, 1_000_000.0, None, "host", 12, text),
     ]
     for function in ("write_note", "list_notes", "rewrite_note", "delete_note"):
-        answer(f"models.model_notes.{function}", NoteList(URL, notes))
+        answer(f"transfer.model_notes.{function}", NoteList(URL, notes))
     removed = RemovedModel(MODEL, 4, 99, 123_456_789, "2026-01-02T03:04:05", ["/logs/a.log"], 999)
     removal = RemovalReport("bucket", [removed], dry_run=False, size_bytes=123_456_789)
     answer("transfer.model_removal.plan_removal", PlannedRemoval(removal, (SimpleNamespace(),)))
@@ -679,8 +679,7 @@ def _answer_as_amazon(
     region, bucket = "ap-southeast-2", "racing-bucket-1a2b3c4d5e6f"
     topic = f"arn:aws:sns:{region}:123456789012:racing"
     ours = SimpleNamespace(region=region, profile=None, bucket=lambda name: None)
-    for module in ("create", "end", "look"):
-        answer(f"cli.commands.spot_{module}.account", ours)
+    answer("cli.commands.spot.account", ours)
     tags = {"drcli:kind": "training", "drcli:model": MODEL, "drcli:bucket": bucket}
     stack = Stack("my-run", "CREATE_COMPLETE", 1.79e9, tags, {"Topic": topic})
     answer("outside.aws.stacks.need_stack", stack)
