@@ -1,4 +1,4 @@
-"""The keys of every --json report, taken from the dataclasses behind them."""
+"""The keys of every --json report, and what its fields say about them."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -46,7 +46,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "cli.commands.spot_watch:WatchReport": ("spot watch",),
     "cli.commands.spot:BaseReport": ("spot create-base",),
     "outside.aws.creation:CreatedStack": ("spot create",),
-    "cli.views.spot_view:Planned": ("spot create --dry-run",),
+    "outside.aws.creation:Planned": ("spot create --dry-run",),
     "cli.commands.spot:AccessReport": ("spot add-access", "spot subscribe"),
     "outside.aws.stack_report:StackReports": ("spot list",),
     "outside.aws.prices:Offers": ("spot prices",),
@@ -173,10 +173,15 @@ def _fields(report: Any, path: str, outer: tuple[Any, ...]) -> Iterator[tuple[st
         for kind in report.__mro__
         for name, text in _ATTRIBUTE.findall(kind.__doc__ or "")
     }
-    types = get_type_hints(report)
+    types, hints = get_type_hints(report), get_type_hints(report, include_extras=True)
     for field in fields(report):
         key = f"{path}{field.name}"
-        yield key, meanings[field.name]
+        said = getattr(hints[field.name], "__metadata__", ())
+        yield (
+            key,
+            next((_sentence(text) for text in said if isinstance(text, str)), None)
+            or meanings[field.name],
+        )
         inner, many = _dataclass_in(types[field.name])
         if inner is not None and inner not in (*outer, report):
             yield from _fields(inner, f"{key}[]." if many else f"{key}.", (*outer, report))

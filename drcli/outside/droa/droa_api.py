@@ -7,10 +7,11 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 from urllib.parse import quote, urlencode
 
 from drcli.base.errors import SettingsError, StorageError, shown
+from drcli.base.report import Col, second
 from drcli.outside.droa.droa_session import DroaSession, Keys
 from drcli.outside.web_request import Pause, Web
 
@@ -35,22 +36,16 @@ class NoSuchModel(SettingsError):
 class RemoteModel:
     """A model in the account; several can have the same name."""
 
-    model_id: str
-    name: str
-    status: str
-    training_status: str
-    created_at: str
+    model_id: Annotated[str, Col("model id")]
+    name: Annotated[str, Col("name")]
+    status: Annotated[str, Col("status", style={"READY": "green", "ERROR": "red"})]
+    training_status: Annotated[str, Col("training", lambda text: text or "-")]
+    created_at: Annotated[str, Col("created", second)]
     values: Mapping[str, Any]
-
-    def text(self, *path: str) -> str:
-        value: Any = self.values
-        for key in path:
-            value = value.get(key) if isinstance(value, Mapping) else None
-        return "" if value is None or isinstance(value, dict | list) else str(value)
 
     @property
     def import_error(self) -> str:
-        return self.text("importErrorMessage")
+        return str(self.values.get("importErrorMessage") or "")
 
 
 @dataclass(frozen=True)
@@ -59,6 +54,13 @@ class Asset:
 
     url: str
     status: str
+
+
+def value_at(values: Mapping[str, Any], *path: str) -> Any:
+    found: Any = values
+    for key in path:
+        found = found.get(key) if isinstance(found, Mapping) else None
+    return found
 
 
 def read_model(value: Any, place: str) -> RemoteModel:

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base import errors as notices
 from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError, of_severity
+from drcli.base.report import counted, size_text
 from drcli.bucket.s3_errors import error_code
 from drcli.outside.droa.droa_api import Droa, RemoteModel
 from drcli.outside.droa.droa_package import is_wanted
@@ -131,29 +132,28 @@ class ImportPlan:
 
 @dataclass(frozen=True)
 class ImportReport:
-    """The result of `droa-import-model`.
+    """The result of `droa-import-model`."""
 
-    Attributes:
-        site: Address of DeepRacer on AWS.
-        model_id: Id of the new model; empty after -d.
-        name: Its name.
-        status: READY, or IMPORTING if nobody waited; empty after -d.
-        files: How many files were uploaded.
-        uploaded_bytes: Their size.
-        folder: Where they are in the upload bucket; empty after -d.
-        dry_run: Whether -d was given, so that nothing was sent.
-        existed: Whether the same import was there already, so that nothing was sent (--once).
-    """
+    site: Annotated[str, "Address of DeepRacer on AWS."]
+    model_id: Annotated[str, "Id of the new model; empty after -d."]
+    name: Annotated[str, "Its name."]
+    status: Annotated[str, "READY, or IMPORTING if nobody waited; empty after -d."]
+    files: Annotated[int, "How many files were uploaded."]
+    uploaded_bytes: Annotated[int, "Their size."]
+    folder: Annotated[str, "Where they are in the upload bucket; empty after -d."]
+    dry_run: Annotated[bool, "Whether -d was given, so that nothing was sent."] = False
+    existed: Annotated[
+        bool, "Whether the same import was there already, so that nothing was sent (--once)."
+    ] = False
 
-    site: str
-    model_id: str
-    name: str
-    status: str
-    files: int
-    uploaded_bytes: int
-    folder: str
-    dry_run: bool = False
-    existed: bool = False
+    def __str__(self) -> str:
+        size = f"{counted(self.files, 'file')}, {size_text(self.uploaded_bytes)}"
+        if self.dry_run:
+            return f"Would import {self.name} into {self.site}: {size}."
+        if self.existed:
+            return f"{self.name} was imported into {self.site} before, as {self.model_id}."
+        state = "It is ready." if self.status == "READY" else "It is being checked there."
+        return f"Imported {self.name} into {self.site} as {self.model_id}: {size}. {state}"
 
 
 class ImportFailed(SettingsError):

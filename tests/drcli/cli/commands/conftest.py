@@ -696,6 +696,7 @@ def _answer_as_amazon(
         estimate=Estimate(0.61, 0.72, 0.008, 12.0),
         resumes="8_Step-4000.ckpt",
         notes=("The model is there already; the training goes on.",),
+        files={},
     )
     answer("outside.aws.racer_files.find_source", plan.source)
     # Its checks would find what stands here for the report of `dr validate`.

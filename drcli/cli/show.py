@@ -1,0 +1,140 @@
+"""Shows reports: for people in the width of the terminal, or as JSON."""
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.measure import Measurement
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from drcli.base.report import Rows
+from drcli.cli import console
+from drcli.cli.console import BOUNDLESS
+
+INDENT = 2
+_LEAST_NAME = 24
+
+P = ParamSpec("P")
+
+
+def show(report: Any, *, as_json: bool = False, folded: bool = True, **wishes: Any) -> None:
+    """Print a report, or one JSON object on the last line of stdout.
+
+    Without `folded`, an address stays in one piece. The view gets the `wishes`.
+    """
+    rendered = None if as_json else drawn(report, **wishes)
+    console.emit(report, rendered, as_json=as_json, folded=folded)
+
+
+def drawn(report: Any, **wishes: Any) -> RenderableType:
+    return _group(report.view(**wishes) if hasattr(report, "view") else [str(report)])
+
+
+def part(found: Any) -> RenderableType:
+    """A part of a view, as drcli.base.report lists them."""
+    if isinstance(found, Rows):
+        return _Fitted(found)
+    if isinstance(found, dict):
+        return _pairs(found)
+    return indented(_group(found)) if isinstance(found, list) else _text(found)
+
+
+def _group(parts: Any) -> RenderableType:
+    return Group(*(part(each) for each in parts if each))
+
+
+def _text(found: Any) -> Text:
+    if isinstance(found, tuple):
+        return Text.assemble(*map(_text, found))
+    return found if isinstance(found, Text) else Text(str(found), getattr(found, "style", ""))
+
+
+def _pairs(pairs: dict[str, Any]) -> Table:
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="dim", no_wrap=True)
+    grid.add_column(overflow="fold")
+    for name, value in pairs.items():
+        if value:
+            grid.add_row(name, _text(value))
+    return grid
+
+
+class _Fitted:
+    """Nothing of a table is ever cut off."""
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows = rows
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        rows = self._rows
+        free = options.update(max_width=BOUNDLESS)
+
+        def excess(*omitted: str) -> int:
+            drawn = _table(rows, omitted)
+            return Measurement.get(console, free, drawn).maximum - options.max_width
+
+        for omitted in ((), rows.wide):
+            if excess(*omitted) <= 0:
+                yield _table(rows, omitted)
+                return
+        over = excess(*rows.wide)
+        first = max(len(rows.names[0]), *(_text(row[0]).cell_len for row in rows.cells))
+        if first - over >= _LEAST_NAME:
+            yield _table(rows, rows.wide, first - over)
+            return
+        for row in rows.cells:
+            title = "" if rows.names[0] in rows.left else rows.names[0]
+            yield Text(f"{title} " if title else "").append_text(_text(row[0]))
+            pairs = zip(rows.names[1:], row[1:], strict=True)
+            cells = [
+                Text.assemble((name, "dim"), " ", _text(cell))
+                for name, cell in pairs
+                if cell and name not in rows.wide
+            ]
+            yield indented(Text(", ").join(cells))
+
+
+def _table(rows: Rows, omitted: tuple[str, ...] | Any, first: int | None = None) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    kept = [place for place, name in enumerate(rows.names) if name not in omitted]
+    for place in kept:
+        name = rows.names[place]
+        folded = first is not None and place == 0
+        table.add_column(
+            name,
+            justify="left" if name in rows.left else "right",
+            no_wrap=not folded,
+            overflow="fold",
+            width=first if folded else None,
+        )
+    for row in rows.cells:
+        table.add_row(*(_text(row[place]) for place in kept))
+    return table
+
+
+class Fitted:
+    """A picture drawn for the terminal's width."""
+
+    def __init__(self, draw: Callable[[int], RenderableType]) -> None:
+        self._draw = draw
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        drawn = self._draw(options.max_width)
+        yield _text(drawn) if isinstance(drawn, str) else drawn  # rich reads [...] as a style
+
+
+def fitted(draw: Callable[Concatenate[int, P], RenderableType]) -> Callable[P, Fitted]:
+    """Gives a picture that width as its first parameter."""
+
+    @wraps(draw)
+    def view(*args: P.args, **named: P.kwargs) -> Fitted:
+        return Fitted(lambda columns: draw(columns, *args, **named))
+
+    return view
+
+
+def indented(found: RenderableType, columns: int = INDENT) -> RenderableType:
+    return Padding.indent(_text(found) if isinstance(found, str) else found, columns)
