@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.cli import completion, console
-from drcli.cli.views import race_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def print_race(report: "RaceReport", *, as_json: bool) -> None:
     loaded = settings()
     report = with_limit(report, loaded.tracks_folder, loaded.directory)
     console.warn(*report.damaged)
-    console.emit(report, race_view.race(report), as_json=as_json)
+    show(report, as_json=as_json)
 
 
 def open_races(loaded: "Settings") -> "Bucket":

@@ -17,7 +17,8 @@ from drcli.cli.options import (
     world_option,
 )
 from drcli.cli.race_access import Closes, Race, found_race, open_races, print_race, races_to_look_at
-from drcli.cli.views import race_view
+from drcli.cli.show import drawn
+from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings
 from drcli.races.race_records import Pairing, RaceKind, Ranking
 
@@ -306,7 +307,7 @@ def list_all(as_json: AsJson = False) -> None:
     bucket = races_to_look_at(loaded)
     found = RaceList(loaded.bucket, []) if bucket is None else list_races(bucket)
     console.warn(*found.damaged)
-    console.emit(found, race_view.races(found), as_json=as_json)
+    present(found, as_json=as_json)
 
 
 @app.command()
@@ -343,7 +344,7 @@ def submit(
     loaded = settings()
     bucket, found = found_race(loaded, race)
     taken = submit_to(loaded, bucket, found, prefix=prefix, checkpoint=checkpoint, racer=racer)
-    console.emit(taken, race_view.taken(taken), as_json=as_json)
+    present(taken, as_json=as_json)
     if not taken.queue:
         console.suggest([(f"dr-race run {found}", "drive what was submitted")])
 
@@ -429,9 +430,7 @@ def stop(race: Race, as_json: AsJson = False) -> None:
     from drcli.races.queue_process import stop_queue
 
     bucket, found = found_race(settings(), race)
-    stopped = stop_queue(bucket, found)
-    text = f"Stopped the queue of {found} (process {stopped.pid}). What was driven is kept."
-    console.emit(stopped, text, as_json=as_json)
+    present(stop_queue(bucket, found), as_json=as_json)
 
 
 @app.command("open")
@@ -497,7 +496,7 @@ def export(
         refuse_replacing(page, force=force)
     films = videos_of(report, bucket) if videos else {}
     written = export_race(report, csv_path=csv, html_path=page, videos=films)
-    console.emit(written, race_view.exported(written), as_json=as_json)
+    present(written, as_json=as_json)
 
 
 @app.command()
@@ -513,10 +512,10 @@ def delete(
     bucket, found = found_race(settings(), race)
     planned = delete_race(bucket, found, dry_run=True)
     if not dry_run:
-        console.err.print(race_view.deleted(planned))
+        console.err.print(drawn(planned))
         prompts.agree("Delete this race? It cannot be undone.", yes=force)
         planned = delete_race(bucket, found)
-    console.emit(planned, race_view.deleted(planned), as_json=as_json)
+    present(planned, as_json=as_json)
 
 
 def drive(race: str, *, quiet: bool, video: bool | None, limit: int, as_json: bool) -> None:
@@ -532,7 +531,7 @@ def drive(race: str, *, quiet: bool, video: bool | None, limit: int, as_json: bo
         if limit:
             raise typer.BadParameter("-n limits what is driven here; leave out -q.")
         started = launch_queue(loaded, bucket, found, video=video)
-        console.emit(started, race_view.started(started), as_json=as_json)
+        present(started, as_json=as_json)
         return
     report = run_queue(loaded, bucket, found, video=video, limit=limit, on_progress=console.say)
     print_race(report, as_json=as_json)
