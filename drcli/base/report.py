@@ -5,7 +5,8 @@ A report is a frozen dataclass. For people it has `view()`, or `__str__` if that
     tuple: one line of several pieces;
     list: indented parts;
     dict: names and values; false values are left out;
-    Rows: a table.
+    Rows: a table;
+    Log: lines whose pieces stand below each other.
 """
 
 import time
@@ -16,6 +17,9 @@ from functools import cache
 from typing import Any, Literal, Self, get_type_hints
 
 View = Iterable[object]
+BLANK = " "
+"""An empty line."""
+Cell = str | tuple[str, ...]
 Style = str | Mapping[str, str]
 
 
@@ -58,10 +62,10 @@ class Col:
     style: Style = ""
     wide: bool = False
 
-    def cell(self, row: Any, field: str) -> str:
+    def cell(self, row: Any, field: str) -> Cell:
         """What stands in a row."""
         value = getattr(row, field) if self.of is None else self.of(row)
-        if value is None or isinstance(value, Styled):
+        if value is None or isinstance(value, Styled | tuple):
             return self.none if value is None else value
         text = self.form.format(value) if isinstance(self.form, str) else self.form(value)
         style = self.style if isinstance(self.style, str) else self.style.get(text, "")
@@ -73,9 +77,16 @@ class Rows:
     """A table, or a list where its rows do not fit; `wide`: columns that may be left out."""
 
     names: Sequence[str]
-    cells: Sequence[Sequence[str]]
+    cells: Sequence[Sequence[Cell]]
     left: Sequence[str] = ()
     wide: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Log:
+    """Lines of pieces, below each other; the last piece is long."""
+
+    lines: Sequence[Sequence[object]]
 
 
 @cache
@@ -139,13 +150,23 @@ def second(iso: str) -> str:
     return iso[:19].replace("T", " ") or "-"
 
 
-def utc_minute(at: float | None) -> str:
+def utc_second(at: float) -> str:
     """`?` for what is no time."""
     with suppress(ValueError, OverflowError, OSError):
-        return "" if at is None else time.strftime("%Y-%m-%d %H:%M", time.gmtime(at))
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(at))
     return "?"
+
+
+def utc_minute(at: float | None) -> str:
+    return "" if at is None else utc_second(at)[:16]
 
 
 def printable(text: str) -> str:
     """Without what would control a terminal."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
+
+
+def abridged(text: str) -> str:
+    """In at most 60 letters."""
+    words = " ".join(printable(text).split())
+    return words if len(words) <= 60 else f"{words[:57]}..."

@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from drcli.base.report import Rows
+from drcli.base.report import Log, Rows
 from drcli.cli import console
 from drcli.cli.console import BOUNDLESS
 
@@ -37,6 +37,8 @@ def part(found: Any) -> RenderableType:
     """A part of a view, as drcli.base.report lists them."""
     if isinstance(found, Rows):
         return _Fitted(found)
+    if isinstance(found, Log):
+        return _Log(found)
     if isinstance(found, dict):
         return _pairs(found)
     return indented(_group(found)) if isinstance(found, list) else _text(found)
@@ -60,6 +62,29 @@ def _pairs(pairs: dict[str, Any]) -> Table:
         if value:
             grid.add_row(name, _text(value))
     return grid
+
+
+class _Log:
+    """A line without room for its long piece beside the others has that piece below them."""
+
+    def __init__(self, log: Log) -> None:
+        self._log = log
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        lines = [[_text(each) for each in line] for line in self._log.lines]
+        room = options.max_width * 2 // 3
+        beside = [line for line in lines if sum(each.cell_len for each in line[:-1]) <= room]
+        widths = [max(each.cell_len for each in column) for column in zip(*beside, strict=True)]
+        for line in lines:
+            if line not in beside or sum(widths[:-1]) > room:
+                yield from (Text(" ").join(line[:-1]), indented(line[-1]))
+                continue
+            grid = Table.grid(padding=(0, 1))
+            for width in widths[:-1]:
+                grid.add_column(no_wrap=True, width=width)
+            grid.add_column(overflow="fold")
+            grid.add_row(*line)
+            yield grid
 
 
 class _Fitted:

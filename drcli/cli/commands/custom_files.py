@@ -2,7 +2,7 @@
 
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import models_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 
@@ -19,7 +19,7 @@ def upload_custom_files(as_json: AsJson = False) -> None:
     report = copying.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
     for name in report.refused:
         console.warn(f"{report.folder}/{name} was skipped: its name is not UTF-8.")
-    console.emit(report, models_view.custom_files(report, up=True), as_json=as_json)
+    show(report, as_json=as_json, up=True)
 
 
 def download_custom_files(as_json: AsJson = False) -> None:
@@ -37,4 +37,4 @@ def download_custom_files(as_json: AsJson = False) -> None:
         console.warn(f"{report.place}/{name} was skipped: it leads out of {report.folder}.")
     if not report.copied and not report.unchanged:
         console.warn(f"There is nothing at {report.place}.")
-    console.emit(report, models_view.custom_files(report, up=False), as_json=as_json)
+    show(report, as_json=as_json, up=False)

@@ -7,7 +7,7 @@ import typer
 from drcli.base.errors import SettingsError
 from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, DryRun, Force, KeepModels, models_argument
-from drcli.cli.views import removal_view
+from drcli.cli.show import drawn, show
 from drcli.cli.working_folder import settings
 
 
@@ -47,9 +47,8 @@ def delete_model(
         if model.warning:
             console.warn(f"{model.prefix}: {model.warning}.")
     if not dry_run:
-        console.err.print(removal_view.planned(planned.report))
+        console.err.print(drawn(planned.report, planned=True))
         prompts.agree("Delete all of this? It cannot be undone.", yes=force)
         with console.waiting("Deleting ..."):
             remove_models(planned, loaded)
-    view = removal_view.planned if dry_run else removal_view.removed
-    console.emit(planned.report, view(planned.report), as_json=as_json)
+    show(planned.report, as_json=as_json, planned=dry_run)

@@ -4,7 +4,7 @@ import typer
 
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import doctor_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
 
 
@@ -23,6 +23,6 @@ def doctor(as_json: AsJson = False) -> None:
     folder = working_folder()
     with console.waiting("Examining this machine and the bucket ...", only_live=True):
         report = diagnose(folder)
-    console.emit(report, doctor_view.findings(report), as_json=as_json)
+    show(report, as_json=as_json)
     if report.exit_code:
         raise typer.Exit(report.exit_code)

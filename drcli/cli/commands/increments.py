@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.report import counted
 from drcli.cli import completion, console, prompts
 from drcli.cli.options import (
     AsJson,
@@ -19,8 +20,8 @@ from drcli.cli.options import (
     wipe_option,
     world_option,
 )
-from drcli.cli.views import models_view, training_view
-from drcli.cli.views.layout import counted
+from drcli.cli.show import show
+from drcli.cli.views import training_view
 from drcli.cli.working_folder import settings, working_folder
 
 
@@ -131,7 +132,7 @@ def increment_upload_model(
         console.warn(f"{counted(step.wiped, 'file')} at {place} will be deleted.")
     prompts.agree("Are you sure?", yes=force)
     upload.make_upload_increment(planned)
-    console.emit(step, models_view.upload_increment(step), as_json=as_json)
+    show(step, as_json=as_json)
     _done(step.file, step.backup, "dr-upload-model", "upload the model there")
 
 

@@ -6,7 +6,7 @@ import typer
 
 from drcli.cli import console
 from drcli.cli.options import AsJson, models_argument
-from drcli.cli.views import models_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 _Pattern = Annotated[
@@ -46,4 +46,4 @@ def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
     with console.waiting(f"Reading s3://{bucket.name} ..."):
         found = model_list.list_models(bucket, pattern)
     console.warn(*(sentence for model in found.models for sentence in model.damaged))
-    console.emit(found, models_view.models(found), as_json=as_json)
+    show(found, as_json=as_json)

@@ -6,7 +6,7 @@ import typer
 
 from drcli.cli import console
 from drcli.cli.options import AsJson, prefix_option
-from drcli.cli.views import notes_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
@@ -72,4 +72,4 @@ def remove(number: _Number, prefix: _Prefix = None, as_json: AsJson = False) -> 
 
 def _show(found: "NoteList", *, as_json: bool) -> None:
     console.warn(*found.damaged)
-    console.emit(found, notes_view.notes(found), as_json=as_json)
+    show(found, as_json=as_json)

@@ -11,7 +11,7 @@ from drcli.base.errors import Absent
 from drcli.cli import console
 from drcli.cli.log_tail import POLL_S, show_log
 from drcli.cli.options import AsJson
-from drcli.cli.views import summary_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
     if not found:
         raise wanted.absent()
     report = speed_of(found[0], settings().run)
-    console.emit(report, summary_view.speed(report), as_json=as_json)
+    show(report, as_json=as_json)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from dataclasses import replace
 from drcli.base.errors import WorkerDied
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import summary_view, training_view
+from drcli.cli.show import show
+from drcli.cli.views import training_view
 from drcli.cli.working_folder import settings
 
 
@@ -44,5 +45,4 @@ def summary(as_json: AsJson = False) -> None:
     """
     from drcli.run.summary import summarize
 
-    report = summarize(settings())
-    console.emit(report, summary_view.summary(report), as_json=as_json)
+    show(summarize(settings()), as_json=as_json)

@@ -9,7 +9,7 @@ import typer
 
 from drcli.cli import console
 from drcli.cli.options import AsJson, ReplaceOrYes
-from drcli.cli.views import doctor_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import current_folder, working_folder
 
 
@@ -43,7 +43,7 @@ def support_bundle(
     target = current_folder() / target
     with console.waiting("Collecting; this takes about ten seconds ..."):
         report = make_bundle(folder, target, with_custom_files=not without_files, overwrite=force)
-    console.emit(report, doctor_view.bundle(report), as_json=as_json)
+    show(report, as_json=as_json)
     path = shlex.quote(report.file)
     manifest = "drcli-support/manifest.json"
     console.suggest(

@@ -6,7 +6,7 @@ import typer
 
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import summary_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 What = Literal["bucket", "model", "custom-files", "metrics", "all"]
@@ -30,7 +30,7 @@ def url(
     loaded = settings()
     names = [name for name in get_args(PlaceName) if what in ("all", name)]
     report = addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
-    console.emit(report, summary_view.addresses(report), as_json=as_json, folded=False)
+    show(report, as_json=as_json, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"
         console.say(

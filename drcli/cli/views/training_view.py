@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.cli.views import iterations, notes_view
+from drcli.base.report import abridged
+from drcli.cli.views import iterations
 from drcli.cli.views.layout import counted, fitted, indented
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     parts += [Text(line) for line in _failures(report)]
     lines = (_spent(report), _left(report), str(report.requests or ""), _budget(report))
     parts += [Text(line) for line in lines if line]
-    parts += [Text(f"Note: {notes_view.short(text)}") for text in report.notes[-NOTES:]]
+    parts += [Text(f"Note: {abridged(text)}") for text in report.notes[-NOTES:]]
     return Group(*parts)
 
 

@@ -9,7 +9,8 @@ from rich.console import Console
 
 from drcli.base.json_record import plain
 from drcli.cli.commands import evaluate
-from drcli.cli.views import iterations, models_view, training_view
+from drcli.cli.show import drawn
+from drcli.cli.views import iterations, training_view
 from drcli.model.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.records.iteration import Laps
 from drcli.records.stage import PHASES, PhaseMark, StageMark
@@ -30,16 +31,14 @@ def screen(rendered):
 def test_what_the_racer_typed_is_no_style():
     nothing = ModelList("bucket", "[/]", [])
 
-    assert screen(models_view.models(nothing)) == (
-        "There is no model in s3://bucket that matches [/]."
-    )
+    assert screen(drawn(nothing)) == ("There is no model in s3://bucket that matches [/].")
 
 
 def test_a_checkpoint_is_told_in_fewer_words_in_the_list_than_on_the_page():
     best = CheckpointEntry("8_Step-4000.ckpt", 1.0, "7.61 s", str(Laps(20, [7.5, 7.72])), 2)
     model = ModelEntry("m1", 9, best, None, 1, 1, "2026-01-02T03:04:05", False)
 
-    shown = screen(models_view.models(ModelList("bucket", "", [model])))
+    shown = screen(drawn(ModelList("bucket", "", [model])))
 
     assert best.text == "8: 2 of 20 laps clean, median 7.61 s, slowest 7.72 s"
     assert "8 (2 of 20 laps clean, median 7.61 s)" in " ".join(shown.split())
