@@ -6,8 +6,10 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
-from drcli.base.errors import Problem, ProblemsError, StorageError, of_severity
+from drcli.base.errors import MOST_SHOWN, Problem, ProblemsError, StorageError, of_severity
+from drcli.base.report import Styled, View, bold, counted, dim
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.before_start import Examined, Plans, examine_stages
@@ -18,7 +20,7 @@ from drcli.checks.stage_rules import StagesReview, review_stages
 from drcli.checks.start_rules import probe, review_owner, start_problems
 from drcli.config.settings import Settings
 from drcli.config.settings_report import check_settings
-from drcli.config.track_names import track_problems
+from drcli.config.track_names import ASKED, track_problems
 from drcli.config.unused_names import WithoutEffect
 from drcli.model import keys
 from drcli.model.files.custom_files import FILE_RULES, InputFile, find, local_file
@@ -35,41 +37,56 @@ from drcli.workers.ray_extra import workers_here
 
 @dataclass(frozen=True)
 class Skipped:
-    """Rules that could not be checked.
+    """Rules that could not be checked."""
 
-    Attributes:
-        rules: Their numbers.
-        reason: Why, as a sentence.
-    """
-
-    rules: tuple[str, ...]
-    reason: str
+    rules: Annotated[tuple[str, ...], "Their numbers."]
+    reason: Annotated[str, "Why, as a sentence."]
 
 
 @dataclass(frozen=True)
 class Report:
-    """All problems of a working folder.
+    """All problems of a working folder."""
 
-    Attributes:
-        directory: The folder. Places inside it are named relative to it.
-        console_compatible: Whether the model is also meant for training on a DeepRacer console.
-        errors: Problems that prevent a training from starting.
-        warnings: Things that work but may surprise you.
-        skipped: Rules that could not be checked.
-        notes: What `dr-start-training` will ask.
-    """
-
-    directory: str
-    console_compatible: bool
-    errors: tuple[Problem, ...]
-    warnings: tuple[Problem, ...]
-    skipped: tuple[Skipped, ...]
-    notes: tuple[Problem, ...] = ()
+    directory: Annotated[str, "The folder. Places inside it are named relative to it."]
+    console_compatible: Annotated[
+        bool, "Whether the model is also meant for training on a DeepRacer console."
+    ]
+    errors: Annotated[tuple[Problem, ...], "Problems that prevent a training from starting."]
+    warnings: Annotated[tuple[Problem, ...], "Things that work but may surprise you."]
+    skipped: Annotated[tuple[Skipped, ...], "Rules that could not be checked."]
+    notes: Annotated[tuple[Problem, ...], "What `dr-start-training` will ask."] = ()
 
     @property
     def ok(self) -> bool:
         """Whether a training could start."""
         return not self.errors
+
+    def sentence(self) -> str:
+        counts = f"{counted(len(self.errors), 'error')}, {counted(len(self.warnings), 'warning')}."
+        if self.ok:
+            return f"{counts} A training can start{' with what the notes say' * bool(self.notes)}."
+        if all(item.rule == "V-13" for item in self.errors):
+            return f"{counts} A training can start when the present one has ended."
+        if all(ASKED in item.remedy for item in self.errors):
+            return (
+                f"{counts} A training would not start, except on a terminal, where it asks first."
+            )
+        return f"{counts} A training would not start."
+
+    def view(self) -> View:
+        groups = (
+            (Styled("Errors", "bold red"), self.errors),
+            (Styled("Warnings", "yellow"), self.warnings),
+            (bold("Notes"), self.notes),
+        )
+        for title, group in groups:
+            yield group and title
+            for item in group:
+                remedy = item.remedy and dim(f"Try: {item.remedy}")
+                yield [f"{item.rule}  {item.where}", [item.message, remedy]]
+        yield self.skipped and bold("Not tried")
+        yield [f"{', '.join(item.rules)}: {item.reason}" for item in self.skipped]
+        yield Styled(self.sentence(), "bold green" if self.ok else "bold red")
 
 
 BUCKET_RULES = ("V-09", "V-10", "V-13", "V-35", "V-50")
@@ -260,17 +277,11 @@ def _relative(item: Problem, directory: Path) -> Problem:
 
 @dataclass(frozen=True)
 class WrongSetting:
-    """An error in the settings.
+    """An error in the settings."""
 
-    Attributes:
-        where: Place, such as `run.env line 7`.
-        what: Key, value and problem, without a full stop.
-        remedy: How to fix it, starting with a verb.
-    """
-
-    where: str
-    what: str
-    remedy: str
+    where: Annotated[str, "Place, such as `run.env line 7`."]
+    what: Annotated[str, "Key, value and problem, without a full stop."]
+    remedy: Annotated[str, "How to fix it, starting with a verb."]
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what}."
@@ -278,26 +289,39 @@ class WrongSetting:
 
 @dataclass(frozen=True)
 class FullCheck:
-    """All problems of the settings, and those that the other rules found.
+    """All problems of the settings, and those that the other rules found."""
 
-    Attributes:
-        directory: The working folder.
-        errors: Errors in the settings, in the order in which they were read.
-        warnings: Things that are allowed but may surprise you.
-        without_effect: Settings in the files that have no effect here, by reason.
-        rules: The report on the other rules; None if they were not checked.
-    """
-
-    directory: str
-    errors: tuple[WrongSetting, ...]
-    warnings: tuple[str, ...]
-    without_effect: tuple[WithoutEffect, ...]
-    rules: Report | None = None
+    directory: Annotated[str, "The working folder."]
+    errors: Annotated[
+        tuple[WrongSetting, ...], "Errors in the settings, in the order in which they were read."
+    ]
+    warnings: Annotated[tuple[str, ...], "Things that are allowed but may surprise you."]
+    without_effect: Annotated[
+        tuple[WithoutEffect, ...], "Settings in the files that have no effect here, by reason."
+    ]
+    rules: Annotated[
+        Report | None, "The report on the other rules; None if they were not checked."
+    ] = None
 
     @property
     def valid(self) -> bool:
         """Whether there are no errors."""
         return not self.errors and (self.rules is None or self.rules.ok)
+
+    def view(self) -> View:
+        for problem in self.errors[:MOST_SHOWN]:
+            yield (Styled("Error: ", "bold red"), str(problem))
+            yield [dim(f"Try: {problem.remedy}")]
+        more = len(self.errors) - MOST_SHOWN
+        yield more > 0 and f"And {more:,} more like these."
+        yield from ((Styled("Warning: ", "yellow"), text) for text in self.warnings)
+        yield self.without_effect and "Accepted without effect:"
+        for group in self.without_effect:
+            yield [f"{group.reason}:", [dim(", ".join(group.names))]]
+        counts = f"{counted(len(self.errors), 'error')}, {counted(len(self.warnings), 'warning')}."
+        yield Styled(f"Settings: {counts}", "bold red" if self.errors else "green")
+        if self.rules is not None:
+            yield from self.rules.view()
 
 
 def check_alone(directory: Path) -> FullCheck:

@@ -8,6 +8,7 @@ from statistics import fmean
 from typing import Any, Literal
 
 from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
+from drcli.base.report import Col, View, bold, table
 from drcli.records.episode_metrics import TrialMetrics
 
 # What drives a racer of an evaluation, and which engine.
@@ -122,6 +123,16 @@ class RobustCell(JsonRecord):
     ended_by: str = ""
 
 
+_COLUMNS = (
+    Col("disturbed", of=lambda cell: cell.axis, side="left"),
+    Col("level", of=lambda cell: cell.level, side="left"),
+    Col("clean laps", of=lambda cell: f"{cell.completed}/{cell.trials}"),
+    Col("progress", "{:.0f} %", of=lambda cell: cell.progress),
+    Col("lap time", "{:.2f} s", of=lambda cell: cell.lap_s, none=""),
+    Col("ended by", of=lambda cell: cell.ended_by, side="left"),
+)
+
+
 @dataclass(frozen=True)
 class RobustResult(JsonRecord):
     """A robust evaluation of one model on one track.
@@ -165,6 +176,25 @@ class RobustResult(JsonRecord):
             f"{cell.axis} {cell.level}"
             for cell in self.cells
             if share > 0.0 and cell.completed / cell.trials <= share / 2
+        ]
+
+    def view(self) -> View:
+        broken = ", ".join(self.broken_by)
+        said = f"Broken by: {broken}." if broken else "No level of the grid broke it."
+        if self.cells[0].completed == 0:
+            said = "It completes no clean lap even without disturbance."
+        firsts = {cell.axis: cell for cell in reversed(self.cells)}
+        score = Col(
+            "score of axis",
+            of=lambda cell: (
+                f"{self.axis_scores[cell.axis]:.1f}" if firsts[cell.axis] is cell else ""
+            ),
+        )
+        driver = f"checkpoint {self.checkpoint} of {self.prefix} on {self.world}, seed {self.seed}"
+        return [
+            table(self.cells, *_COLUMNS, score),
+            said,
+            bold(f"Robust score {self.robust_score:.1f} of 100: {driver}."),
         ]
 
 

@@ -7,7 +7,7 @@ import typer
 from drcli.base.errors import SettingsError
 from drcli.cli import completion, console
 from drcli.cli.options import AsJson
-from drcli.cli.views import settings_view
+from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings, working_folder
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and change the settings.")
@@ -42,8 +42,7 @@ def show(
     loaded = settings()
     wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
     report = inspect_values(loaded, wanted, changed=changed)
-    rendered = settings_view.explained(report) if wanted else settings_view.values(report)
-    console.emit(report, rendered, as_json=as_json)
+    present(report, as_json=as_json, explained=bool(wanted))
 
 
 @app.command()
@@ -66,7 +65,7 @@ def check(
     if report.valid and not settings_only:
         with console.waiting(f"Checking {report.directory} ..."):
             report = with_rules(report)
-    console.emit(report, settings_view.check(report), as_json=as_json)
+    present(report, as_json=as_json)
     if report.errors:
         more = len(report.errors) - 1
         raise SettingsError(
@@ -106,7 +105,7 @@ def change(
     from drcli.config.editing import set_values
 
     edit = set_values(working_folder(), _wanted(values), file=file)
-    console.emit(edit, settings_view.edit(edit), as_json=as_json)
+    present(edit, as_json=as_json)
     console.warn(*edit.warnings)
     console.say(f"Written in {edit.directory}.")
 
@@ -128,12 +127,10 @@ def preset(
     from drcli.config.presets import explain
 
     try:
-        present = settings()
+        loaded = settings()
     except SettingsError:  # presets can be read before there is a working folder
-        present = None
-    report = explain(names or [], present)
-    rendered = settings_view.presets(report, in_full=bool(names))
-    console.emit(report, rendered, as_json=as_json)
+        loaded = None
+    present(explain(names or [], loaded), as_json=as_json, in_full=bool(names))
 
 
 def _wanted(values: list[str]) -> dict[str, str]:

@@ -8,7 +8,7 @@ import typer
 from drcli.base.errors import SettingsError
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import settings_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 
 
@@ -35,7 +35,7 @@ def validate(
     folder = working_folder()
     with console.waiting(f"Checking {folder} ..."):
         report = everything.validate(folder, console_compatible=console_compatible)
-    console.emit(report, settings_view.problems(report), as_json=as_json)
+    show(report, as_json=as_json)
     if not report.ok and not force:
         raise typer.Exit(SettingsError.code)
 
