@@ -52,10 +52,12 @@ class TransferReport:
         default=0, kw_only=True
     )
 
-    def copied_text(self) -> str:
+    def size_text(self) -> str:
         same = f", {len(self.unchanged)} already there" if self.unchanged else ""
-        new = f"{counted(len(self.copied), 'file')}, {size_text(self.copied_bytes)}"
-        return f"{self.source} to {self.target}: {new}{same}."
+        return f"{counted(len(self.copied), 'file')}, {size_text(self.copied_bytes)}{same}"
+
+    def copied_text(self) -> str:
+        return f"{self.source} to {self.target}: {self.size_text()}."
 
     def replay_text(self) -> str:
         if not self.replay_bytes:

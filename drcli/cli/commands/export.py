@@ -6,9 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.filesize import decimal
-from rich.text import Text
 
 from drcli.base.files import refuse_existing, safe_name
 from drcli.cli import console, prompts
@@ -25,83 +22,17 @@ from drcli.cli.options import (
     checkpoint_option,
     prefix_option,
 )
-from drcli.cli.views.layout import Rows, counted
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.base.errors import Problem
     from drcli.config.settings import Settings
-    from drcli.convert.car_rules import CarAction
     from drcli.convert.policy_file import Form
-    from drcli.transfer.export_car import ArchiveReport, CarExport, CarReport
-    from drcli.transfer.export_forms import ExportReport, FormReport
+    from drcli.transfer.export_car import CarExport
     from drcli.transfer.export_model import ExportSource, Selection
 
 # Shows archives for the physical car.
-
-
-def show_archive(report: "CarReport") -> RenderableType:
-    would = "Would write" if report.dry_run else "Wrote"
-    places = "\n".join(report.files)
-    compared = (
-        f"Same action as the weights in {report.same_actions} of "
-        f"{counted(report.frames, 'frame')} of a drive on {report.world}; greatest difference "
-        f"{report.greatest_difference:.1g}."
-    )
-    title = f"{would} {report.checkpoint} of {report.source}, {decimal(report.size_bytes)}, to"
-    return Group(title, Text(places, "bold"), compared, "", _actions(report.actions))
-
-
-def show_check(report: "ArchiveReport") -> RenderableType:
-    verdict = ("The car loads it", "green") if not report.errors else ("The car refuses it", "red")
-    parts: list[RenderableType] = [Text.assemble((report.file, "bold"), ": ", verdict, ".")]
-    if report.actions:
-        parts += ["", _actions(report.actions)]
-    return Group(*parts)
-
-
-def _actions(actions: "list[CarAction]") -> RenderableType:
-    rows = [
-        (
-            "" if action.index is None else str(action.index),
-            f"{action.steering_deg:g}",
-            f"{action.speed_mps:g}",
-            f"{action.steering:.0%}",
-            f"{action.throttle:.1%}",
-        )
-        for action in actions
-    ]
-    names = ("action", "steering (deg)", "speed (m/s)", "steering on the car", "throttle")
-    return Rows(names, rows)
-
-
-# Shows exported policies.
-
-
-def exported(report: "FormReport") -> str:
-    lines = [
-        f"Exported {report.checkpoint} of {report.prefix} as {report.file}, "
-        f"{decimal(report.size_bytes)}.",
-        f"Compared with PyTorch on {report.frames} pictures (--runtime {report.engine}): "
-        f"{report.same_actions:.1%} the same action, greatest difference "
-        f"{report.greatest_difference:.1e}.",
-    ]
-    others = [file for file in report.files if file != report.file]
-    return "\n".join([*lines, f"Beside it: {', '.join(others)}"])
-
-
-# Shows what an export wrote.
-
-
-def reference(report: "ExportReport") -> str:
-    size = f"{counted(len(report.files), 'file')}, {decimal(report.size_bytes)}"
-    lines = [f"Exported {report.checkpoint} of {report.source} to {report.target}: {size}."]
-    if report.archive is not None and report.archive != report.target:
-        lines.append(f"The same files as an archive: {report.archive}")
-    lines += [f"Note: {note}" for note in report.notes]
-    lines += [f"Verified: {text}" for text in report.verified]
-    lines += [f"Not verified: {text}" for text in report.not_verified]
-    return "\n".join(lines)
 
 
 # Options that the exports of a checkpoint share.
@@ -171,7 +102,7 @@ def export_car(
     path = archive_path(out, source.file_name, force=force)
     report = write_archive(_made(loaded, source, path.name), path)
     _warn(report.problems)
-    console.emit(report, show_archive(report), as_json=as_json)
+    show(report, as_json=as_json)
 
 
 def upload_car_zip(
@@ -234,7 +165,7 @@ def upload_car_zip(
     progress = partial(console.progress, unit="bytes")
     report = upload_archive(export, target, names, progress, dry_run=dry_run)
     _warn(report.problems)
-    console.emit(report, show_archive(report), as_json=as_json)
+    show(report, as_json=as_json)
 
 
 def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":
@@ -250,7 +181,7 @@ def _check(path: Path, *, as_json: bool) -> None:
 
     report = check_archive(path)
     _warn(report.warnings)
-    console.emit(report, show_check(report), as_json=as_json)
+    show(report, as_json=as_json)
     refuse(report.errors)
 
 
@@ -368,7 +299,7 @@ def _export(
     target = None if out is None else out.expanduser()
     planned = plan_form(settings(), chosen, form, target, fp16=fp16, force=force)
     report = export_form(planned)
-    console.emit(report, exported(report), as_json=as_json)
+    show(report, as_json=as_json)
     console.suggest([(f"dr-evaluate --model {report.file}", "drive laps with it")])
 
 
@@ -413,7 +344,7 @@ def tf_checkpoint(
     target = export_target(loaded, place, source, local=local, force=force)
     exported = read_checkpoint_export(loaded, chosen)
     report = export_checkpoint(exported, target, partial(console.progress, unit="bytes"))
-    console.emit(report, reference(report), as_json=as_json)
+    show(report, as_json=as_json)
 
 
 def droa(
@@ -458,7 +389,7 @@ def droa(
         refuse_existing(archive, force=force)
     exported = read_droa_export(loaded, chosen, world)
     report = export_droa(exported, target, archive, partial(console.progress, unit="bytes"))
-    console.emit(report, reference(report), as_json=as_json)
+    show(report, as_json=as_json)
     if target is not None and target.folder is not None:
         import_it = f"droa-import-model --from {shlex.quote(place)}"
         console.suggest([(import_it, "import it into DeepRacer on AWS")])

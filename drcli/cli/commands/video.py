@@ -5,46 +5,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from drcli.base.errors import SettingsError
 from drcli.base.processes import until_sigterm
 from drcli.cli import console
 from drcli.cli.options import AsJson, Replace, checkpoint_option, parsed_checkpoint, world_option
-from drcli.cli.views.layout import Rows
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings_for_files
 from drcli.model.model_store import ModelStore
 
 if TYPE_CHECKING:
     from drcli.bucket.bucket import Bucket
     from drcli.config.settings import Settings
-    from drcli.view.video.make_video import VideoReport
     from drcli.view.video.trace_source import FoundTrace
-
-# Shows what a video holds.
-
-
-def show_video(report: "VideoReport") -> RenderableType:
-    shown = f"{report.width}x{report.height}, {report.fps} frames per second"
-    return Group(
-        Text(f"{report.trace} on {report.world}", style="bold"),
-        Rows(
-            ("episode", "time", "progress", "ended"),
-            [
-                (
-                    str(episode.episode),
-                    f"{episode.seconds:.2f} s",
-                    f"{episode.progress:.1f} %",
-                    episode.text,
-                )
-                for episode in report.episodes
-            ],
-            left=("ended",),
-        ),
-        Text.assemble(f"Video of {report.seconds:.2f} s, {shown}: ", (report.file, "bold")),
-    )
-
 
 SIZES = ("640x480", "1280x720")
 RENDERERS = ("raycast", "mujoco")
@@ -291,7 +264,7 @@ def video(
             ghosts=ghost or [],
         )
     console.warn(*report.notes)
-    console.emit(report, show_video(report), as_json=as_json)
+    show(report, as_json=as_json)
 
 
 def _refuse_clashes(
