@@ -6,7 +6,8 @@ A report is a frozen dataclass. For people it has `view()`, or `__str__` if that
     list: indented parts;
     dict: names and values; false values are left out;
     Rows: a table;
-    Log: lines whose pieces stand below each other.
+    Log: lines whose pieces stand below each other;
+    Curve: numbers as heights.
 """
 
 import time
@@ -87,6 +88,17 @@ class Log:
     """Lines of pieces, below each other; the last piece is long."""
 
     lines: Sequence[Sequence[object]]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Numbers as a line of heights, from 0 or the least to `top` or the greatest."""
+
+    name: str
+    values: Sequence[float]
+    said: str = ""
+    style: str = "cyan"
+    top: float | None = None
 
 
 @cache
@@ -170,3 +182,8 @@ def abridged(text: str) -> str:
     """In at most 60 letters."""
     words = " ".join(printable(text).split())
     return words if len(words) <= 60 else f"{words[:57]}..."
+
+
+def compact(value: float) -> str:
+    """Four digits."""
+    return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"

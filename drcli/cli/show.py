@@ -10,9 +10,10 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from drcli.base.report import Log, Rows
+from drcli.base.report import Curve, Log, Rows, dim
 from drcli.cli import console
 from drcli.cli.console import BOUNDLESS
+from drcli.cli.views import iterations
 
 INDENT = 2
 _LEAST_NAME = 24
@@ -39,8 +40,10 @@ def part(found: Any) -> RenderableType:
         return _Fitted(found)
     if isinstance(found, Log):
         return _Log(found)
+    if isinstance(found, Curve):
+        return _curve(found)
     if isinstance(found, dict):
-        return _pairs(found)
+        return _Log(Log([(dim(name), value) for name, value in found.items() if value]))
     return indented(_group(found)) if isinstance(found, list) else _text(found)
 
 
@@ -54,14 +57,14 @@ def _text(found: Any) -> Text:
     return found if isinstance(found, Text) else Text(str(found), getattr(found, "style", ""))
 
 
-def _pairs(pairs: dict[str, Any]) -> Table:
-    grid = Table.grid(padding=(0, 2))
-    grid.add_column(style="dim", no_wrap=True)
-    grid.add_column(overflow="fold")
-    for name, value in pairs.items():
-        if value:
-            grid.add_row(name, _text(value))
-    return grid
+def _curve(found: Curve) -> RenderableType:
+    def draw(columns: int) -> RenderableType:
+        width = iterations.curve_width(columns)
+        heights = iterations.curve(found.values, width, top=found.top)
+        drawn = (f"{heights:{width}}", found.style)
+        return Text.assemble((f"{found.name:9}", "dim"), drawn, f"  {found.said}")
+
+    return Fitted(draw)
 
 
 class _Log:
@@ -79,7 +82,7 @@ class _Log:
             if line not in beside or sum(widths[:-1]) > room:
                 yield from (Text(" ").join(line[:-1]), indented(line[-1]))
                 continue
-            grid = Table.grid(padding=(0, 1))
+            grid = Table.grid(padding=(0, 2))
             for width in widths[:-1]:
                 grid.add_column(no_wrap=True, width=width)
             grid.add_column(overflow="fold")

@@ -6,88 +6,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from drcli.base.errors import SettingsError, shown
 from drcli.base.files import refuse_replacing
 from drcli.cli import completion, console
 from drcli.cli.options import AsJson, Replace
-from drcli.cli.views.layout import Rows
+from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings, working_folder
 from drcli.config.value_types import CarName
 
 if TYPE_CHECKING:
     from drcli.drive.racer_limit import Asked, FastestLine
-    from drcli.tracks.track_facts import TrackFacts, TrackList
-    from drcli.tracks.tracks_folder import TrackView
-
-# Shows tracks.
-
-
-_REPEATS = 3
-
-
-def track_list(found: "TrackList") -> RenderableType:
-    table = Rows(
-        ("track", "length", "width", "direction", "from"),
-        [
-            (
-                track.name,
-                f"{track.length_m:.1f} m",
-                f"{track.width_m:.2f} m",
-                track.direction,
-                f"{Path(track.source).suffix} file" if track.source != "own" else _origin(track),
-            )
-            for track in found.tracks
-        ],
-        left=("track", "direction", "from"),
-    )
-    own, here = Path(found.folder), Path.cwd()
-    place = own.relative_to(here) if own.is_relative_to(here) else own
-    return Group(table, Text(f"{len(found.tracks)} tracks; your own are in {place}/."))
-
-
-def track(view: "TrackView") -> RenderableType:
-    parts: list[RenderableType] = [Text(show_line) for show_line in view.map_lines]
-    parts.append(track_facts(view.facts))
-    if view.limit:
-        parts.append(Text(view.limit))
-    if view.picture:
-        parts.append(Text(f"Picture: {view.picture}"))
-    return Group(*parts)
-
-
-def show_line(found: "FastestLine") -> RenderableType:
-    rows = (f"    ({x:.3f}, {y:.3f}, {speed:.2f})," for x, y, speed in found.line)
-    return Text("\n".join([f"# {found.text}", "FASTEST_LINE = [", *rows, "]"]))
-
-
-def track_facts(facts: "TrackFacts") -> RenderableType:
-    show_line = "is part of the road" if facts.line_family == "in" else "is outside the road"
-    width = (
-        f"{facts.width_m:.2f} m"
-        if facts.greatest_width_m - facts.least_width_m < 0.02
-        else f"{facts.least_width_m:.2f} to {facts.greatest_width_m:.2f} m"
-    )
-    repeats = "".join(f"; {number} repeats {number - 1}" for number in facts.repeated[:_REPEATS])
-    more = len(facts.repeated) - _REPEATS
-    return Group(
-        Text(f"{facts.name}: {facts.about}" if facts.about else facts.name, style="bold"),
-        Text(
-            f"{facts.length_m:.2f} m long, {width} wide, {facts.direction}; "
-            f"{facts.waypoints} waypoints, {facts.spacing_m:.2f} m apart"
-            f"{repeats}{f' and {more} more' if more > 0 else ''}"
-        ),
-        Text(f"the white line {show_line}; {_origin(facts)}"),
-    )
-
-
-def _origin(facts: "TrackFacts") -> str:
-    if facts.source != "own":
-        return facts.source
-    return f"built in, {facts.difficulty}" if facts.difficulty else "built in"
-
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -121,7 +50,7 @@ def list_all(as_json: AsJson = False) -> None:
     found = list_tracks(settings().tracks_folder, memory)
     for sentence in found.unreadable:
         console.warn(sentence)
-    console.emit(found, track_list(found), as_json=as_json)
+    present(found, as_json=as_json)
 
 
 @app.command()
@@ -149,7 +78,7 @@ def show(
         name, wanted.tracks_folder, png, columns=columns, line=known.line if known else None
     )
     view = replace(view, limit=known.text if known else "")
-    console.emit(view, track(view), as_json=as_json)
+    present(view, as_json=as_json)
 
 
 @app.command()
@@ -163,7 +92,7 @@ def line(name: _Name, reverse: _Reverse = False, car: _Car = None, as_json: AsJs
     from drcli.drive.racer_limit import fastest_line_of
 
     found = fastest_line_of(_asked(name, car, reverse=reverse))
-    console.emit(found, show_line(found), as_json=as_json)
+    present(found, as_json=as_json, points=True)
 
 
 @app.command()
@@ -180,7 +109,7 @@ def limit(
     from drcli.drive.racer_limit import computed_line_of
 
     found = computed_line_of(_asked(name, car, reverse=reverse))
-    console.emit(found, Text(found.text), as_json=as_json)
+    present(found, as_json=as_json, points=False)
 
 
 def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
@@ -221,7 +150,7 @@ def add(
     folder = settings().tracks_folder
     facts = add_track(file, folder, name=name, width_m=width, length_m=length, replace=force)
     _warn_if_built_in(facts.name)
-    console.emit(facts, track_facts(facts), as_json=as_json)
+    present(facts, as_json=as_json)
 
 
 @app.command()
@@ -245,7 +174,7 @@ def fetch(
     s = settings()
     facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
     _warn_if_built_in(facts.name)
-    console.emit(facts, track_facts(facts), as_json=as_json)
+    present(facts, as_json=as_json)
 
 
 def _warn_if_built_in(name: str) -> None:
