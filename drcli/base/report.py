@@ -115,7 +115,8 @@ def table(rows: Sequence[Any], *shown: str | Col, **renamed: str) -> Rows:
     `shown` are fields and other columns in their order, by default all columns of the class;
     `renamed` names fields otherwise.
     """
-    known = columns(type(rows[0]))
+    kind: Any = type(rows[0])
+    known = columns(kind)
     found = []
     for each in shown or known:
         name, col = (each, known[each]) if isinstance(each, str) else ("", each)

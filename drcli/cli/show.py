@@ -14,6 +14,7 @@ from drcli.base.report import Curve, Log, Rows, dim
 from drcli.cli import console
 from drcli.cli.console import BOUNDLESS
 from drcli.cli.views import iterations
+from drcli.cli.views.iterations import CURVE_COLUMNS, LEAST_CURVE_COLUMNS
 
 INDENT = 2
 _LEAST_NAME = 24
@@ -59,10 +60,12 @@ def _text(found: Any) -> Text:
 
 def _curve(found: Curve) -> RenderableType:
     def draw(columns: int) -> RenderableType:
-        width = iterations.curve_width(columns)
+        name = f"{found.name:9}"
+        room = columns - len(name) - len(found.said) - 2
+        width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, room))
         heights = iterations.curve(found.values, width, top=found.top)
         drawn = (f"{heights:{width}}", found.style)
-        return Text.assemble((f"{found.name:9}", "dim"), drawn, f"  {found.said}")
+        return Text.assemble((name, "dim"), drawn, f"  {found.said}")
 
     return Fitted(draw)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drcli.base.errors import DrError
+from drcli.base.report import counted
 from drcli.cli import console, prompts
 from drcli.cli.options import (
     AsJson,
@@ -20,7 +21,6 @@ from drcli.cli.options import (
     wipe_option,
 )
 from drcli.cli.show import show
-from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import BadValue, ProblemsError, one_of, shown
+from drcli.base.report import counted
 from drcli.cli import completion, console, prompts
 from drcli.cli.options import AsJson, force_option, in_options, world_option
-from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
 
 if TYPE_CHECKING:

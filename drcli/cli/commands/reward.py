@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import ProblemsError, SettingsError
+from drcli.base.report import counted
 from drcli.cli import console
 from drcli.cli.options import AsJson, Replace, in_options, world_option
 from drcli.cli.show import show
-from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import working_folder
 
 if TYPE_CHECKING:

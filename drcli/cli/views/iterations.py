@@ -40,10 +40,6 @@ def curve(values: Sequence[float], width: int, *, top: float | None = None) -> s
     return "".join(BLOCKS[max(0, min(last, height))] for height in heights)
 
 
-def curve_width(columns: int) -> int:
-    return max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
-
-
 def marks(completed: Sequence[float | None], width: int) -> str:
     """Marks of evaluations below a curve; the best of several is shown."""
     return "".join(_mark(part) for part in _parts(completed, width))
@@ -131,7 +127,7 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
 
 
 def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
-    width = curve_width(columns)
+    width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
     progress = curve([record.mean_progress for record in records], width, top=100.0)
     reward = curve([record.mean_reward for record in records], width)
     sampled = [record.evaluation for record in records]

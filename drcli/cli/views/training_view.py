@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.base.report import abridged
+from drcli.base.report import abridged, counted
+from drcli.cli.show import fitted, indented
 from drcli.cli.views import iterations
-from drcli.cli.views.layout import counted, fitted, indented
 
 if TYPE_CHECKING:
     from drcli.records.reward import RewardErrorEntry
