@@ -188,3 +188,10 @@ def abridged(text: str) -> str:
 def compact(value: float) -> str:
     """Four digits."""
     return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
+
+
+def clock(elapsed_s: float) -> str:
+    """As in 1:02:03."""
+    minutes, seconds = divmod(max(0, int(elapsed_s)), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"

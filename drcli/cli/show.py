@@ -32,7 +32,7 @@ def show(report: Any, *, as_json: bool = False, folded: bool = True, **wishes: A
 
 
 def drawn(report: Any, **wishes: Any) -> RenderableType:
-    return _group(report.view(**wishes) if hasattr(report, "view") else [str(report)])
+    return group(report.view(**wishes) if hasattr(report, "view") else [str(report)])
 
 
 def part(found: Any) -> RenderableType:
@@ -45,10 +45,11 @@ def part(found: Any) -> RenderableType:
         return _curve(found)
     if isinstance(found, dict):
         return _Log(Log([(dim(name), value) for name, value in found.items() if value]))
-    return indented(_group(found)) if isinstance(found, list) else _text(found)
+    return indented(group(found)) if isinstance(found, list) else _text(found)
 
 
-def _group(parts: Any) -> RenderableType:
+def group(parts: Any) -> RenderableType:
+    """Parts of a view, one below the other."""
     return Group(*(part(each) for each in parts if each))
 
 

@@ -21,7 +21,6 @@ from drcli.cli.options import (
     world_option,
 )
 from drcli.cli.show import show
-from drcli.cli.views import training_view
 from drcli.cli.working_folder import settings, working_folder
 
 
@@ -101,7 +100,7 @@ def increment_training(
     if step.wipes:
         prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
     step = make_increment(planned, loaded.storage)
-    console.emit(step, training_view.increment(step), as_json=as_json)
+    show(step, as_json=as_json)
     for path in step.files:
         console.say(f"Wrote {path}")
     _done(step.file, step.backup, "dr-start-training", "train the new model", step.files)

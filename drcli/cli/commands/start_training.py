@@ -483,7 +483,7 @@ def _followed(
 def _end(report: "RunReport", prefix: str, *, as_json: bool) -> int:
     console.emit(report, None, as_json=as_json)
     if report.state in ("stopped", "interrupted") or report.exit_code == 0:
-        console.say(views.end_text(report))
+        console.say(report.end_text())
         if commands := views.next_commands(report, prefix):
             console.suggest(commands)
     else:

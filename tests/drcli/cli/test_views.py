@@ -151,7 +151,7 @@ def test_every_number_of_the_best_checkpoint_has_its_unit(make_report, score, la
 
     assert said in screen(training_view.live(report, NOW_S))
     assert said.partition("   last")[0] in screen(training_view.run(report))
-    assert said.partition("   last")[0].removeprefix("best ") in training_view.end_text(report)
+    assert said.partition("   last")[0].removeprefix("best ") in report.end_text()
 
 
 def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
@@ -360,7 +360,7 @@ def test_the_phase_of_a_training_with_a_teacher_fits_into_one_line(make_report, 
     assert lines[-1].endswith("checkpoints are evaluated from the next phase on")
     assert iterations.line(history[0]).endswith("eval -  phase teacher")
     assert "phase 1 of 3" in screen(training_view.run(report)).casefold()
-    assert "It ended in the phase teacher" in training_view.end_text(report)
+    assert "It ended in the phase teacher" in report.end_text()
     assert [command for command, _ in training_view.next_commands(report, report.prefix)] == [
         "dr-start-training --resume"
     ]
