@@ -181,10 +181,12 @@ class AnalysisReport:
         yield not self.advice and dim("No advice: nothing in the data shows a fault.")
         yield from (f"Wrote {path}" for path in filter(None, [self.html, *self.png]))
 
-    def _curve(self, name: str, form: str, style: str, top: float | None) -> object:
+    def _curve(self, name: str, form: str, style: str, top: float | None) -> Curve | None:
         known = [row[f"mean_{name}"] for row in self.iterations if row[f"mean_{name}"] is not None]
-        ends = known and f"{form.format(known[0])} to {form.format(known[-1])}"
-        return known and Curve(name, known, ends, style, top)
+        if not known:
+            return None
+        ends = f"{form.format(known[0])} to {form.format(known[-1])}"
+        return Curve(name, known, ends, style, top)
 
     def _parts(self) -> Rows:
         """Means of some parts of the training."""

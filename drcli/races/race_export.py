@@ -88,7 +88,7 @@ def _table(caption: str, rows: Rows) -> str:
     body = "".join(
         f'<tr role="row" class="{"first" * (cells[0] == "1" and kinds[0] == "rank")}">'
         + "".join(
-            f'<td role="cell" class="{kind}" data-label="{name}"><span>{escape(cell)}</span></td>'
+            f'<td role="cell" class="{kind}" data-label="{name}"><span>{escape(str(cell))}</span></td>'
             for name, kind, cell in zip(names, kinds, cells, strict=True)
         )
         + "</tr>"

@@ -106,7 +106,7 @@ class SweepReport:
         first = f"best {self.metric.replace('_', ' ')} first, {self.most:,.12g} {unit} each"
         digits = 1 if self.resource == "minutes" else 0
         varied = dict.fromkeys(key for trial in self.trials for key in trial.varied)
-        columns = [
+        columns: list[str | Col] = [
             *("best", "name", *(_varied(key) for key in varied), "state"),
             Col(self.resource, of=lambda trial: f"{trial.amount:,.{digits}f}"),
             *("laps", "progress", "lap_s"),

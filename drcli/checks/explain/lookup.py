@@ -55,9 +55,11 @@ class Entry:
     page: Annotated[str, "Page in docs/ that says more."] = ""
 
     def parts(self) -> View:
-        details = ((Styled(f"{each.label}: ", "cyan"), _plain(each.text)) for each in self.details)
+        details = (
+            (Styled(f"{each.label}: ", "cyan"), _without_ticks(each.text)) for each in self.details
+        )
         title = (bold(self.name), dim(f"  {self.kind}"))
-        return title, [_plain(self.meaning), *details, dim(f"More: docs/{self.page}")]
+        return title, [_without_ticks(self.meaning), *details, dim(f"More: docs/{self.page}")]
 
 
 SHORTEST_PART = 4
@@ -258,7 +260,7 @@ _HEADINGS = {
 }
 
 
-def _plain(text: str) -> str:
+def _without_ticks(text: str) -> str:
     return text.replace("`", "")
 
 

@@ -225,7 +225,7 @@ def create(
         if dry_run:
             show(planned, as_json=as_json)
             return
-        console.say("\n".join(filter(None, planned.view())))
+        console.say("\n".join(str(line) for line in planned.view() if line))
         prompts.agree("Start it?", yes=yes, remedy="Add --yes to start it without a question.")
         if loaded.custom_files.folder.is_dir():
             upload_custom_files(loaded.custom_files, loaded.storage, console.say)

@@ -45,7 +45,7 @@ class RemoteModel:
 
     @property
     def import_error(self) -> str:
-        return str(self.values.get("importErrorMessage") or "")
+        return text_at(self.values, "importErrorMessage")
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,12 @@ def value_at(values: Mapping[str, Any], *path: str) -> Any:
     for key in path:
         found = found.get(key) if isinstance(found, Mapping) else None
     return found
+
+
+def text_at(values: Mapping[str, Any], *path: str) -> str:
+    """Empty for what is no single value."""
+    value = value_at(values, *path)
+    return "" if value is None or isinstance(value, dict | list) else str(value)
 
 
 def read_model(value: Any, place: str) -> RemoteModel:

@@ -13,7 +13,7 @@ from drcli.base import errors as notices
 from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError, of_severity
 from drcli.base.report import counted, size_text
 from drcli.bucket.s3_errors import error_code
-from drcli.outside.droa.droa_api import Droa, RemoteModel
+from drcli.outside.droa.droa_api import Droa, RemoteModel, text_at
 from drcli.outside.droa.droa_package import is_wanted
 from drcli.outside.droa.droa_rules import check_description, check_name, package_problems
 from drcli.outside.droa.droa_session import DroaSession, aws_client, aws_failure
@@ -204,7 +204,7 @@ def find_import(droa: Droa, plan: ImportPlan) -> ImportReport | None:
         if listed.name != plan.name or listed.status in ("ERROR", "DELETING"):
             continue
         model = droa.model(listed.model_id)
-        if model.text("description") == plan.description:
+        if text_at(model.values, "description") == plan.description:
             return ImportReport(
                 droa.place, model.model_id, plan.name, model.status, 0, 0, "", existed=True
             )

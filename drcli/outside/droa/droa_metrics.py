@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 from drcli.base.archive import read_packed, unpack_readable
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.report import Col, View, bold, second, size_text, table
-from drcli.outside.droa.droa_api import Droa, RemoteModel, value_at
+from drcli.outside.droa.droa_api import Droa, RemoteModel, text_at, value_at
 from drcli.records.episode_metrics import is_clean
 
 
@@ -117,8 +117,7 @@ class ModelReport:
             yield from (bold("Metrics"), table(self.means))
 
     def _text(self, *path: str) -> str:
-        value = value_at(self.values, *path)
-        return "" if value is None or isinstance(value, dict | list) else str(value)
+        return text_at(self.values, *path)
 
     def _actions(self) -> dict[str, str]:
         """The interface spells `continous`."""
@@ -144,7 +143,7 @@ def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
     """Of training; SettingsError without any."""
     import requests
 
-    url = model.text("trainingMetricsUrl")
+    url = text_at(model.values, "trainingMetricsUrl")
     none = SettingsError(
         f"The model {model.name} ({model.model_id}) has no training metrics.",
         remedy="Train it there, or import it with metrics/training/training-*.json.",
