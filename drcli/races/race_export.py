@@ -88,8 +88,8 @@ def _table(caption: str, rows: Rows) -> str:
     body = "".join(
         f'<tr role="row" class="{"first" * (cells[0] == "1" and kinds[0] == "rank")}">'
         + "".join(
-            f'<td role="cell" class="{kind}" data-label="{name}"><span>{escape(str(cell))}</span></td>'
-            for name, kind, cell in zip(names, kinds, cells, strict=True)
+            f'<td role="cell" class="{kind}" data-label="{name}"><span>{text}</span></td>'
+            for name, kind, text in zip(names, kinds, map(escape, map(str, cells)), strict=True)
         )
         + "</tr>"
         for cells in rows.cells

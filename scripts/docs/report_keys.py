@@ -168,20 +168,20 @@ def _fields(report: Any, path: str, outer: tuple[Any, ...]) -> Iterator[tuple[st
     if report is Problem:
         yield from ((f"{path}{key}", meaning) for key, meaning in Problem.JSON_KEYS.items())
         return
+    types, hints = get_type_hints(report), get_type_hints(report, include_extras=True)
     meanings = {
+        name: _sentence(text)
+        for name, hint in hints.items()
+        for text in getattr(hint, "__metadata__", ())
+        if isinstance(text, str)
+    } | {
         name: _sentence(text)
         for kind in report.__mro__
         for name, text in _ATTRIBUTE.findall(kind.__doc__ or "")
     }
-    types, hints = get_type_hints(report), get_type_hints(report, include_extras=True)
     for field in fields(report):
         key = f"{path}{field.name}"
-        said = getattr(hints[field.name], "__metadata__", ())
-        yield (
-            key,
-            next((_sentence(text) for text in said if isinstance(text, str)), None)
-            or meanings[field.name],
-        )
+        yield key, meanings[field.name]
         inner, many = _dataclass_in(types[field.name])
         if inner is not None and inner not in (*outer, report):
             yield from _fields(inner, f"{key}[]." if many else f"{key}.", (*outer, report))

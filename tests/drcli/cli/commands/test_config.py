@@ -41,11 +41,11 @@ def test_a_named_value_is_explained(dr, working_folder, capsys):
     dr("config", "show", "workers", "DR_HOST_X")
 
     assert capsys.readouterr().out.splitlines() == [
-        "DR_WORKERS=2 # run.env line 3",
+        "DR_WORKERS=2  # run.env line 3",
         "  Number of simulation processes, here or with DR_LAUNCHER=ray in the cluster; "
         "deepracer-utils reads the first 10. With 0, all join from elsewhere (`dr-start-worker`).",
         "  Allowed: a whole number from 0 to 1000. Default: 1.",
-        "DR_HOST_X=False # default, no effect",
+        "DR_HOST_X=False  # default, no effect",
         "  Use the X server of the host.",
         "  Allowed: True or False. Default: False.",
         "  No effect here: drcli opens no window and needs no X server.",
