@@ -69,11 +69,10 @@ class Values:
                 yield [value.meaning, dim(f"Allowed: {value.expected}.{default}"), no_effect]
             yield from (_log(worker.settings) for worker in self.workers)
             return
-        groups = {
-            title: tuple(of) for title, of in groupby(self.settings, lambda value: value.group)
-        }
-        groups |= {f"Worker {worker.worker}": worker.settings for worker in self.workers}
-        for number, (title, values) in enumerate(groups.items()):
+        of_group = groupby(self.settings, lambda value: value.group)  # a group may come twice
+        groups = [(title, tuple(values)) for title, values in of_group]
+        groups += [(f"Worker {worker.worker}", worker.settings) for worker in self.workers]
+        for number, (title, values) in enumerate(groups):
             yield from (number and BLANK, bold(f"# {title}"), _log(values))
         if not groups:
             yield "Every setting has its default."

@@ -107,9 +107,14 @@ class SweepReport:
         digits = 1 if self.resource == "minutes" else 0
         varied = dict.fromkeys(key for trial in self.trials for key in trial.varied)
         columns: list[str | Col] = [
-            *("best", "name", *(_varied(key) for key in varied), "state"),
+            "best",
+            "name",
+            *map(_varied, varied),
+            "state",
             Col(self.resource, of=lambda trial: f"{trial.amount:,.{digits}f}"),
-            *("laps", "progress", "lap_s"),
+            "laps",
+            "progress",
+            "lap_s",
         ]
         word = "best" if self.ended else "best so far"
         return [

@@ -69,9 +69,9 @@ print("live:", console.is_live(), flush=True)
 
 LIVE = """
 from pathlib import Path
-from drcli.cli import watch_training as watching
+from drcli.cli.commands import start_training as watching
 from drcli.config.loading import load_settings
-from drcli.runs.status import inspect
+from drcli.run.status import inspect
 from dataclasses import replace
 report = inspect(load_settings(Path.cwd()).run)
 workers = [replace(worker, activity="drives iteration 9") for worker in report.workers]
