@@ -75,12 +75,18 @@ class Col:
 
 @dataclass(frozen=True)
 class Rows:
-    """A table, or a list where its rows do not fit; `wide`: columns that may be left out."""
+    """A table, or a list where its rows do not fit; `wide`: columns that may be left out.
+
+    Without rows, it is left out.
+    """
 
     names: Sequence[str]
     cells: Sequence[Sequence[Cell]]
     left: Sequence[str] = ()
     wide: Sequence[str] = ()
+
+    def __len__(self) -> int:
+        return len(self.cells)
 
 
 @dataclass(frozen=True)
@@ -110,11 +116,13 @@ def columns(kind: type) -> dict[str, Col]:
 
 
 def table(rows: Sequence[Any], *shown: str | Col, **renamed: str) -> Rows:
-    """A table of at least one object of one class; columns without text are left out.
+    """A table of objects of one class; columns without text are left out.
 
     `shown` are fields and other columns in their order, by default all columns of the class;
     `renamed` names fields otherwise.
     """
+    if not rows:
+        return Rows((), ())
     kind: Any = type(rows[0])
     known = columns(kind)
     found = []

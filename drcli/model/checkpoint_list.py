@@ -116,7 +116,7 @@ class CheckpointList:
         count = counted(len(self.checkpoints), "checkpoint")
         return [
             bold(self.model),
-            self.checkpoints and table(self.checkpoints, *order),
+            table(self.checkpoints, *order),
             f"{count}, {size_text(self.size_bytes)}.",
             any(each.untaught for each in self.checkpoints) and untaught,
             *(str(each) for each in self.milestones if not each.kept),

@@ -233,9 +233,9 @@ class RaceReport:
         different = words.conditions(rules)
         yield different and dim(f"Settings: {different}")
         yield bold(self.standing())
-        yield self.leaderboard and self.board()
+        yield self.board()
         yield self.limit and f"The best lap, {self.limit}."
-        yield self.pairs and table(self.pairs)
+        yield table(self.pairs)
         on_board = {row.submission for row in self.leaderboard}
         for entry in self.submissions:
             yield from entry.line(on_board, rules.max_submissions)

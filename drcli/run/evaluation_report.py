@@ -422,7 +422,7 @@ class LapsReport:
         for each in both:
             yield len(both) > 1 and bold(each.name)
             yield _histogram(each, edges)
-            yield each.ends and table(each.ends, *order)
+            yield table(each.ends, *order)
         yield from (bold(each.sentence()) for each in both)
         yield from (each.limit and f"The best lap, {each.limit}." for each in both)
         yield self.comparison and bold(self.comparison.verdict)

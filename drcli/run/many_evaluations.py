@@ -349,12 +349,9 @@ class TableReport:
     def view(self) -> View:
         driven = [row for row in self.rows if not row.reason]
         failed = [row for row in self.rows if row.reason]
-        if driven:
-            yield table(driven, *_COLUMNS)
-        if failed:
-            yield table(
-                failed, *_COLUMNS[:2], Col("not evaluated", of=lambda row: row.reason, side="left")
-            )
+        yield table(driven, *_COLUMNS)
+        reason = Col("not evaluated", of=lambda row: row.reason, side="left")
+        yield table(failed, *_COLUMNS[:2], reason)
         for best in self.best:
             yield f"Best on {best.world}: {best.prefix}. Train on from it there with:"
             yield [bold(best.command)]

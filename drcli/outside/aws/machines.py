@@ -181,7 +181,7 @@ class StackCost:
         least = "" if self.complete else "at least "
         machines = counted(len(self.machines), "machine")
         return [
-            self.machines and table(self.machines),
+            table(self.machines),
             self.machines and f"Addresses: {self.extra_usd:.3f} USD.",
             f"{self.stack}: {least}{self.usd:.2f} USD for {self.hours:.1f} h of {machines}.",
         ]

@@ -82,7 +82,8 @@ class ModelReport:
             "size": size_text(int(size)) if size.isdigit() else "",
             "packaging": self._text("packagingStatus"),
         }
-        hyperparameters = value_at(self.values, "metadata", "hyperparameters")
+        found = value_at(self.values, "metadata", "hyperparameters")
+        known = found if isinstance(found, dict) else {}
         sections = {
             "Car": {
                 "shell": self._text("carCustomization", "carShell"),
@@ -98,7 +99,7 @@ class ModelReport:
                 "algorithm": self._text("metadata", "agentAlgorithm"),
                 "camera": self._text("metadata", "sensors", "camera"),
                 "lidar": self._text("metadata", "sensors", "lidar"),
-                **(hyperparameters if isinstance(hyperparameters, dict) else {}),
+                **{name: str(value) for name, value in known.items()},  # also 0
             },
         }
         if verbose:
