@@ -338,25 +338,21 @@ class EndPlace:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Whether two checkpoints that drove from the same starts differ by more than chance.
+    """Whether two checkpoints that drove from the same starts differ by more than chance."""
 
-    Attributes:
-        clean_only_first: Starts from which only the first drove a clean lap.
-        clean_only_second: Starts from which only the second did.
-        clean_p: McNemar's exact test of the clean shares, two-sided.
-        both_clean: Starts from which both drove a clean lap.
-        faster_s: By how much the first was faster there, on average; None without such a start.
-        time_p: Exact permutation test of these pairs of lap times, two-sided; None likewise.
-        verdict: What it means, in words.
-    """
-
-    clean_only_first: int
-    clean_only_second: int
-    clean_p: float
-    both_clean: int
-    faster_s: float | None
-    time_p: float | None
-    verdict: str
+    clean_only_first: Annotated[int, "Starts from which only the first drove a clean lap."]
+    clean_only_second: Annotated[int, "Starts from which only the second did."]
+    clean_p: Annotated[float, "McNemar's exact test of the clean shares, two-sided."]
+    both_clean: Annotated[int, "Starts from which both drove a clean lap."]
+    faster_s: Annotated[
+        float | None,
+        "By how much the first was faster there, on average; None without such a start.",
+    ]
+    time_p: Annotated[
+        float | None,
+        "Exact permutation test of these pairs of lap times, two-sided; None likewise.",
+    ]
+    verdict: Annotated[str, "What it means, in words."]
 
 
 @dataclass(frozen=True)

@@ -145,19 +145,12 @@ def _wait(children: Iterable[Child], deadline_s: float) -> None:
 
 @dataclass(frozen=True)
 class Process:
-    """A worker of a running training or evaluation.
+    """A worker of a running training or evaluation."""
 
-    Attributes:
-        name: "trainer", "sim-0", "sim-1", ... or "evaluation".
-        pid: Its process.
-        alive: Whether that process runs; its supervisor may be about to restart it.
-        log: Path of its log file.
-    """
-
-    name: str
-    pid: int
-    alive: bool
-    log: str
+    name: Annotated[str, '"trainer", "sim-0", "sim-1", ... or "evaluation".']
+    pid: Annotated[int, "Its process."]
+    alive: Annotated[bool, "Whether that process runs; its supervisor may be about to restart it."]
+    log: Annotated[str, "Path of its log file."]
 
 
 @dataclass(frozen=True)

@@ -114,21 +114,13 @@ STATUS = ("dr-status", "show how the training went")
 
 @dataclass(frozen=True)
 class Started:
-    """An evaluation that runs in the background.
+    """An evaluation that runs in the background."""
 
-    Attributes:
-        prefix: Model prefix.
-        checkpoint: Name of the checkpoint that drives.
-        pid: Process that supervises it.
-        simtrace: Key of its trace in the bucket, once it has ended.
-        metrics: Key of its metrics.
-    """
-
-    prefix: str
-    checkpoint: str
-    pid: int
-    simtrace: str
-    metrics: str
+    prefix: Annotated[str, "Model prefix."]
+    checkpoint: Annotated[str, "Name of the checkpoint that drives."]
+    pid: Annotated[int, "Process that supervises it."]
+    simtrace: Annotated[str, "Key of its trace in the bucket, once it has ended."]
+    metrics: Annotated[str, "Key of its metrics."]
 
 
 def evaluate(

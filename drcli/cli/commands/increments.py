@@ -137,19 +137,12 @@ def increment_upload_model(
 
 @dataclass(frozen=True)
 class UploadName:
-    """The name of the next upload.
+    """The name of the next upload."""
 
-    Attributes:
-        file: The file that was edited.
-        before: The old prefix.
-        after: The new prefix.
-        target: The whole address.
-    """
-
-    file: str
-    before: str
-    after: str
-    target: str
+    file: Annotated[str, "The file that was edited."]
+    before: Annotated[str, "The old prefix."]
+    after: Annotated[str, "The new prefix."]
+    target: Annotated[str, "The whole address."]
 
 
 def set_upload_model(

@@ -42,17 +42,11 @@ def validate(
 
 @dataclass(frozen=True)
 class Checked:
-    """Settings that are right.
+    """Settings that are right."""
 
-    Attributes:
-        files: Files that were read.
-        settings: Number of settings in these files and in the environment.
-        warnings: Things that are allowed but may surprise you.
-    """
-
-    files: list[str]
-    settings: int
-    warnings: list[str]
+    files: Annotated[list[str], "Files that were read."]
+    settings: Annotated[int, "Number of settings in these files and in the environment."]
+    warnings: Annotated[list[str], "Things that are allowed but may surprise you."]
 
 
 def update(
