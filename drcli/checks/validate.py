@@ -62,6 +62,7 @@ class Report:
         return not self.errors
 
     def sentence(self) -> str:
+
         counts = f"{counted(len(self.errors), 'error')}, {counted(len(self.warnings), 'warning')}."
         if self.ok:
             return f"{counts} A training can start{' with what the notes say' * bool(self.notes)}."

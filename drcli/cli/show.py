@@ -17,6 +17,8 @@ from drcli.cli.views import iterations
 from drcli.cli.views.iterations import CURVE_COLUMNS, LEAST_CURVE_COLUMNS
 
 INDENT = 2
+BESIDE_COLUMNS = 80
+"""Pieces are below each other within so many."""
 _LEAST_NAME = 24
 
 P = ParamSpec("P")
@@ -79,12 +81,14 @@ class _Log:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         lines = [[_text(each) for each in line] for line in self._log.lines]
-        room = options.max_width * 2 // 3
+        room = min(options.max_width, BESIDE_COLUMNS) * 2 // 3
         beside = [line for line in lines if sum(each.cell_len for each in line[:-1]) <= room]
         widths = [max(each.cell_len for each in column) for column in zip(*beside, strict=True)]
         for line in lines:
             if line not in beside or sum(widths[:-1]) > room:
-                yield from (Text(" ").join(line[:-1]), indented(line[-1]))
+                whole = Text("  ").join(line)
+                fits = whole.cell_len <= options.max_width
+                yield from [whole] if fits else (Text("  ").join(line[:-1]), indented(line[-1]))
                 continue
             grid = Table.grid(padding=(0, 2))
             for width in widths[:-1]:
