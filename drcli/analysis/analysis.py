@@ -2,7 +2,9 @@
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import pairwise
+from statistics import fmean
+from typing import Annotated, Any
 
 from drcli.analysis.findings.advice import advise
 from drcli.analysis.findings.advice_item import Advice
@@ -11,6 +13,7 @@ from drcli.analysis.findings.reward_rate import reward_function_time
 from drcli.analysis.findings.verdict import Verdict, judge
 from drcli.analysis.plain_values import plain, rows_of
 from drcli.analysis.run import Run, StoredEvaluation
+from drcli.base.report import Col, Curve, Rows, Styled, View, bold, counted, dim, table
 from drcli.tracks.track_limit import limit_text
 
 _NOT_FINDINGS = ("run", "curve", "fallen", "late")
@@ -67,64 +70,129 @@ class Analysis:
         )
 
 
+_PARTS, _ADVICE = 5, 2
+
+
+def _mean(name: str, key: str, form: str, none: str = "-") -> Col:
+    def of(rows: list[dict[str, Any]]) -> float | None:
+        known = [row[key] for row in rows if row[key] is not None]
+        return fmean(known) if known else None
+
+    return Col(name, form, of=of, none=none)
+
+
+def _span(rows: list[dict[str, Any]]) -> str:
+    first, last = rows[0]["iteration"], rows[-1]["iteration"]
+    return str(first) if first == last else f"{first}-{last}"
+
+
+def _best_lap(rows: list[dict[str, Any]]) -> float | None:
+    return min((row["best_lap_s"] for row in rows if row["best_lap_s"] is not None), default=None)
+
+
+_COLUMNS = (
+    Col("iterations", of=_span),
+    _mean("reward", "mean_reward", "{:,.1f}"),
+    _mean("progress", "mean_progress", "{:.1f} %"),
+    Col("clean laps", "{:,.0f}", of=lambda rows: sum(row["complete_laps"] for row in rows)),
+    Col("best lap", "{:.3f} s", of=_best_lap),
+    _mean("evaluation", "eval_mean_progress", "{:.1f} %", none=""),
+)
+
+
 @dataclass(frozen=True)
 class AnalysisReport:
-    """The result of `dr-analyze`.
+    """The result of `dr-analyze`."""
 
-    Attributes:
-        model: Its name.
-        origin: Where it was read.
-        layout: drfc, drfc-workers, console, droa or upload.
-        world: Its track; None if unknown.
-        track_length_m: Length of that.
-        parent: The model that it was started from; None if unknown.
-        workers: Simulation workers whose steps were read.
-        episodes: Training episodes.
-        steps: Steps that were read.
-        complete_laps: Training episodes that were complete laps. All are clean: a training episode
-            ends where the car breaks a rule.
-        best_lap_s: The fastest of them; None without one.
-        limit: How far that is from the limit of the car on the track; empty if unknown.
-        iterations: The table `Run.iterations`, row by row.
-        learner: The table `Run.learner`, row by row.
-        evaluations: Stand-alone evaluations, the oldest first, with their trials. `best_lap_s` and
-            `median_lap_s` are of clean laps; `complete_laps` and `best_finished_s` are of finished
-            ones, which may have resets.
-        verdict: kind, sentence and numbers.
-        advice: id, title, evidence, numbers, setting and command of each.
-        findings: What verdict and advice rest on, by subject; None where too little is known.
-        hyperparameters: As in their file.
-        machine_hours: Of all starts; None if unknown.
-        cost_usd: What they cost; None if unknown.
-        problems: What was wrong with the files, a sentence each.
-        html: The report that was written.
-        png: The pictures that were written.
-    """
+    model: Annotated[str, "Its name."]
+    origin: Annotated[str, "Where it was read."]
+    layout: Annotated[str, "drfc, drfc-workers, console, droa or upload."]
+    world: Annotated[str | None, "Its track; None if unknown."]
+    track_length_m: Annotated[float | None, "Length of that."]
+    parent: Annotated[str | None, "The model that it was started from; None if unknown."]
+    workers: Annotated[int, "Simulation workers whose steps were read."]
+    episodes: Annotated[int, "Training episodes."]
+    steps: Annotated[int, "Steps that were read."]
+    complete_laps: Annotated[
+        int,
+        "Training episodes that were complete laps. All are clean: a training episode "
+        "ends where the car breaks a rule.",
+    ]
+    best_lap_s: Annotated[float | None, "The fastest of them; None without one."]
+    iterations: Annotated[list[dict[str, Any]], "The table `Run.iterations`, row by row."]
+    learner: Annotated[list[dict[str, Any]], "The table `Run.learner`, row by row."]
+    evaluations: Annotated[
+        list[dict[str, Any]],
+        "Stand-alone evaluations, the oldest first, with their trials. `best_lap_s` and "
+        "`median_lap_s` are of clean laps; `complete_laps` and `best_finished_s` are of "
+        "finished ones, which may have resets.",
+    ]
+    verdict: Annotated[dict[str, Any], "kind, sentence and numbers."]
+    advice: Annotated[
+        list[dict[str, Any]], "id, title, evidence, numbers, setting and command of each."
+    ]
+    findings: Annotated[
+        dict[str, Any],
+        "What verdict and advice rest on, by subject; None where too little is known.",
+    ]
+    hyperparameters: Annotated[dict[str, Any], "As in their file."]
+    machine_hours: Annotated[float | None, "Of all starts; None if unknown."]
+    cost_usd: Annotated[float | None, "What they cost; None if unknown."]
+    problems: Annotated[list[str], "What was wrong with the files, a sentence each."] = field(
+        default_factory=list
+    )
+    html: Annotated[str | None, "The report that was written."] = None
+    png: Annotated[list[str], "The pictures that were written."] = field(default_factory=list)
+    limit: Annotated[
+        str, "How far that is from the limit of the car on the track; empty if unknown."
+    ] = ""
 
-    model: str
-    origin: str
-    layout: str
-    world: str | None
-    track_length_m: float | None
-    parent: str | None
-    workers: int
-    episodes: int
-    steps: int
-    complete_laps: int
-    best_lap_s: float | None
-    iterations: list[dict[str, Any]]
-    learner: list[dict[str, Any]]
-    evaluations: list[dict[str, Any]]
-    verdict: dict[str, Any]
-    advice: list[dict[str, Any]]
-    findings: dict[str, Any]
-    hyperparameters: dict[str, Any]
-    machine_hours: float | None
-    cost_usd: float | None
-    problems: list[str] = field(default_factory=list)
-    html: str | None = None
-    png: list[str] = field(default_factory=list)
-    limit: str = ""
+    def view(self) -> View:
+        track = self.world or "an unknown track"
+        if self.track_length_m:
+            track += f", {self.track_length_m:.1f} m"
+        driven = ", ".join(
+            counted(number, word)
+            for number, word in (
+                (len(self.iterations), "iteration"),
+                (self.episodes, "episode"),
+                (self.steps, "step"),
+            )
+        )
+        best = "" if self.best_lap_s is None else f", best {self.best_lap_s:.3f} s"
+        styles = {"improving": "green", "converged": "green"}
+        styles |= dict.fromkeys(("collapsed", "declining", "not_learning"), "red")
+        style = styles.get(self.verdict["kind"], "yellow")
+        yield bold(f"{self.model} ({track})")
+        yield f"{driven}; {counted(self.complete_laps, 'clean lap')}{best}"
+        yield self.limit and f"The best lap, {self.limit}."
+        yield (bold("Verdict: "), Styled(self.verdict["sentence"], style))
+        if self.iterations:
+            yield self._curve("reward", "{:.1f}", "cyan", None)
+            yield self._curve("progress", "{:.0f} %", "green", 100.0)
+            yield self._parts()
+        newest = self.evaluations[-1]["summary"] if self.evaluations else ""
+        yield newest and f"{counted(len(self.evaluations), 'evaluation')}; the newest: {newest}"
+        for number, item in enumerate(self.advice[:_ADVICE], 1):
+            yield (bold(f"{number}. {item['title']}. "), item["evidence"])
+            yield [Styled(item["command"], "cyan")]
+        more = "; ".join(item["title"] for item in self.advice[_ADVICE:])
+        yield more and dim(f"Also: {more}.")
+        yield not self.advice and dim("No advice: nothing in the data shows a fault.")
+        yield from (f"Wrote {path}" for path in filter(None, [self.html, *self.png]))
+
+    def _curve(self, name: str, form: str, style: str, top: float | None) -> Curve | None:
+        known = [row[f"mean_{name}"] for row in self.iterations if row[f"mean_{name}"] is not None]
+        if not known:
+            return None
+        ends = f"{form.format(known[0])} to {form.format(known[-1])}"
+        return Curve(name, known, ends, style, top)
+
+    def _parts(self) -> Rows:
+        """Means of some parts of the training."""
+        count = min(_PARTS, len(self.iterations))
+        edges = [round(i * len(self.iterations) / count) for i in range(count + 1)]
+        return table([self.iterations[start:end] for start, end in pairwise(edges)], *_COLUMNS)
 
 
 def analyse(run: Run) -> Analysis:

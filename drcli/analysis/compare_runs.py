@@ -2,14 +2,16 @@
 
 import difflib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from itertools import chain
+from typing import Annotated, Any
 
 import numpy as np
 
 from drcli.analysis.plain_values import plain
 from drcli.analysis.run import Numbers, Run
+from drcli.base.report import Cell, Col, Rows, Styled, View, bold, columns, dim
 
 # Uncertainty of a difference of two trainings, by bootstrap.
 
@@ -74,104 +76,167 @@ SMOOTH = 3
 _DIFF_LINES = 400
 
 
+def _duration(seconds: float) -> str:
+    return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.2f} h"
+
+
 @dataclass(frozen=True)
 class ComparedRun:
-    """One of the trainings.
+    """One of the trainings."""
 
-    Attributes:
-        model: Its name.
-        origin: Where it was read.
-        world: Its track; None if unknown.
-        iterations: Their number.
-        episodes: Training episodes.
-        steps: Steps of all iterations.
-        wall_s: Wall time of all iterations; None if unknown.
-        machine_hours: Of all starts; None if unknown.
-        cost_usd: What they cost; None if unknown.
-        complete_laps: Training episodes that were complete laps; all of them are clean.
-        best_lap_s: The fastest; None without one.
-        late_iterations: How many of the newest iterations the next four are of.
-        late_reward: Mean reward of an episode.
-        late_progress: Mean progress, percent.
-        late_lap_share: Share of complete laps, percent.
-        late_lap_s: Mean lap time; None without a lap.
-        first_lap_steps: Steps until the iteration with the first complete lap; None without one.
-        goals: For each of GOALS, steps, wall time and money until it was reached.
-        curve: For each iteration: steps, wall_s and usd until its end, reward, progress, mean lap
-            time (lap_s) and mean progress of its evaluation (eval_progress).
-        evaluated_laps: Laps of the newest evaluation on its own; None without one.
-        evaluated_clean: How many of them are clean: without a reset and without a penalty.
-        evaluated_resets: How often the car was put back in them.
-        evaluated_median_s: Median time of the clean ones; None without one.
-    """
-
-    model: str
-    origin: str
-    world: str | None
-    iterations: int
-    episodes: int
-    steps: int
-    wall_s: float | None
-    machine_hours: float | None
-    cost_usd: float | None
-    complete_laps: int
-    best_lap_s: float | None
-    late_iterations: int
-    late_reward: float | None
-    late_progress: float | None
-    late_lap_share: float | None
-    late_lap_s: float | None
-    first_lap_steps: int | None
-    goals: list[dict[str, Any]]
-    curve: dict[str, list[float | None]]
-    evaluated_laps: int | None = None
-    evaluated_clean: int | None = None
-    evaluated_resets: int | None = None
-    evaluated_median_s: float | None = None
+    model: Annotated[str, "Its name."]
+    origin: Annotated[str, "Where it was read."]
+    world: Annotated[str | None, "Its track; None if unknown."]
+    iterations: Annotated[int, "Their number.", Col("iterations", "{:,.0f}")]
+    episodes: Annotated[int, "Training episodes."]
+    steps: Annotated[int, "Steps of all iterations.", Col("steps", "{:,.0f}")]
+    wall_s: Annotated[
+        float | None, "Wall time of all iterations; None if unknown.", Col("wall time", _duration)
+    ]
+    machine_hours: Annotated[float | None, "Of all starts; None if unknown."]
+    cost_usd: Annotated[float | None, "What they cost; None if unknown.", Col("cost", "{:.2f} USD")]
+    complete_laps: Annotated[
+        int,
+        "Training episodes that were complete laps; all of them are clean.",
+        Col("clean laps", "{:,.0f}"),
+    ]
+    best_lap_s: Annotated[
+        float | None, "The fastest; None without one.", Col("best lap", "{:.3f} s")
+    ]
+    late_iterations: Annotated[int, "How many of the newest iterations the next four are of."]
+    late_reward: Annotated[
+        float | None, "Mean reward of an episode.", Col("late reward", "{:,.1f}")
+    ]
+    late_progress: Annotated[
+        float | None, "Mean progress, percent.", Col("late progress", "{:.1f} %")
+    ]
+    late_lap_share: Annotated[
+        float | None, "Share of complete laps, percent.", Col("late clean laps", "{:.1f} %")
+    ]
+    late_lap_s: Annotated[
+        float | None, "Mean lap time; None without a lap.", Col("late lap time", "{:.3f} s")
+    ]
+    first_lap_steps: Annotated[
+        int | None, "Steps until the iteration with the first complete lap; None without one."
+    ]
+    goals: Annotated[
+        list[dict[str, Any]], "For each of GOALS, steps, wall time and money until it was reached."
+    ]
+    curve: Annotated[
+        dict[str, list[float | None]],
+        "For each iteration: steps, wall_s and usd until its end, reward, progress, "
+        "mean lap time (lap_s) and mean progress of its evaluation (eval_progress).",
+    ]
+    evaluated_laps: Annotated[
+        int | None,
+        "Laps of the newest evaluation on its own; None without one.",
+        Col("evaluation laps", "{:,.0f}", none=""),
+    ] = None
+    evaluated_clean: Annotated[
+        int | None,
+        "How many of them are clean: without a reset and without a penalty.",
+        Col("of them clean", "{:,.0f}", none=""),
+    ] = None
+    evaluated_resets: Annotated[
+        int | None, "How often the car was put back in them.", Col("resets", "{:,.0f}", none="")
+    ] = None
+    evaluated_median_s: Annotated[
+        float | None,
+        "Median time of the clean ones; None without one.",
+        Col("median clean lap", "{:.3f} s", none=""),
+    ] = None
 
 
 @dataclass(frozen=True)
 class ComparedPair:
-    """How a training differs from the first one.
+    """How a training differs from the first one."""
 
-    Attributes:
-        model: Its name.
-        progress: Difference of the mean progress of the newest iterations, percent of a lap.
-        lap_share: Of the share of complete laps, percent.
-        lap_s: Of the mean lap time, seconds.
-        reward: Of the mean reward; None if the reward functions differ or are not known.
-        sentence: What is larger than chance, in words.
-        files: The difference of each file, in the form of `diff -u`; empty where they are equal.
-        same_reward: Whether both reward functions are known and equal.
-    """
+    model: Annotated[str, "Its name."]
+    progress: Annotated[
+        dict[str, Any] | None,
+        "Difference of the mean progress of the newest iterations, percent of a lap.",
+    ]
+    lap_share: Annotated[dict[str, Any] | None, "Of the share of complete laps, percent."]
+    lap_s: Annotated[dict[str, Any] | None, "Of the mean lap time, seconds."]
+    reward: Annotated[
+        dict[str, Any] | None,
+        "Of the mean reward; None if the reward functions differ or are not known.",
+    ]
+    sentence: Annotated[str, "What is larger than chance, in words."]
+    files: Annotated[
+        dict[str, str],
+        "The difference of each file, in the form of `diff -u`; empty where they are equal.",
+    ]
+    same_reward: Annotated[bool, "Whether both reward functions are known and equal."]
 
-    model: str
-    progress: dict[str, Any] | None
-    lap_share: dict[str, Any] | None
-    lap_s: dict[str, Any] | None
-    reward: dict[str, Any] | None
-    sentence: str
-    files: dict[str, str]
-    same_reward: bool
+    def intervals(self) -> dict[str, dict[str, Any]]:
+        """Differences by what differs, with its unit."""
+        known = {
+            "progress (%)": self.progress,
+            "clean laps (of 100)": self.lap_share,
+            "lap time (s)": self.lap_s,
+            "reward": self.reward,
+        }
+        return {name: found for name, found in known.items() if found is not None}
+
+    def parts(self, first: str) -> View:
+        """Beside the training `first`."""
+        styles = {"+": "green", "-": "red", "@": "cyan"}
+        yield bold(self.sentence)
+        yield [
+            f"{name} {found['difference']:+.2f} (95 % between {found['low']:+.2f} and "
+            f"{found['high']:+.2f})"
+            for name, found in self.intervals().items()
+        ]
+        for name, text in self.files.items():
+            yield dim(f"{name}: {first} (-), {self.model} (+)")
+            yield [Styled(line, styles.get(line[:1], "")) for line in text.splitlines()[2:]]
+        yield not self.files and dim("Their files are equal, or not known.")
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of `dr-analyze compare`.
+    """The result of `dr-analyze compare`."""
 
-    Attributes:
-        runs: The trainings, in the order in which they were named.
-        pairs: How each but the first differs from the first.
-        at_equal: Mean progress of each at the least steps, wall time and money of all of them.
-        problems: What was wrong with files or is not comparable, a sentence each.
-        html: The page that was written.
-    """
+    runs: Annotated[list[ComparedRun], "The trainings, in the order in which they were named."]
+    pairs: Annotated[list[ComparedPair], "How each but the first differs from the first."]
+    at_equal: Annotated[
+        dict[str, dict[str, Any]],
+        "Mean progress of each at the least steps, wall time and money of all of them.",
+    ]
+    problems: Annotated[
+        list[str], "What was wrong with files or is not comparable, a sentence each."
+    ] = field(default_factory=list)
+    html: Annotated[str | None, "The page that was written."] = None
 
-    runs: list[ComparedRun]
-    pairs: list[ComparedPair]
-    at_equal: dict[str, dict[str, Any]]
-    problems: list[str] = field(default_factory=list)
-    html: str | None = None
+    def numbers(self) -> list[list[Cell]]:
+        """Rows of a name and a cell for each training."""
+        rows = [
+            [col.name, *(col.cell(run, name) for run in self.runs)]
+            for name, col in columns(ComparedRun).items()
+        ]
+        for place, goal in enumerate(self.runs[0].goals):
+            steps = [run.goals[place]["steps"] for run in self.runs]
+            known = ["never" if number is None else f"{number:,.0f} steps" for number in steps]
+            if any(number is not None for number in steps):
+                rows.append([f"{goal['progress']:.0f} % after", *known])
+        forms = {"steps": "{:,.0f} steps".format, "wall_s": _duration, "usd": "{:.2f} USD".format}
+        for used, equal in ((used, self.at_equal.get(used)) for used in forms):
+            if equal is not None:
+                shares = ("-" if share is None else f"{share:.1f} %" for share in equal["progress"])
+                rows.append([f"at {forms[used](equal['limit'])}", *shares])
+        return [row for row in rows if any(row[1:])]
+
+    def view(self) -> View:
+        late = ", ".join(str(run.late_iterations) for run in self.runs)
+        names = ["", *(run.model for run in self.runs)]
+        pairs = (pair.parts(self.runs[0].model) for pair in self.pairs)
+        return [
+            Rows(names, self.numbers(), left=("",)),
+            dim(f"late: the newest {late} iterations."),
+            *chain.from_iterable(pairs),
+            self.html and f"Wrote {self.html}",
+        ]
 
 
 def compare_runs(runs: Sequence[Run]) -> Comparison:
@@ -384,74 +449,3 @@ def _whole(value: float | None) -> int | None:
 
 
 # The rows of a comparison's table.
-
-
-Kind = Literal["count", "percent", "lap", "time", "usd", "number", "steps"]
-_USED: tuple[tuple[str, Kind], ...] = (("steps", "steps"), ("wall_s", "time"), ("usd", "usd"))
-
-
-@dataclass(frozen=True)
-class ComparisonRow:
-    name: str
-    kind: Kind
-    values: Sequence[float | None]
-    limit: tuple[Kind, float] | None = None
-    unknown: str | None = None
-
-
-@dataclass(frozen=True)
-class IntervalRow:
-    """A difference of two trainings, with its interval."""
-
-    name: str
-    unit: str
-    difference: float
-    low: float
-    high: float
-    beyond_chance: bool
-
-
-def comparison_rows(report: "Comparison") -> Iterator[ComparisonRow]:
-    runs = report.runs
-    yield ComparisonRow("iterations", "count", [run.iterations for run in runs])
-    yield ComparisonRow("steps", "count", [run.steps for run in runs])
-    yield ComparisonRow("wall time", "time", [run.wall_s for run in runs])
-    yield ComparisonRow("cost", "usd", [run.cost_usd for run in runs])
-    yield ComparisonRow("clean laps", "count", [run.complete_laps for run in runs])
-    yield ComparisonRow("best lap", "lap", [run.best_lap_s for run in runs])
-    yield ComparisonRow("late progress", "percent", [run.late_progress for run in runs])
-    yield ComparisonRow("late clean laps", "percent", [run.late_lap_share for run in runs])
-    yield ComparisonRow("late lap time", "lap", [run.late_lap_s for run in runs])
-    yield ComparisonRow("late reward", "number", [run.late_reward for run in runs])
-    if any(run.evaluated_laps for run in runs):
-        yield ComparisonRow("evaluation laps", "count", [run.evaluated_laps for run in runs])
-        yield ComparisonRow("of them clean", "count", [run.evaluated_clean for run in runs])
-        yield ComparisonRow("resets", "count", [run.evaluated_resets for run in runs])
-        yield ComparisonRow("median clean lap", "lap", [run.evaluated_median_s for run in runs])
-    for place, goal in enumerate(runs[0].goals):
-        reached = [run.goals[place]["steps"] for run in runs]
-        if any(value is not None for value in reached):
-            name = f"{goal['progress']:.0f} % after"
-            yield ComparisonRow(name, "steps", reached, unknown="never")
-    for used, kind in _USED:
-        equal = report.at_equal.get(used)
-        if equal is not None:
-            yield ComparisonRow("at", "percent", equal["progress"], limit=(kind, equal["limit"]))
-
-
-def interval_rows(pair: "ComparedPair") -> Iterator[IntervalRow]:
-    for name, found, unit in (
-        ("progress", pair.progress, "%"),
-        ("clean laps", pair.lap_share, "of 100"),
-        ("lap time", pair.lap_s, "s"),
-        ("reward", pair.reward, ""),
-    ):
-        if found is not None:
-            yield IntervalRow(
-                name,
-                unit,
-                found["difference"],
-                found["low"],
-                found["high"],
-                found["beyond_chance"],
-            )

@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
-from drcli.base.errors import Problem
+from drcli.base.errors import MOST_SHOWN, Problem
 from drcli.base.installation import lazy_imports
+from drcli.base.report import Styled, View, counted, dim
 from drcli.checks.check_report import Report
 from drcli.config.settings_report import check_settings
 from drcli.config.track_names import track_problems
@@ -16,17 +18,11 @@ with lazy_imports():
 
 @dataclass(frozen=True)
 class WrongSetting:
-    """An error in the settings.
+    """An error in the settings."""
 
-    Attributes:
-        where: Place, such as `run.env line 7`.
-        what: Key, value and problem, without a full stop.
-        remedy: How to fix it, starting with a verb.
-    """
-
-    where: str
-    what: str
-    remedy: str
+    where: Annotated[str, "Place, such as `run.env line 7`."]
+    what: Annotated[str, "Key, value and problem, without a full stop."]
+    remedy: Annotated[str, "How to fix it, starting with a verb."]
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what}."
@@ -34,26 +30,39 @@ class WrongSetting:
 
 @dataclass(frozen=True)
 class FullCheck:
-    """All problems of the settings, and those that the other rules found.
+    """All problems of the settings, and those that the other rules found."""
 
-    Attributes:
-        directory: The working folder.
-        errors: Errors in the settings, in the order in which they were read.
-        warnings: Things that are allowed but may surprise you.
-        without_effect: Settings in the files that have no effect here, by reason.
-        rules: The report on the other rules; None if they were not checked.
-    """
-
-    directory: str
-    errors: tuple[WrongSetting, ...]
-    warnings: tuple[str, ...]
-    without_effect: tuple[WithoutEffect, ...]
-    rules: Report | None = None
+    directory: Annotated[str, "The working folder."]
+    errors: Annotated[
+        tuple[WrongSetting, ...], "Errors in the settings, in the order in which they were read."
+    ]
+    warnings: Annotated[tuple[str, ...], "Things that are allowed but may surprise you."]
+    without_effect: Annotated[
+        tuple[WithoutEffect, ...], "Settings in the files that have no effect here, by reason."
+    ]
+    rules: Annotated[
+        Report | None, "The report on the other rules; None if they were not checked."
+    ] = None
 
     @property
     def valid(self) -> bool:
         """Whether there are no errors."""
         return not self.errors and (self.rules is None or self.rules.ok)
+
+    def view(self) -> View:
+        for problem in self.errors[:MOST_SHOWN]:
+            yield (Styled("Error: ", "bold red"), str(problem))
+            yield [dim(f"Try: {problem.remedy}")]
+        more = len(self.errors) - MOST_SHOWN
+        yield more > 0 and f"And {more:,} more like these."
+        yield from ((Styled("Warning: ", "yellow"), text) for text in self.warnings)
+        yield self.without_effect and "Accepted without effect:"
+        for group in self.without_effect:
+            yield [f"{group.reason}:", [dim(", ".join(group.names))]]
+        counts = f"{counted(len(self.errors), 'error')}, {counted(len(self.warnings), 'warning')}."
+        yield Styled(f"Settings: {counts}", "bold red" if self.errors else "green")
+        if self.rules is not None:
+            yield from self.rules.view()
 
 
 def check_alone(directory: Path) -> FullCheck:

@@ -6,7 +6,7 @@ import typer
 
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket, open_running_bucket
 from drcli.cli import completion, console
-from drcli.cli.views import race_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 from drcli.races.race_report import RaceReport, with_limit
 from drcli.races.stored_race import find_race
@@ -28,7 +28,7 @@ def print_race(report: "RaceReport") -> None:
     loaded = settings()
     report = with_limit(report, loaded.tracks_folder, loaded.directory)
     console.warn(*report.damaged)
-    console.emit(report, race_view.race(report))
+    show(report)
 
 
 def open_races(loaded: "Settings") -> "Bucket":

@@ -1,21 +1,17 @@
 """Output of the commands that stop a process in the background."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from drcli.cli import console
 
 
 @dataclass(frozen=True)
 class StoppedProcess:
-    """What a command did that stops a process in the background.
+    """What a command did that stops a process in the background."""
 
-    Attributes:
-        stopped: Whether it ran.
-        pid: Its number; it has ended. Null if it did not run.
-    """
-
-    stopped: bool
-    pid: int | None
+    stopped: Annotated[bool, "Whether it ran."]
+    pid: Annotated[int | None, "Its number; it has ended. Null if it did not run."]
 
 
 def show_stopped(what: str, pid: int | None, *, none: str) -> None:

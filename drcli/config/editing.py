@@ -9,11 +9,13 @@ import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 from dotenv.parser import parse_stream
 
 from drcli.base.errors import Place, Problem, ProblemsError, SettingsError, shown
 from drcli.base.files import only_writer, read_regular, remedy_for, rewrite
+from drcli.base.report import View
 from drcli.config import activation
 from drcli.config.fields import FileName, hidden, setting_problem
 from drcli.config.loading import active_run_file
@@ -37,35 +39,31 @@ _BARE = re.compile(
 
 @dataclass(frozen=True)
 class Change:
-    """What happened to one setting.
+    """What happened to one setting."""
 
-    Attributes:
-        name: The setting.
-        before: Its value in the file before the change, None if it was not there; secrets are
-            hidden.
-        after: Its value there now.
-        file: The file, by its name in the working folder.
-    """
+    name: Annotated[str, "The setting."]
+    before: Annotated[
+        str | None,
+        "Its value in the file before the change, None if it was not there; secrets are hidden.",
+    ]
+    after: Annotated[str, "Its value there now."]
+    file: Annotated[str, "The file, by its name in the working folder."]
 
-    name: str
-    before: str | None
-    after: str
-    file: str
+    def __str__(self) -> str:
+        before = "" if self.before is None else f"  (was {shown(self.before) or 'empty'})"
+        return f"{self.file}: {self.name}={self.after}{before}"
 
 
 @dataclass(frozen=True)
 class Edit:
-    """What was changed, and what is worth knowing about it.
+    """What was changed, and what is worth knowing about it."""
 
-    Attributes:
-        directory: The working folder.
-        changes: One for each setting.
-        warnings: Warnings about settings with a surprising effect.
-    """
+    directory: Annotated[str, "The working folder."]
+    changes: Annotated[tuple[Change, ...], "One for each setting."]
+    warnings: Annotated[tuple[str, ...], "Warnings about settings with a surprising effect."]
 
-    directory: str
-    changes: tuple[Change, ...]
-    warnings: tuple[str, ...]
+    def view(self) -> View:
+        return map(str, self.changes)
 
 
 class FilesChanged(SettingsError):

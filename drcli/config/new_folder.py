@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base.errors import Place, ProblemsError, SettingsError, shown
 from drcli.base.files import hand_out, only_writer, remedy_for, rewrite
@@ -50,25 +51,15 @@ class FolderPlan:
 
 @dataclass(frozen=True)
 class FolderReport:
-    """What was written.
+    """What was written."""
 
-    Attributes:
-        folder: The working folder.
-        written: Files, by their path below it.
-        unchanged: Files that were as they should be.
-        backups: Copies of files that were replaced.
-        warnings: Things that are allowed but may surprise you.
-        model: Address in the bucket of the ready-made model; empty without one.
-        checkpoint: Name of its checkpoint.
-    """
-
-    folder: str
-    written: list[str]
-    unchanged: list[str]
-    backups: list[str]
-    warnings: list[str]
-    model: str = ""
-    checkpoint: str = ""
+    folder: Annotated[str, "The working folder."]
+    written: Annotated[list[str], "Files, by their path below it."]
+    unchanged: Annotated[list[str], "Files that were as they should be."]
+    backups: Annotated[list[str], "Copies of files that were replaced."]
+    warnings: Annotated[list[str], "Things that are allowed but may surprise you."]
+    model: Annotated[str, "Address in the bucket of the ready-made model; empty without one."] = ""
+    checkpoint: Annotated[str, "Name of its checkpoint."] = ""
 
 
 def write(plan: FolderPlan) -> FolderReport:

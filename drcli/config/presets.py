@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass
 from importlib import resources
+from itertools import chain, groupby
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base.errors import SettingsError, one_of, shown
+from drcli.base.report import BLANK, Styled, View, bold, dim
 from drcli.config.fields import Setting
 from drcli.config.settings import Settings, catalogue
 from drcli.config.settings_files import parse_env
@@ -74,53 +77,51 @@ class Preset:
 
 @dataclass(frozen=True)
 class PresetValue:
-    """A setting of a preset, beside that of the working folder.
+    """A setting of a preset, beside that of the working folder."""
 
-    Attributes:
-        name: Name of the setting.
-        value: Its value in the preset.
-        present: Its value in this working folder; None without one.
-        source: Where the present value comes from; None without a working folder.
-        default: Its default.
-        meaning: What it does.
-        reason: Why the preset has it.
-    """
+    name: Annotated[str, "Name of the setting."]
+    value: Annotated[str, "Its value in the preset."]
+    present: Annotated[str | None, "Its value in this working folder; None without one."]
+    source: Annotated[
+        str | None, "Where the present value comes from; None without a working folder."
+    ]
+    default: Annotated[str, "Its default."]
+    meaning: Annotated[str, "What it does."]
+    reason: Annotated[str, "Why the preset has it."]
 
-    name: str
-    value: str
-    present: str | None
-    source: str | None
-    default: str
-    meaning: str
-    reason: str
+    def parts(self) -> View:
+        yours = ""
+        if self.present is not None and self.present != self.value:
+            yours = f"  # here {shown(self.present) or 'empty'}, {self.source}"
+        return (f"{self.name}={self.value}", Styled(yours, "yellow")), [dim(self.meaning)]
 
 
 @dataclass(frozen=True)
 class PresetReport:
-    """What `dr config preset` shows of a preset.
+    """What `dr config preset` shows of a preset."""
 
-    Attributes:
-        name: Its name.
-        summary: What it is for.
-        files: Its files of a model.
-        settings: Its settings.
-    """
-
-    name: str
-    summary: str
-    files: tuple[str, ...]
-    settings: tuple[PresetValue, ...]
+    name: Annotated[str, "Its name."]
+    summary: Annotated[str, "What it is for."]
+    files: Annotated[tuple[str, ...], "Its files of a model."]
+    settings: Annotated[tuple[PresetValue, ...], "Its settings."]
 
 
 @dataclass(frozen=True)
 class PresetReports:
-    """What `dr config preset` shows.
+    """What `dr config preset` shows."""
 
-    Attributes:
-        presets: The presets, by name.
-    """
+    presets: Annotated[tuple[PresetReport, ...], "The presets, by name."]
 
-    presets: tuple[PresetReport, ...]
+    def view(self, *, in_full: bool) -> View:
+        for number, preset in enumerate(self.presets):
+            yield from (number and BLANK, bold(preset.name))
+            yield [preset.summary, dim(f"Files: {', '.join(preset.files) or 'none'}.")]
+            groups = groupby(preset.settings, lambda value: value.reason) if in_full else ()
+            for reason, group in groups:
+                parts = chain.from_iterable(value.parts() for value in group)
+                yield from (BLANK, [reason and dim(f"# {reason}"), *parts])
+        if not in_full:
+            yield from (BLANK, dim("`dr config preset NAME` shows the settings of one."))
 
 
 def preset_names() -> list[str]:

@@ -1,11 +1,14 @@
 """What `dr config show` and `dr config check` report."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base.errors import Problem, ProblemsError, closest, few
+from drcli.base.report import BLANK, Log, Styled, View, bold, dim
 from drcli.config.fields import Effect, Setting, hidden
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings, catalogue
@@ -16,65 +19,67 @@ from drcli.config.unused_names import FORMER, WithoutEffect, harmless_summary, w
 
 @dataclass(frozen=True)
 class Value:
-    """One setting with its present value.
+    """One setting with its present value."""
 
-    Attributes:
-        name: Name of the setting, or another name from the racer's files.
-        value: Its value, with all `$NAME` replaced; passwords and keys are hidden.
-        default: Its default value.
-        source: Where it was given: `run.env line 7`, `environment`, `flag` or `default`.
-        file: The file, None if the value does not come from a file.
-        line: The line there.
-        changed: Whether it differs from its default.
-        effect: Whether it does something here.
-        reason: Why it has no effect.
-        meaning: What it does.
-        expected: The allowed values.
-        group: Heading in the documentation.
-    """
+    name: Annotated[str, "Name of the setting, or another name from the racer's files."]
+    value: Annotated[str, "Its value, with all `$NAME` replaced; passwords and keys are hidden."]
+    default: Annotated[str, "Its default value."]
+    source: Annotated[
+        str, "Where it was given: `run.env line 7`, `environment`, `flag` or `default`."
+    ]
+    file: Annotated[str | None, "The file, None if the value does not come from a file."]
+    line: Annotated[int | None, "The line there."]
+    changed: Annotated[bool, "Whether it differs from its default."]
+    effect: Annotated[Effect, "Whether it does something here."]
+    reason: Annotated[str, "Why it has no effect."]
+    meaning: Annotated[str, "What it does."]
+    expected: Annotated[str, "The allowed values."]
+    group: Annotated[str, "Heading in the documentation."]
 
-    name: str
-    value: str
-    default: str
-    source: str
-    file: str | None
-    line: int | None
-    changed: bool
-    effect: Effect
-    reason: str
-    meaning: str
-    expected: str
-    group: str
+    def pieces(self) -> tuple[str, str]:
+        quote = '"' if re.search(r"\s|#", self.value) else ""
+        written = f"{self.name}={quote}{self.value}{quote}"
+        place = f"# {self.source}" + (", no effect" if self.reason else "")
+        return (written if self.changed else dim(written)), dim(place)
 
 
 @dataclass(frozen=True)
 class WorkerValues:
-    """What the file of one simulation worker changes.
+    """What the file of one simulation worker changes."""
 
-    Attributes:
-        worker: Its number, counted from 1 as in the name of the file.
-        settings: The values.
-    """
-
-    worker: int
-    settings: tuple[Value, ...]
+    worker: Annotated[int, "Its number, counted from 1 as in the name of the file."]
+    settings: Annotated[tuple[Value, ...], "The values."]
 
 
 @dataclass(frozen=True)
 class Values:
-    """What `dr config show` shows.
+    """What `dr config show` shows."""
 
-    Attributes:
-        directory: The working folder.
-        experiment: Name of the experiment, empty without one.
-        settings: The values, in the order of the documentation.
-        workers: The settings that worker-N.env changes.
-    """
+    directory: Annotated[str, "The working folder."]
+    experiment: Annotated[str, "Name of the experiment, empty without one."]
+    settings: Annotated[tuple[Value, ...], "The values, in the order of the documentation."]
+    workers: Annotated[tuple[WorkerValues, ...], "The settings that worker-N.env changes."]
 
-    directory: str
-    experiment: str
-    settings: tuple[Value, ...]
-    workers: tuple[WorkerValues, ...]
+    def view(self, *, explained: bool) -> View:
+        if explained:
+            for value in self.settings:
+                default = f" Default: {value.default}." if value.default else ""
+                no_effect = value.reason and Styled(f"No effect here: {value.reason}.", "yellow")
+                yield Log([value.pieces()])
+                yield [value.meaning, dim(f"Allowed: {value.expected}.{default}"), no_effect]
+            yield from (_log(worker.settings) for worker in self.workers)
+            return
+        of_group = groupby(self.settings, lambda value: value.group)  # a group may come twice
+        groups = [(title, tuple(values)) for title, values in of_group]
+        groups += [(f"Worker {worker.worker}", worker.settings) for worker in self.workers]
+        for number, (title, values) in enumerate(groups):
+            yield from (number and BLANK, bold(f"# {title}"), _log(values))
+        if not groups:
+            yield "Every setting has its default."
+
+
+def _log(values: Iterable[Value]) -> Log:
+    return Log([value.pieces() for value in values])
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from drcli.base.errors import Place, Problem, closest, shown
 from drcli.config.fields import file_problem, hidden, setting_problem
@@ -178,15 +179,10 @@ def _meant(name: str) -> str | None:
 
 @dataclass(frozen=True)
 class WithoutEffect:
-    """Settings that do nothing, all for the same reason.
+    """Settings that do nothing, all for the same reason."""
 
-    Attributes:
-        reason: Why, without a full stop.
-        names: The settings, in the order of the documentation.
-    """
-
-    reason: str
-    names: tuple[str, ...]
+    reason: Annotated[str, "Why, without a full stop."]
+    names: Annotated[tuple[str, ...], "The settings, in the order of the documentation."]
 
 
 def without_effect(settings: Settings) -> tuple[WithoutEffect, ...]:

@@ -10,9 +10,10 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base.errors import Problem, closest, few, shown
+from drcli.base.report import Col
 from drcli.model.files.action_space import ActionSpace, Pair
 
 # What the physical car makes of a model's actions and sensors.
@@ -31,22 +32,28 @@ CAR_SENSORS = (*CAR_CAMERAS, *CAR_LIDARS)
 
 @dataclass(frozen=True)
 class CarAction:
-    """An action as the car drives it.
+    """An action as the car drives it."""
 
-    Attributes:
-        index: Position in the action space; null for a point of continuous ranges.
-        steering_deg: Steering angle, degrees, positive to the left.
-        speed_mps: Its speed in the simulator, m/s.
-        steering: Share of the car's full steering angle, -1 to 1, positive to the left; the car's
-            servo refuses values beyond that.
-        throttle: Share of the maximum speed that is set in the car's console, 0 to 1.
-    """
-
-    index: int | None
-    steering_deg: float
-    speed_mps: float
-    steering: float
-    throttle: float
+    index: Annotated[
+        int | None,
+        "Position in the action space; null for a point of continuous ranges.",
+        Col("action", none=""),
+    ]
+    steering_deg: Annotated[
+        float, "Steering angle, degrees, positive to the left.", Col("steering (deg)", "{:g}")
+    ]
+    speed_mps: Annotated[float, "Its speed in the simulator, m/s.", Col("speed (m/s)", "{:g}")]
+    steering: Annotated[
+        float,
+        "Share of the car's full steering angle, -1 to 1, positive to the left; the "
+        "car's servo refuses values beyond that.",
+        Col("steering on the car", "{:.0%}"),
+    ]
+    throttle: Annotated[
+        float,
+        "Share of the maximum speed that is set in the car's console, 0 to 1.",
+        Col("throttle", "{:.1%}"),
+    ]
 
 
 def throttle(speed: float, top_speed: float) -> float:

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.files import make_folder
+from drcli.base.report import View
 from drcli.tracks.limit_store import (
     SOLVER_VERSION,
     WITHIN,
@@ -110,29 +112,28 @@ _KINDS = {LIMIT: "limit", BEST_KNOWN: "best known lap", COMPUTED: "computed"}
 
 @dataclass(frozen=True)
 class FastestLine:
-    """The fastest line of a car on a track.
+    """The fastest line of a car on a track."""
 
-    Attributes:
-        world: The track.
-        car: Name of the car's set.
-        reverse: Whether it is driven against the direction of the track.
-        kind: limit, best known lap, or computed: no car has driven it.
-        lap_s: The time that laps are compared with.
-        computed_s: Time of the computed flying lap.
-        driven_s: Time of the flying lap that the simulated car drove; None without one.
-        line: Points x and y in metres, and the speed there in m/s, in driving order.
-        text: The time in a sentence.
-    """
+    world: Annotated[str, "The track."]
+    car: Annotated[str, "Name of the car's set."]
+    reverse: Annotated[bool, "Whether it is driven against the direction of the track."]
+    kind: Annotated[str, "limit, best known lap, or computed: no car has driven it."]
+    lap_s: Annotated[float, "The time that laps are compared with."]
+    computed_s: Annotated[float, "Time of the computed flying lap."]
+    driven_s: Annotated[
+        float | None, "Time of the flying lap that the simulated car drove; None without one."
+    ]
+    line: Annotated[
+        list[tuple[float, float, float]],
+        "Points x and y in metres, and the speed there in m/s, in driving order.",
+    ]
+    text: Annotated[str, "The time in a sentence."]
 
-    world: str
-    car: str
-    reverse: bool
-    kind: str
-    lap_s: float
-    computed_s: float
-    driven_s: float | None
-    line: list[tuple[float, float, float]]
-    text: str
+    def view(self, *, points: bool) -> View:
+        if not points:
+            return [self.text]
+        rows = (f"    ({x:.3f}, {y:.3f}, {speed:.2f})," for x, y, speed in self.line)
+        return [f"# {self.text}", "FASTEST_LINE = [", *rows, "]"]
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 from drcli.model.history import collapse
 from drcli.records.iteration import IterationRecord
@@ -61,16 +62,11 @@ class Convergence:
 
     Training episodes draw their actions, evaluations take the likeliest one. They meet when the
     policy has become sure.
-
-    Attributes:
-        training: Mean progress of the training episodes, percent.
-        evaluation: Mean progress of the evaluation episodes, percent.
-        reached: Whether they have met, near complete laps.
     """
 
-    training: float
-    evaluation: float
-    reached: bool
+    training: Annotated[float, "Mean progress of the training episodes, percent."]
+    evaluation: Annotated[float, "Mean progress of the evaluation episodes, percent."]
+    reached: Annotated[bool, "Whether they have met, near complete laps."]
 
     @property
     def gap(self) -> float:

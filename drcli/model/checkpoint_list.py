@@ -1,10 +1,11 @@
 """Lists a model's checkpoints with their evaluations."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
+from drcli.base.report import Col, Styled, View, bold, counted, size_text, table
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.config.run_config import ModelConfig
 from drcli.config.value_types import CheckpointWord
@@ -27,80 +28,105 @@ from drcli.records.stage import is_untaught
 
 @dataclass(frozen=True)
 class ListedCheckpoint:
-    """A checkpoint that is there.
+    """A checkpoint that is there."""
 
-    Attributes:
-        number: What --checkpoint takes.
-        name: Such as `12_Step-7824.ckpt`.
-        words: The words that also choose it: last, best, first-lap, three-laps, best-lap.
-        every: Whether it is kept because of DR_TRAIN_KEEP_EVERY.
-        episodes: Episodes of its evaluation; 0 without one.
-        laps: Clean laps among them: an episode ends at the first violation.
-        progress: Their mean, percent of a lap; None without an evaluation.
-        best_lap_s: Fastest clean lap, simulated seconds; None without one.
-        size_bytes: All its files.
-        problem: What is wrong with it; empty if nothing is known.
-        form: `tensorflow` for a checkpoint of DeepRacer-for-Cloud or a console, else `drcli`.
-        median_s: Median time of the clean laps; None if unknown.
-        untaught: Whether its camera policy has not learned yet, because a teacher comes first.
-    """
+    number: Annotated[int, "What --checkpoint takes.", Col("checkpoint")]
+    name: Annotated[str, "Such as `12_Step-7824.ckpt`."]
+    words: Annotated[
+        list[CheckpointWord],
+        "The words that also choose it: last, best, first-lap, three-laps, best-lap.",
+        Col("is", of=lambda each: each.meaning(), side="left"),
+    ]
+    every: Annotated[bool, "Whether it is kept because of DR_TRAIN_KEEP_EVERY."]
+    episodes: Annotated[int, "Episodes of its evaluation; 0 without one."]
+    laps: Annotated[
+        int,
+        "Clean laps among them: an episode ends at the first violation.",
+        Col(
+            "clean laps",
+            of=lambda each: f"{each.laps} of {each.episodes}" if each.episodes else None,
+        ),
+    ]
+    progress: Annotated[
+        float | None,
+        "Their mean, percent of a lap; None without an evaluation.",
+        Col("progress", "{:.1f} %"),
+    ]
+    best_lap_s: Annotated[
+        float | None,
+        "Fastest clean lap, simulated seconds; None without one.",
+        Col("best lap", "{:.2f} s"),
+    ]
+    size_bytes: Annotated[int, "All its files.", Col("size", size_text)]
+    problem: Annotated[str, "What is wrong with it; empty if nothing is known."] = ""
+    form: Annotated[
+        Literal["drcli", "tensorflow"],
+        "`tensorflow` for a checkpoint of DeepRacer-for-Cloud or a console, else `drcli`.",
+    ] = "drcli"
+    median_s: Annotated[
+        float | None, "Median time of the clean laps; None if unknown.", Col("median", "{:.2f} s")
+    ] = None
+    untaught: Annotated[
+        bool, "Whether its camera policy has not learned yet, because a teacher comes first."
+    ] = False
 
-    number: int
-    name: str
-    words: list[CheckpointWord]
-    every: bool
-    episodes: int
-    laps: int
-    progress: float | None
-    best_lap_s: float | None
-    size_bytes: int
-    problem: str = ""
-    form: Literal["drcli", "tensorflow"] = "drcli"
-    median_s: float | None = None
-    untaught: bool = False
+    def meaning(self) -> str:
+        also = {"every n-th": self.every, "TensorFlow": self.form == "tensorflow"}
+        also["untaught"] = self.untaught
+        return ", ".join([*self.words, *(word for word, true in also.items() if true)]) or "-"
 
 
 @dataclass(frozen=True)
 class MilestoneEntry:
-    """A milestone that was reached.
+    """A milestone that was reached."""
 
-    Attributes:
-        word: first-lap, three-laps or best-lap.
-        checkpoint: Name of its checkpoint.
-        laps: Clean laps of its evaluation.
-        episodes: Episodes of its evaluation.
-        best_lap_s: Fastest clean lap, simulated seconds.
-        kept: Whether the checkpoint is still there.
-    """
+    word: Annotated[MilestoneKind, "first-lap, three-laps or best-lap."]
+    checkpoint: Annotated[str, "Name of its checkpoint."]
+    laps: Annotated[int, "Clean laps of its evaluation."]
+    episodes: Annotated[int, "Episodes of its evaluation."]
+    best_lap_s: Annotated[float, "Fastest clean lap, simulated seconds."]
+    kept: Annotated[bool, "Whether the checkpoint is still there."]
 
-    word: MilestoneKind
-    checkpoint: str
-    laps: int
-    episodes: int
-    best_lap_s: float
-    kept: bool
+    def __str__(self) -> str:
+        laps = f"{self.laps} of {counted(self.episodes, 'lap')} clean, best {self.best_lap_s:.2f} s"
+        gone = "" if self.kept else " (deleted)"
+        return f"{self.word}: checkpoint {self.checkpoint.partition('_')[0]}, {laps}{gone}"
 
 
 @dataclass(frozen=True)
 class CheckpointList:
-    """The checkpoints of a model.
+    """The checkpoints of a model."""
 
-    Attributes:
-        model: As s3://bucket/prefix.
-        checkpoints: All that are there, oldest first.
-        milestones: Those that were reached, also by a deleted checkpoint.
-        not_reached: The words of the others.
-        size_bytes: Of all checkpoints.
-        damaged: What is wrong with each damaged object, and what to do about it; what the list
-            needs is reconstructed as far as possible.
-    """
+    model: Annotated[str, "As s3://bucket/prefix."]
+    checkpoints: Annotated[list[ListedCheckpoint], "All that are there, oldest first."]
+    milestones: Annotated[
+        list[MilestoneEntry], "Those that were reached, also by a deleted checkpoint."
+    ]
+    not_reached: Annotated[list[MilestoneKind], "The words of the others."]
+    size_bytes: Annotated[int, "Of all checkpoints."]
+    damaged: Annotated[
+        list[str],
+        "What is wrong with each damaged object, and what to do about it; what the list "
+        "needs is reconstructed as far as possible.",
+    ] = field(default_factory=list)
 
-    model: str
-    checkpoints: list[ListedCheckpoint]
-    milestones: list[MilestoneEntry]
-    not_reached: list[MilestoneKind]
-    size_bytes: int
-    damaged: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        order = ("number", "words", "laps", "progress", "median_s", "best_lap_s", "size_bytes")
+        untaught = "untaught: until there only the teacher has learned (docs/teacher.md)."
+        count = counted(len(self.checkpoints), "checkpoint")
+        return [
+            bold(self.model),
+            table(self.checkpoints, *order),
+            f"{count}, {size_text(self.size_bytes)}.",
+            any(each.untaught for each in self.checkpoints) and untaught,
+            *(str(each) for each in self.milestones if not each.kept),
+            self.not_reached and f"Not reached: {', '.join(self.not_reached)}.",
+            *(
+                Styled(f"Checkpoint {each.number}: {each.problem}", "bold yellow")
+                for each in self.checkpoints
+                if each.problem
+            ),
+        ]
 
 
 def list_checkpoints(

@@ -3,7 +3,9 @@
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from typing import Annotated
 
+from drcli.base.report import Col, Styled, View, abridged, bold, size_text, table
 from drcli.bucket.bucket import Bucket, ObjectInfo
 from drcli.model import keys, lease, race_keys
 from drcli.model.model_prefix import Kind, kind_of
@@ -19,23 +21,20 @@ _MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")
 
 @dataclass(frozen=True)
 class CheckpointEntry:
-    """A checkpoint in the list.
+    """A checkpoint in the list."""
 
-    Attributes:
-        name: Such as `12_Step-7824.ckpt`.
-        metric: Mean score of its evaluation episodes; None before the first evaluation.
-        score: The same with its unit: percent, seconds or reward; empty without one.
-        laps: Its evaluation laps in words; empty if unknown.
-        clean: How many of them are clean; 0 if unknown.
-        text: Its number, its laps, and what these do not tell of its score.
-    """
-
-    name: str
-    metric: float | None
-    score: str = ""
-    laps: str = ""
-    clean: int = 0
-    text: str = field(init=False)
+    name: Annotated[str, "Such as `12_Step-7824.ckpt`."]
+    metric: Annotated[
+        float | None, "Mean score of its evaluation episodes; None before the first evaluation."
+    ]
+    score: Annotated[
+        str, "The same with its unit: percent, seconds or reward; empty without one."
+    ] = ""
+    laps: Annotated[str, "Its evaluation laps in words; empty if unknown."] = ""
+    clean: Annotated[int, "How many of them are clean; 0 if unknown."] = 0
+    text: Annotated[str, "Its number, its laps, and what these do not tell of its score."] = field(
+        init=False
+    )
 
     def __post_init__(self) -> None:
         """Put it into words."""
@@ -58,6 +57,11 @@ class CheckpointEntry:
             0 if laps is None else laps.clean,
         )
 
+    def short(self) -> str:
+        number = self.name.partition("_")[0]
+        told = self.laps.partition(", slowest")[0] if self.clean else self.score
+        return f"{number} ({told})" if told else number
+
 
 def score_text(metric: str, value: float | None) -> str:
     if value is None:
@@ -71,51 +75,60 @@ def score_text(metric: str, value: float | None) -> str:
 
 @dataclass(frozen=True)
 class ModelEntry:
-    """A model in the list.
+    """A model in the list."""
 
-    Attributes:
-        prefix: Its folder.
-        checkpoints: How many checkpoints it has.
-        best: The best of them; None if unknown.
-        last: The newest; None if unknown.
-        objects: How many objects it has, logs and traces included.
-        size_bytes: Their size.
-        modified: When the newest object was written, ISO 8601.
-        training: Whether it is being trained now.
-        damaged: What is wrong with each of its damaged small objects, and what to do about it;
-            `best` and `last` are reconstructed then.
-        note: Its description, else its newest note; empty without one.
-        kind: drcli for a model of ours, tensorflow for one of DeepRacer-for-Cloud or a console,
-            upload for the file of a policy, traces for traces or metrics without a checkpoint,
-            files for anything else.
-    """
+    prefix: Annotated[str, "Its folder.", Col("model", of=lambda model: model.title(), side="left")]
+    checkpoints: Annotated[int, "How many checkpoints it has.", Col("ckpts")]
+    best: Annotated[
+        CheckpointEntry | None,
+        "The best of them; None if unknown.",
+        Col("best", CheckpointEntry.short),
+    ]
+    last: Annotated[
+        CheckpointEntry | None, "The newest; None if unknown.", Col("last", CheckpointEntry.short)
+    ]
+    objects: Annotated[int, "How many objects it has, logs and traces included."]
+    size_bytes: Annotated[int, "Their size.", Col("size", size_text)]
+    modified: Annotated[
+        str,
+        "When the newest object was written, ISO 8601.",
+        Col("modified", lambda text: text[:16].replace("T", " ")),
+    ]
+    training: Annotated[bool, "Whether it is being trained now."]
+    damaged: Annotated[
+        list[str],
+        "What is wrong with each of its damaged small objects, and what to do about it; "
+        "`best` and `last` are reconstructed then.",
+    ] = field(default_factory=list)
+    note: Annotated[
+        str, "Its description, else its newest note; empty without one.", Col("note", abridged)
+    ] = ""
+    kind: Annotated[
+        Kind,
+        "drcli for a model of ours, tensorflow for one of DeepRacer-for-Cloud or a "
+        "console, upload for the file of a policy, traces for traces or metrics without "
+        "a checkpoint, files for anything else.",
+    ] = "drcli"
 
-    prefix: str
-    checkpoints: int
-    best: CheckpointEntry | None
-    last: CheckpointEntry | None
-    objects: int
-    size_bytes: int
-    modified: str
-    training: bool
-    damaged: list[str] = field(default_factory=list)
-    note: str = ""
-    kind: Kind = "drcli"
+    def title(self) -> tuple[str, ...]:
+        kind = " (TensorFlow)" if self.kind == "tensorflow" else ""
+        return self.prefix, Styled(" (training)" if self.training else "", "green"), kind
 
 
 @dataclass(frozen=True)
 class ModelList:
-    """The models of a bucket.
+    """The models of a bucket."""
 
-    Attributes:
-        bucket: Its name.
-        pattern: Part of a prefix, or a whole one with `*` and `?`; empty for all models.
-        models: Sorted by prefix.
-    """
+    bucket: Annotated[str, "Its name."]
+    pattern: Annotated[
+        str, "Part of a prefix, or a whole one with `*` and `?`; empty for all models."
+    ]
+    models: Annotated[list[ModelEntry], "Sorted by prefix."]
 
-    bucket: str
-    pattern: str
-    models: list[ModelEntry]
+    def view(self) -> View:
+        matching = f" that matches {self.pattern}" if self.pattern else ""
+        none = f"There is no model in s3://{self.bucket}{matching}."
+        return [bold(f"s3://{self.bucket}"), table(self.models)] if self.models else [none]
 
 
 def list_models(bucket: Bucket, pattern: str = "") -> ModelList:

@@ -3,8 +3,10 @@
 import secrets
 import time
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.base.report import counted
 from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
 from drcli.model import race_keys
@@ -28,21 +30,18 @@ from drcli.races.stored_race import (
 
 @dataclass(frozen=True)
 class DeletedRace:
-    """A deleted race.
+    """A deleted race."""
 
-    Attributes:
-        bucket: Where it was.
-        race: Its id.
-        objects: How many it had.
-        size_bytes: Their size.
-        dry_run: Nothing was deleted.
-    """
+    bucket: Annotated[str, "Where it was."]
+    race: Annotated[str, "Its id."]
+    objects: Annotated[int, "How many it had."]
+    size_bytes: Annotated[int, "Their size."]
+    dry_run: Annotated[bool, "Nothing was deleted."]
 
-    bucket: str
-    race: str
-    objects: int
-    size_bytes: int
-    dry_run: bool
+    def __str__(self) -> str:
+        verb = "Would delete" if self.dry_run else "Deleted"
+        size = f"{counted(self.objects, 'object')}, {self.size_bytes / 1e6:.1f} MB"
+        return f"{verb} race {self.race} of s3://{self.bucket}: {size}."
 
 
 def create_race(

@@ -8,6 +8,7 @@ import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import Absent, DrError, SettingsError
@@ -28,30 +29,25 @@ STOPPED_S = 10.0
 
 @dataclass(frozen=True)
 class QueueStarted:
-    """A queue that is driven in the background.
+    """A queue that is driven in the background."""
 
-    Attributes:
-        race: Id of the race.
-        pid: The process.
-        log: On this machine.
-    """
+    race: Annotated[str, "Id of the race."]
+    pid: Annotated[int, "The process."]
+    log: Annotated[str, "On this machine."]
 
-    race: str
-    pid: int
-    log: str
+    def __str__(self) -> str:
+        return f"Driving the queue of {self.race} (process {self.pid}). Log: {self.log}"
 
 
 @dataclass(frozen=True)
 class QueueStopped:
-    """A queue that was stopped.
+    """A queue that was stopped."""
 
-    Attributes:
-        race: Id of the race.
-        pid: The process.
-    """
+    race: Annotated[str, "Id of the race."]
+    pid: Annotated[int, "The process."]
 
-    race: str
-    pid: int
+    def __str__(self) -> str:
+        return f"Stopped the queue of {self.race} (process {self.pid}). What was driven is kept."
 
 
 def queue_log(settings: Settings, race: str) -> Path:

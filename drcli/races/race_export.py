@@ -3,15 +3,17 @@
 import base64
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from html import escape
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base.files import rewrite
+from drcli.base.report import Rows, View, counted, table
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.races import race_words as words
-from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
+from drcli.races.race_report import LeaderboardRow, RaceReport
 from drcli.races.standings import moment
 
 # A race as one HTML file without scripts and network.
@@ -19,8 +21,6 @@ from drcli.races.standings import moment
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; media-src data:; img-src data:"
 """Against what names may contain."""
-
-_CAPTION = "Times in minutes:seconds, penalties included."
 
 _STYLE = """
 :root{color-scheme:light dark;--line:light-dark(#c9ced6,#4a515c);--card:light-dark(#fff,#1b1f26);
@@ -56,150 +56,48 @@ def race_page(report: RaceReport, videos: Mapping[str, bytes]) -> str:
     different = words.conditions(rules)
     if different:
         facts.append(f"Settings: {different}.")
-    board = _pair_board(report) if rules.in_pairs else _board(report)
-    empty = '<p class="soft">Nobody has driven yet.</p>'
+    board = '<p class="soft">Nobody has driven yet.</p>'
+    if report.leaderboard:
+        board = _table("Times in minutes:seconds, penalties included.", report.board())
+    pairs = ""
+    if report.pairs:
+        drawn = _table("Complete laps and the time for them.", table(report.pairs))
+        pairs = f"<h2>Pairs</h2>{drawn}"
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{title}</title><style>{_STYLE}</style></head><body><main>"
-        f"<h1>{title}</h1><p>{escape(words.place(report))}</p>"
-        f'<p class="state">{escape(words.standing(report))}</p>'
+        f"<h1>{title}</h1><p>{escape(report.place())}</p>"
+        f'<p class="state">{escape(report.standing())}</p>'
         f'<p class="soft">{escape(" ".join(facts))}</p>'
-        f"<h2>Leaderboard</h2>{board if report.leaderboard else empty}"
-        f"{_pairs(report.pairs)}{_laps(report)}{_films(report, videos)}"
+        f"<h2>Leaderboard</h2>{board}"
+        f"{pairs}{_laps(report)}{_films(report, videos)}"
         "</main></body></html>\n"
     )
 
 
-def _board(report: RaceReport) -> str:
-    average = f"Best average of {report.rules.average_laps}"
-    names = (
-        "Rank",
-        "Racer",
-        "Model",
-        "Time",
-        "Gap",
-        "Best lap",
-        average,
-        "Total",
-        "Laps",
-        "Off track",
-        "Crashes",
-    )
-    rows = [
-        (
-            row,
-            (
-                _rank(row),
-                row.racer,
-                row.model,
-                row.score_text,
-                words.gap(row),
-                row.best_lap_text,
-                row.best_average_text,
-                row.total_text,
-                *_driven(row),
-            ),
-        )
-        for row in report.leaderboard
-    ]
-    return _table(_CAPTION, names, rows)
-
-
-def _pair_board(report: RaceReport) -> str:
-    names = (
-        "Rank",
-        "Racer",
-        "Model",
-        "Points",
-        "Won",
-        "Drawn",
-        "Lost",
-        "Best lap",
-        "Laps",
-        "Off track",
-        "Crashes",
-    )
-    rows = [
-        (
-            row,
-            (
-                _rank(row),
-                row.racer,
-                row.model,
-                f"{row.points or 0:g}",
-                str(row.wins),
-                str(row.draws),
-                str(row.losses),
-                row.best_lap_text,
-                *_driven(row),
-            ),
-        )
-        for row in report.leaderboard
-    ]
-    return _table(_CAPTION, names, rows)
-
-
-def _driven(row: LeaderboardRow) -> tuple[str, str, str]:
-    return row.laps_text, str(row.off_track), str(row.crashes)
-
-
-def _rank(row: LeaderboardRow) -> str:
-    return "not qualified" if row.rank is None else str(row.rank)
-
-
-def _table(
-    caption: str,
-    names: tuple[str, ...],
-    rows: Iterable[tuple[LeaderboardRow | None, tuple[str, ...]]],
-) -> str:
+def _table(caption: str, rows: Rows) -> str:
     # With roles, because a table that is laid out as blocks on a phone is no table to a reader.
+    names = [escape(name.capitalize()) for name in rows.names]
+    kinds = ["rank" if name == "rank" else "name" * (name in rows.left) for name in rows.names]
     head = "".join(
-        f'<th scope="col" role="columnheader"{_class(name)}>{escape(name)}</th>' for name in names
+        f'<th scope="col" role="columnheader" class="{kind}">{name}</th>'
+        for name, kind in zip(names, kinds, strict=True)
     )
     body = "".join(
-        f'<tr role="row"{_first(row)}>{"".join(map(_data, names, cells))}</tr>'
-        for row, cells in rows
+        f'<tr role="row" class="{"first" * (cells[0] == "1" and kinds[0] == "rank")}">'
+        + "".join(
+            f'<td role="cell" class="{kind}" data-label="{name}"><span>{text}</span></td>'
+            for name, kind, text in zip(names, kinds, map(escape, map(str, cells)), strict=True)
+        )
+        + "</tr>"
+        for cells in rows.cells
     )
     return (
         f'<table role="table"><caption>{escape(caption)}</caption><thead role="rowgroup">'
         f'<tr role="row">{head}</tr></thead><tbody role="rowgroup">{body}</tbody></table>'
     )
-
-
-def _data(name: str, cell: str) -> str:
-    label = escape(name)
-    return f'<td role="cell"{_class(name)} data-label="{label}"><span>{escape(cell)}</span></td>'
-
-
-def _class(name: str) -> str:
-    if name == "Rank":
-        return ' class="rank"'
-    return ' class="name"' if name in ("Racer", "Model", "First", "Second", "Result") else ""
-
-
-def _first(row: LeaderboardRow | None) -> str:
-    return ' class="first"' if row is not None and row.rank == 1 else ""
-
-
-def _pairs(pairs: list[PairEntry]) -> str:
-    if not pairs:
-        return ""
-    names = ("Round", "First", "Second", "Result")
-    rows = [
-        (
-            None,
-            (
-                str(p.round),
-                p.first_racer or words.NONE,
-                p.second_racer or words.NONE,
-                words.pair_result(p),
-            ),
-        )
-        for p in pairs
-    ]
-    return f"<h2>Pairs</h2>{_table('Complete laps and the time for them.', names, rows)}"
 
 
 def _laps(report: RaceReport) -> str:
@@ -241,21 +139,18 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 @dataclass(frozen=True)
 class ExportedRace:
-    """A race that was written into files.
+    """A race that was written into files."""
 
-    Attributes:
-        race: Its id.
-        csv: Path of the table, or None.
-        html: Path of the page, or None.
-        size_bytes: Size of the page.
-        videos: How many it contains.
-    """
+    race: Annotated[str, "Its id."]
+    csv: Annotated[str | None, "Path of the table, or None."]
+    html: Annotated[str | None, "Path of the page, or None."]
+    size_bytes: Annotated[int, "Size of the page."] = 0
+    videos: Annotated[int, "How many it contains."] = 0
 
-    race: str
-    csv: str | None
-    html: str | None
-    size_bytes: int = 0
-    videos: int = 0
+    def view(self) -> View:
+        films = f" with {counted(self.videos, 'video')}" if self.videos else ""
+        size = f"{self.size_bytes / 1e6:.2f} MB{films}"
+        return [self.csv and f"Table: {self.csv}", self.html and f"Page: {self.html} ({size})"]
 
 
 def csv_of(report: RaceReport) -> str:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 from drcli.races.lap_ranking import LapFigures, sum_s
 from drcli.races.race_records import DrivenLap, RaceRules
-from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
 from drcli.races.race_settings import shown_settings
 from drcli.records.iteration import counted_resets
 from drcli.records.iteration import lap_time as time_with_penalty
@@ -50,12 +49,6 @@ def lap_of(lap: DrivenLap) -> str:
     return text if lap.complete else f"{text}, {lap.status.lower()}"
 
 
-def gap(row: LeaderboardRow) -> str:
-    if row.gap_s is None:
-        return NONE
-    return "" if row.rank == 1 else f"+{row.gap_s:.3f} s"
-
-
 def kind(rules: RaceRules) -> str:
     return _KINDS[rules.race_type]
 
@@ -83,44 +76,6 @@ def penalties(rules: RaceRules) -> str:
 
 def conditions(rules: RaceRules) -> str:
     return ", ".join(f"{name}={text}" for name, text in shown_settings(rules).items())
-
-
-def place(report: RaceReport) -> str:
-    way = ", opposite direction" if report.rules.reverse else ""
-    return f"{report.rules.world}{way}, {kind(report.rules)}"
-
-
-def standing(report: RaceReport) -> str:
-    left = len(report.queue)
-    runs = f"{left} run{'s' * (left != 1)} {'wait' if left != 1 else 'waits'}"
-    if report.winner is not None:
-        return f"Winner: {report.winner}."
-    texts = {
-        "scheduled": "Not open yet.",
-        "open": "Open for submissions.",
-        "closed": "Closed for submissions.",
-        "finished": "Finished; nobody is ranked.",
-    }
-    words = texts[report.state]
-    if report.running:
-        words += f" Driving {report.running} now."
-    if left:
-        words += f" {runs} in the queue" + ("." if report.runner else ", and nobody drives it.")
-    return words
-
-
-def pair_result(pair: PairEntry) -> str:
-    if pair.state == "failed":
-        return f"failed: {pair.message}"
-    if pair.state != "done":
-        states = {"waiting": "waits for earlier pairs", "alone": "goes on without racing"}
-        return states.get(pair.state, pair.state)
-    first, second = pair.first_text, pair.second_text
-    if not pair.winner:
-        return f"nobody wins: {first}, {second}"
-    if pair.winner == pair.first:
-        return f"{pair.first_racer} wins: {first} against {second}"
-    return f"{pair.second_racer} wins: {second} against {first}"
 
 
 def laps_in_pair(laps: Sequence[DrivenLap]) -> str:

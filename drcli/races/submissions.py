@@ -7,9 +7,11 @@ can change it.
 import socket
 import time
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from drcli.base.errors import BadValue, ProblemsError, SettingsError, shown
 from drcli.base.json_record import RecordError
+from drcli.base.report import counted
 from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
 from drcli.config.value_types import parse_checkpoint
@@ -35,27 +37,25 @@ _PARTS = (*OUR_PARTS, *keys.TENSORFLOW_PARTS)
 
 @dataclass(frozen=True)
 class SubmissionReport:
-    """A submission that was taken.
+    """A submission that was taken."""
 
-    Attributes:
-        race: Id of the race.
-        submission: Its id.
-        racer: Who submitted it.
-        model: Prefix of the model.
-        checkpoint: Name of the checkpoint.
-        waiting: Runs up to and with it.
-        left: How many more the racer may submit; None for any number.
-        queue: Whether a process drives the queue now.
-    """
+    race: Annotated[str, "Id of the race."]
+    submission: Annotated[str, "Its id."]
+    racer: Annotated[str, "Who submitted it."]
+    model: Annotated[str, "Prefix of the model."]
+    checkpoint: Annotated[str, "Name of the checkpoint."]
+    waiting: Annotated[int, "Runs up to and with it."]
+    left: Annotated[int | None, "How many more the racer may submit; None for any number."]
+    queue: Annotated[bool, "Whether a process drives the queue now."]
 
-    race: str
-    submission: str
-    racer: str
-    model: str
-    checkpoint: str
-    waiting: int
-    left: int | None
-    queue: bool
+    def __str__(self) -> str:
+        number = self.checkpoint.partition("_")[0]
+        left = "" if self.left is None else f" {self.racer} has {self.left} left."
+        driven = "is driven now" if self.queue else "waits for `dr-race run`"
+        return (
+            f"Submitted checkpoint {number} of {self.model} for {self.racer} as {self.submission}; "
+            f"{counted(self.waiting, 'run')} to drive, the queue {driven}.{left}"
+        )
 
 
 def submit(

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import fmean
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
+from drcli.base.report import Col, View, bold, table
 from drcli.records.episode_metrics import TrialMetrics
 
 # What drives a racer of an evaluation, and which engine.
@@ -41,39 +42,49 @@ TRIALS_FILE = "cars.json"
 
 @dataclass(frozen=True)
 class CarTrial:
-    """What one car achieved.
+    """What one car achieved."""
 
-    Attributes:
-        car: Name of the set, a value of DR_SIM_CAR.
-        laps: Starts that completed a full lap.
-        starts: All starts.
-        mean_progress: Percent of the lap.
-        lap_times_s: Of the full laps, simulated seconds.
-    """
-
-    car: str
-    laps: int
-    starts: int
-    mean_progress: float
-    lap_times_s: list[float]
+    car: Annotated[str, "Name of the set, a value of DR_SIM_CAR.", Col("car")]
+    laps: Annotated[
+        int,
+        "Starts that completed a full lap.",
+        Col("clean laps", of=lambda each: f"{each.laps} of {each.starts}"),
+    ]
+    starts: Annotated[int, "All starts."]
+    mean_progress: Annotated[float, "Percent of the lap.", Col("progress", "{:.1f} %")]
+    lap_times_s: Annotated[
+        list[float],
+        "Of the full laps, simulated seconds.",
+        Col("fastest s", "{:.2f}", of=lambda each: min(each.lap_times_s, default=None)),
+    ]
 
 
 @dataclass(frozen=True)
 class CarTrials:
-    """What all cars achieved.
+    """What all cars achieved."""
 
-    Attributes:
-        world: The track.
-        cars: One trial for each car.
-        best: The car that suits the model: that of the settings, unless another completes more laps
-            than by chance.
-        present: The car of the settings.
-    """
+    world: Annotated[str, "The track."]
+    cars: Annotated[list[CarTrial], "One trial for each car."]
+    best: Annotated[
+        str,
+        "The car that suits the model: that of the settings, unless another completes "
+        "more laps than by chance.",
+    ]
+    present: Annotated[str, "The car of the settings."]
 
-    world: str
-    cars: list[CarTrial]
-    best: str
-    present: str
+    def view(self) -> View:
+        best = next(trial for trial in self.cars if trial.car == self.best)
+        advice = f"The car that suits it better: write DR_SIM_CAR={self.best} into run.env."
+        if not best.laps:
+            advice = (
+                f"It drives no clean lap on {self.world}; if it learned another track, try that "
+                "one with --world."
+            )
+        elif self.best == self.present:
+            advice = f"No car suits it better than that of the settings: DR_SIM_CAR={self.best}."
+        slowest = Col("slowest s", "{:.2f}", of=lambda each: max(each.lap_times_s, default=None))
+        cars = table(self.cars, "car", "laps", "mean_progress", "lap_times_s", slowest)
+        return [f"Likeliest actions on {self.world}:", cars, advice]
 
 
 @dataclass(frozen=True)
@@ -122,6 +133,16 @@ class RobustCell(JsonRecord):
     ended_by: str = ""
 
 
+_COLUMNS = (
+    Col("disturbed", of=lambda cell: cell.axis, side="left"),
+    Col("level", of=lambda cell: cell.level, side="left"),
+    Col("clean laps", of=lambda cell: f"{cell.completed}/{cell.trials}"),
+    Col("progress", "{:.0f} %", of=lambda cell: cell.progress),
+    Col("lap time", "{:.2f} s", of=lambda cell: cell.lap_s, none=""),
+    Col("ended by", of=lambda cell: cell.ended_by, side="left"),
+)
+
+
 @dataclass(frozen=True)
 class RobustResult(JsonRecord):
     """A robust evaluation of one model on one track.
@@ -165,6 +186,25 @@ class RobustResult(JsonRecord):
             f"{cell.axis} {cell.level}"
             for cell in self.cells
             if share > 0.0 and cell.completed / cell.trials <= share / 2
+        ]
+
+    def view(self) -> View:
+        broken = ", ".join(self.broken_by)
+        said = f"Broken by: {broken}." if broken else "No level of the grid broke it."
+        if self.cells[0].completed == 0:
+            said = "It completes no clean lap even without disturbance."
+        firsts = {cell.axis: cell for cell in reversed(self.cells)}
+        score = Col(
+            "score of axis",
+            of=lambda cell: (
+                f"{self.axis_scores[cell.axis]:.1f}" if firsts[cell.axis] is cell else ""
+            ),
+        )
+        driver = f"checkpoint {self.checkpoint} of {self.prefix} on {self.world}, seed {self.seed}"
+        return [
+            table(self.cells, *_COLUMNS, score),
+            said,
+            bold(f"Robust score {self.robust_score:.1f} of 100: {driver}."),
         ]
 
 

@@ -38,6 +38,9 @@ class Pretrained:
     metric: float | None
     sha256: str
 
+    def source(self) -> str:
+        return f"{self.prefix} ({self.checkpoint} checkpoint {self.name})"
+
 
 @dataclass(frozen=True)
 class TrainingStart(JsonRecord):

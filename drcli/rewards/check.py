@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event
+from typing import Annotated
 
 import numpy as np
 
 from drcli.base.errors import Problem, of_severity
+from drcli.base.report import BLANK, Col, Curve, Styled, View, bold, compact, counted, dim, table
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
@@ -160,139 +162,138 @@ def _both(tried: TriedReward, difference: Difference, word: str) -> str:
 
 @dataclass(frozen=True)
 class Extreme:
-    """The least or the greatest reward.
+    """The least or the greatest reward."""
 
-    Attributes:
-        reward: The reward.
-        place: At which step, in words.
-    """
+    reward: Annotated[float, "The reward."]
+    place: Annotated[str, "At which step, in words."]
 
-    reward: float
-    place: str
+    def __str__(self) -> str:
+        return f"{compact(self.reward)}: {self.place}"
 
 
 @dataclass(frozen=True)
 class DriverReport:
-    """The rewards of one driver.
+    """The rewards of one driver."""
 
-    Attributes:
-        name: The driver.
-        about: Its way of driving.
-        steps: Steps with a reward.
-        seconds: Simulated time.
-        progress: Percent of the lap.
-        end: How it ended, in the words of traces.
-        total: Sum of all rewards; None if a call failed.
-        mean: Reward per step; None if a call failed.
-    """
-
-    name: str
-    about: str
-    steps: int
-    seconds: float
-    progress: float
-    end: str
-    total: float | None
-    mean: float | None
+    name: Annotated[str, "The driver.", Col("driver")]
+    about: Annotated[str, "Its way of driving."]
+    steps: Annotated[int, "Steps with a reward.", Col("steps")]
+    seconds: Annotated[float, "Simulated time.", Col("time", "{:.1f} s")]
+    progress: Annotated[float, "Percent of the lap.", Col("progress", "{:.0f} %")]
+    end: Annotated[
+        str,
+        "How it ended, in the words of traces.",
+        Col("ended", lambda end: end.replace("_", " ")),
+    ]
+    total: Annotated[
+        float | None,
+        "Sum of all rewards; None if a call failed.",
+        Col("reward", compact, none="failed"),
+    ]
+    mean: Annotated[
+        float | None, "Reward per step; None if a call failed.", Col("per step", compact, none="")
+    ]
 
 
 @dataclass(frozen=True)
 class ParameterReport:
-    """The values of a parameter during the drive.
+    """The values of a parameter during the drive."""
 
-    Attributes:
-        name: Its name.
-        least: Least value, over all items of a list; None for an empty one.
-        greatest: Greatest value.
-        read: Whether its name appears in the function.
-    """
-
-    name: str
-    least: float | None
-    greatest: float | None
-    read: bool
+    name: Annotated[str, "Its name."]
+    least: Annotated[float | None, "Least value, over all items of a list; None for an empty one."]
+    greatest: Annotated[float | None, "Greatest value."]
+    read: Annotated[bool, "Whether its name appears in the function."]
 
 
 @dataclass(frozen=True)
 class TimeReport:
-    """The duration of calls, in microseconds.
+    """The duration of calls, in microseconds."""
 
-    Attributes:
-        median_us: Median of all calls.
-        mean_us: Mean of all calls.
-        worst_us: The longest call.
-        worst_place: Place of that call.
-        slower_percent: How much longer the simulation takes because of it.
-    """
+    median_us: Annotated[float, "Median of all calls."]
+    mean_us: Annotated[float, "Mean of all calls."]
+    worst_us: Annotated[float, "The longest call."]
+    worst_place: Annotated[str, "Place of that call."]
+    slower_percent: Annotated[float, "How much longer the simulation takes because of it."]
 
-    median_us: float
-    mean_us: float
-    worst_us: float
-    worst_place: str
-    slower_percent: float
+    def __str__(self) -> str:
+        median, worst = _duration(self.median_us), _duration(self.worst_us)
+        longer = f"driving takes {self.slower_percent:.1f} % longer"
+        return f"{median} per call, worst {worst}; {longer}"
 
 
 @dataclass(frozen=True)
 class OtherRace:
-    """Another worker's race.
+    """Another worker's race."""
 
-    Attributes:
-        world: The track.
-        race_type: The race.
-        reversed: Whether it is driven against the track's direction.
-        calls: Calls that were made.
-    """
+    world: Annotated[str, "The track."]
+    race_type: Annotated[str, "The race."]
+    reversed: Annotated[bool, "Whether it is driven against the track's direction."]
+    calls: Annotated[int, "Calls that were made."]
 
-    world: str
-    race_type: str
-    reversed: bool
-    calls: int
+    def __str__(self) -> str:
+        direction = ", reversed" if self.reversed else ""
+        return f"{self.world}, {self.race_type}{direction}, {counted(self.calls, 'call')}"
 
 
 @dataclass(frozen=True)
 class RewardReport:
-    """The result of a check, with numbers of the first worker's race.
+    """The result of a check, with numbers of the first worker's race."""
 
-    Attributes:
-        file: The file.
-        world: The track.
-        race_type: The race.
-        reversed: Whether it is driven against the track's direction.
-        calls: Calls that were made.
-        returns: Types that it returned.
-        least: Least reward.
-        mean: Their mean.
-        greatest: Greatest reward.
-        time: Duration of calls.
-        parameters: All parameters.
-        drivers: Rewards of each driver.
-        curve: The steady driver's reward at each step.
-        errors: Problems that end a training or do harm, in any race.
-        warnings: Problems that may surprise its author, in any race.
-        others: Races of other workers.
-    """
-
-    file: str
-    world: str
-    race_type: str
-    reversed: bool
-    calls: int
-    returns: list[str]
-    least: Extreme | None
-    mean: float | None
-    greatest: Extreme | None
-    time: TimeReport | None
-    parameters: list[ParameterReport]
-    drivers: list[DriverReport]
-    curve: list[float | None]
-    errors: list[Problem]
-    warnings: list[Problem]
-    others: list[OtherRace]
+    file: Annotated[str, "The file."]
+    world: Annotated[str, "The track."]
+    race_type: Annotated[str, "The race."]
+    reversed: Annotated[bool, "Whether it is driven against the track's direction."]
+    calls: Annotated[int, "Calls that were made."]
+    returns: Annotated[list[str], "Types that it returned."]
+    least: Annotated[Extreme | None, "Least reward."]
+    mean: Annotated[float | None, "Their mean."]
+    greatest: Annotated[Extreme | None, "Greatest reward."]
+    time: Annotated[TimeReport | None, "Duration of calls."]
+    parameters: Annotated[list[ParameterReport], "All parameters."]
+    drivers: Annotated[list[DriverReport], "Rewards of each driver."]
+    curve: Annotated[list[float | None], "The steady driver's reward at each step."]
+    errors: Annotated[list[Problem], "Problems that end a training or do harm, in any race."]
+    warnings: Annotated[list[Problem], "Problems that may surprise its author, in any race."]
+    others: Annotated[list[OtherRace], "Races of other workers."]
 
     @property
     def works(self) -> bool:
         """Whether a training can use it."""
         return not self.errors
+
+    def view(self) -> View:
+        reads = [parameter.name for parameter in self.parameters if parameter.read]
+        unread = len(self.parameters) - len(reads)
+        state = Styled("works", "bold green") if self.works else Styled("does not work", "bold red")
+        yield (bold(self.file), " ", state)
+        yield dim(f"on {OtherRace(self.world, self.race_type, self.reversed, self.calls)}")
+        yield from (dim(f"and on {other}") for other in self.others)
+        yield {
+            "returns": ", ".join(self.returns),
+            "least": self.least and str(self.least),
+            "mean": None if self.mean is None else compact(self.mean),
+            "greatest": self.greatest and str(self.greatest),
+            "time": self.time and str(self.time),
+            "reads": ", ".join(reads) if unread or not reads else f"all {len(reads)} parameters",
+        }
+        if any(driver.total is not None for driver in self.drivers):
+            yield from (BLANK, table(self.drivers))
+            yield Curve("steady lap ", [value for value in self.curve if value is not None])
+        error, warning = Styled("Error: ", "bold red"), Styled("Warning: ", "bold yellow")
+        kinds = [(error, item) for item in self.errors] + [
+            (warning, item) for item in self.warnings
+        ]
+        for title, problem in kinds:
+            yield from (BLANK, (title, problem.where, dim(f" ({problem.rule})")))
+            yield [problem.message, (dim("Try: "), problem.remedy)]
+
+
+def _duration(microseconds: float) -> str:
+    if microseconds < 1e3:
+        return f"{microseconds:.1f} \N{MICRO SIGN}s"
+    if microseconds < 1e6:
+        return f"{microseconds / 1e3:.1f} ms"
+    return f"{microseconds / 1e6:.1f} s"
 
 
 def check(settings: Settings, file: Path | None, directory: Path) -> RewardReport:

@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import refuse
 from drcli.base.files import refuse_replacing, rewrite
+from drcli.base.report import BLANK, Col, View, bold, compact, dim, table
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, TriedReward, position, scaled, try_rewards
 from drcli.rewards.pictures import draw_comparison
@@ -22,76 +24,76 @@ _ALIKE = 0.05
 
 @dataclass(frozen=True)
 class DriverComparison:
-    """The rewards of one driver.
+    """The rewards of one driver."""
 
-    Attributes:
-        name: The driver.
-        about: Its way of driving.
-        steps: Steps with a reward.
-        seconds: Simulated time.
-        first_total: Sum of the first function's rewards.
-        second_total: Sum of the second one's.
-        first_mean: Reward per step of the first one.
-        second_mean: Reward per step of the second one.
-    """
-
-    name: str
-    about: str
-    steps: int
-    seconds: float
-    first_total: float
-    second_total: float
-    first_mean: float
-    second_mean: float
+    name: Annotated[str, "The driver.", Col("driver")]
+    about: Annotated[str, "Its way of driving."]
+    steps: Annotated[int, "Steps with a reward.", Col("steps")]
+    seconds: Annotated[float, "Simulated time.", Col("time", "{:.1f} s")]
+    first_total: Annotated[float, "Sum of the first function's rewards.", Col("A per lap", compact)]
+    second_total: Annotated[float, "Sum of the second one's.", Col("B per lap", compact)]
+    first_mean: Annotated[float, "Reward per step of the first one.", Col("A per step", compact)]
+    second_mean: Annotated[float, "Reward per step of the second one.", Col("B per step", compact)]
 
 
 @dataclass(frozen=True)
 class PlaceComparison:
-    """A step with different rewards.
+    """A step with different rewards."""
 
-    Attributes:
-        place: The step, in words.
-        first: Reward of the first function.
-        second: Reward of the second one.
-        difference: Second minus first, each scaled to its range on the drive: -1 to 1.
-    """
-
-    place: str
-    first: float
-    second: float
-    difference: float
+    place: Annotated[str, "The step, in words."]
+    first: Annotated[float, "Reward of the first function."]
+    second: Annotated[float, "Reward of the second one."]
+    difference: Annotated[
+        float, "Second minus first, each scaled to its range on the drive: -1 to 1."
+    ]
 
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """Two functions on the same drive.
+    """Two functions on the same drive."""
 
-    Attributes:
-        first: File of the first function.
-        second: File of the second one.
-        world: The track.
-        race_type: The race.
-        correlation: Correlation of the rewards, -1 to 1; None if one is constant.
-        rank_correlation: Correlation of their ranks.
-        drivers: Rewards of each driver.
-        places: Where they differ most, each scaled to its range; empty if one is constant.
-        first_prefers_fast: Whether the first gives more for a fast lap than for a slow one; None if
-            a lap was not completed.
-        second_prefers_fast: The same for the second.
-        picture: File of the picture, if requested.
-    """
+    first: Annotated[str, "File of the first function."]
+    second: Annotated[str, "File of the second one."]
+    world: Annotated[str, "The track."]
+    race_type: Annotated[str, "The race."]
+    correlation: Annotated[
+        float | None, "Correlation of the rewards, -1 to 1; None if one is constant."
+    ]
+    rank_correlation: Annotated[float | None, "Correlation of their ranks."]
+    drivers: Annotated[list[DriverComparison], "Rewards of each driver."]
+    places: Annotated[
+        list[PlaceComparison],
+        "Where they differ most, each scaled to its range; empty if one is constant.",
+    ]
+    first_prefers_fast: Annotated[
+        bool | None,
+        "Whether the first gives more for a fast lap than for a slow one; None if a lap "
+        "was not completed.",
+    ]
+    second_prefers_fast: Annotated[bool | None, "The same for the second."]
+    picture: Annotated[str | None, "File of the picture, if requested."]
 
-    first: str
-    second: str
-    world: str
-    race_type: str
-    correlation: float | None
-    rank_correlation: float | None
-    drivers: list[DriverComparison]
-    places: list[PlaceComparison]
-    first_prefers_fast: bool | None
-    second_prefers_fast: bool | None
-    picture: str | None
+    def view(self) -> View:
+        correlation = "One of them pays the same everywhere, so there is no correlation."
+        if self.correlation is not None and self.rank_correlation is not None:
+            correlation = (
+                f"Correlation of all steps: {self.correlation:.2f}, of their ranks: "
+                f"{self.rank_correlation:.2f} (1: the same goals)."
+            )
+        yield from ((bold("A: "), self.first), (bold("B: "), self.second))
+        yield dim(f"on {self.world}, {self.race_type}")
+        yield from (BLANK, table(self.drivers), BLANK, correlation)
+        for name, prefers in (("A", self.first_prefers_fast), ("B", self.second_prefers_fast)):
+            lap = "a fast" if prefers else "a slow"
+            yield prefers is not None and f"{name} pays more for {lap} lap."
+        if self.places:
+            yield BLANK
+            yield "The steps at which they differ most, with both scaled to the same range:"
+            yield [
+                f"{place.place}: A {compact(place.first)}, B {compact(place.second)}"
+                for place in self.places
+            ]
+        yield self.picture and ("Picture: ", bold(self.picture))
 
 
 def compare(

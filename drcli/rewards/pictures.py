@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from drcli.base.errors import refuse
 from drcli.base.files import refuse_replacing, rewrite
 from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, LINES, png
+from drcli.base.report import View, bold, compact
 from drcli.config.settings import Settings
 from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array, scaled, try_rewards
 from drcli.rewards.scripted_drive import FAST, STEADY, Trip, drive
@@ -283,25 +284,25 @@ def _is_outside(track: Track, point: Floats) -> bool:
 
 @dataclass(frozen=True)
 class PlotReport:
-    """A picture that was drawn.
+    """A picture that was drawn."""
 
-    Attributes:
-        file: The reward function.
-        world: The track.
-        picture: File of the picture.
-        replaced: Whether it replaced an older file.
-        least: Least reward on the map.
-        greatest: Greatest reward on the map.
-        laps: The sum of the rewards of each driver, by name.
-    """
+    file: Annotated[str, "The reward function."]
+    world: Annotated[str, "The track."]
+    picture: Annotated[str, "File of the picture."]
+    replaced: Annotated[bool, "Whether it replaced an older file."]
+    least: Annotated[float, "Least reward on the map."]
+    greatest: Annotated[float, "Greatest reward on the map."]
+    laps: Annotated[dict[str, float], "The sum of the rewards of each driver, by name."]
 
-    file: str
-    world: str
-    picture: str
-    replaced: bool
-    least: float
-    greatest: float
-    laps: dict[str, float]
+    def view(self) -> View:
+        replaced = " (the old one was replaced)" if self.replaced else ""
+        laps = ", ".join(f"{name} {compact(total)}" for name, total in self.laps.items())
+        ends = f"{compact(self.least)} to {compact(self.greatest)}"
+        return [
+            ("Picture: ", bold(self.picture), replaced),
+            f"{self.file} on {self.world}: {ends} per step on the map.",
+            f"Sums: {laps}.",
+        ]
 
 
 def plot(

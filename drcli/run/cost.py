@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Annotated, Protocol
 
 from drcli.base.errors import DrError
 from drcli.base.json_record import RecordError
@@ -129,26 +129,19 @@ LEAST_HOURS = 0.1
 
 @dataclass(frozen=True)
 class RequestReport:
-    """Requests to S3 servers, and their bytes, of one start of a training.
+    """Requests to S3 servers, and their bytes, of one start of a training."""
 
-    Attributes:
-        puts: Requests that Amazon bills as PUT, COPY, POST or LIST.
-        gets: GET, HEAD and all others.
-        deletes: Requests that delete, which are free.
-        sent_bytes: In bodies of requests.
-        received_bytes: In bodies of answers.
-        hours: Time in which they were made.
-        night_usd: What the requests of ten hours cost at Amazon's list prices; null if the bucket
-            is not at Amazon, or the time is too short to tell.
-    """
-
-    puts: int
-    gets: int
-    deletes: int
-    sent_bytes: int
-    received_bytes: int
-    hours: float
-    night_usd: float | None
+    puts: Annotated[int, "Requests that Amazon bills as PUT, COPY, POST or LIST."]
+    gets: Annotated[int, "GET, HEAD and all others."]
+    deletes: Annotated[int, "Requests that delete, which are free."]
+    sent_bytes: Annotated[int, "In bodies of requests."]
+    received_bytes: Annotated[int, "In bodies of answers."]
+    hours: Annotated[float, "Time in which they were made."]
+    night_usd: Annotated[
+        float | None,
+        "What the requests of ten hours cost at Amazon's list prices; null if the "
+        "bucket is not at Amazon, or the time is too short to tell.",
+    ]
 
     def __str__(self) -> str:
         """Requests and bytes per hour, or until now, and what a night of them costs."""

@@ -7,15 +7,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from typing import Annotated
 
 from drcli.base.errors import DrError
 from drcli.base.json_record import JsonRecord, RecordError
 from drcli.base.processes import Stopped, started_s
+from drcli.base.report import Col, View, bold, counted, table
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
+from drcli.records.iteration import lap_time
 from drcli.records.run_record import EvaluationRecord
 from drcli.run.evaluation import run_evaluation, until_stopped
 from drcli.run.evaluation_plan import choose_checkpoint, claim_stamp, prepare_evaluation
@@ -73,25 +76,35 @@ class BestLaps(JsonRecord):
         return BestLaps(sorted([*self.laps, lap], key=lambda one: one.rank)[:MOST_ROWS])
 
 
+_COLUMNS = (
+    Col("track", of=lambda lap: lap.world, side="left"),
+    Col("best lap", of=lambda lap: lap_time(lap.best_lap_s, lap.penalty_s, 0), side="left"),
+    Col("resets", of=lambda lap: lap.resets, none="?"),
+    Col("best average", "{:.2f} s", of=lambda lap: lap.best_average_s, none=""),
+    Col("clean laps", of=lambda lap: f"{'?' if lap.clean is None else lap.clean}/{lap.trials}"),
+    Col("checkpoint", of=lambda lap: lap.checkpoint, side="left"),
+    Col("driven", of=lambda lap: lap.driven_at, side="left"),
+)
+
+
 @dataclass(frozen=True)
 class LoopReport:
-    """The result of `dr-evaluate --loop`.
+    """The result of `dr-evaluate --loop`."""
 
-    Attributes:
-        prefix: Model prefix.
-        world: The track.
-        rounds: Evaluations that were completed.
-        failures: Rounds that failed.
-        best: The table of best laps, earlier loops included.
-        table: Its key in the bucket.
-    """
+    prefix: Annotated[str, "Model prefix."]
+    world: Annotated[str, "The track."]
+    rounds: Annotated[int, "Evaluations that were completed."]
+    failures: Annotated[int, "Rounds that failed."]
+    best: Annotated[list[BestLap], "The table of best laps, earlier loops included."]
+    table: Annotated[str, "Its key in the bucket."]
 
-    prefix: str
-    world: str
-    rounds: int
-    failures: int
-    best: list[BestLap]
-    table: str
+    def view(self) -> View:
+        failed = f", {self.failures} failed" if self.failures else ""
+        rounds = f"{counted(self.rounds, 'round')}{failed}"
+        return [
+            table(self.best, *_COLUMNS) if self.best else "No lap was completed.",
+            bold(f"{rounds} of {self.prefix} on {self.world}."),
+        ]
 
 
 def run_loop(

@@ -1,11 +1,15 @@
 """What `dr-evaluate` reports."""
 
+import math
 import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Annotated
 
 from drcli.base.json_record import RecordError, parse_json
+from drcli.base.report import Col, Rows, View, bold, table
 from drcli.bucket.bucket import (
     Bucket,
     ObjectDamaged,
@@ -20,7 +24,14 @@ from drcli.model.model_store import ModelStore
 from drcli.model.training_records import at_once
 from drcli.records.episode_metrics import TrialMetrics
 from drcli.records.evaluation_task import RaceRecording
-from drcli.records.iteration import Laps, is_clean_lap, lap_time, laps_summary, paired_p
+from drcli.records.iteration import (
+    Laps,
+    counted_resets,
+    is_clean_lap,
+    lap_time,
+    laps_summary,
+    paired_p,
+)
 from drcli.records.trace import STATUS_LABELS, STEP_S
 from drcli.tracks.limit_store import StoredLimit
 from drcli.tracks.track_limit import limit_text
@@ -30,43 +41,42 @@ COMPLETE = STATUS_LABELS["lap_complete"]
 
 @dataclass(frozen=True)
 class TrialReport:
-    """One evaluation lap or trial.
+    """One evaluation lap or trial."""
 
-    Attributes:
-        trial: Counted from 1.
-        progress: Percent of the lap.
-        lap_s: Simulated seconds, penalties included.
-        status: "Lap complete", "Off track", ...
-        off_track: How often the car left the track.
-        crashes: How often it crashed.
-        resets: How often it was put back on the track.
-        penalty_s: Penalties in the lap time; None if nobody recorded them.
-        start_position: Where on the lap it began, as a fraction of it; None if unknown.
-        start_offset_m: How far to the left of the centre line it began; None if unknown.
-        start_angle_deg: How far the car was turned to the left; None if unknown.
-        end_waypoint: Waypoint closest to its end; None if unknown.
-        immobilized: How often the car stood still for too long.
-        reversed: How often it drove in the wrong direction.
-        clean: Whether the lap was completed without violation, reset and penalty.
-        time_text: Such as "7.80 s" or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset".
-    """
-
-    trial: int
-    progress: float
-    lap_s: float
-    status: str
-    off_track: int
-    crashes: int
-    resets: int
-    penalty_s: float | None = None
-    start_position: float | None = None
-    start_offset_m: float | None = None
-    start_angle_deg: float | None = None
-    end_waypoint: int | None = None
-    immobilized: int = 0
-    reversed: int = 0
-    clean: bool = field(init=False)
-    time_text: str = field(init=False)
+    trial: Annotated[int, "Counted from 1.", Col("trial")]
+    progress: Annotated[float, "Percent of the lap.", Col("progress", "{:.0f} %")]
+    lap_s: Annotated[float, "Simulated seconds, penalties included.", Col("lap time", "{:.2f} s")]
+    status: Annotated[
+        str,
+        '"Lap complete", "Off track", ...',
+        Col("ended", of=lambda trial: trial.ended(), side="left"),
+    ]
+    off_track: Annotated[int, "How often the car left the track.", Col("off track")]
+    crashes: Annotated[int, "How often it crashed.", Col("crashes", lambda count: str(count or ""))]
+    resets: Annotated[int, "How often it was put back on the track.", Col("resets")]
+    penalty_s: Annotated[
+        float | None,
+        "Penalties in the lap time; None if nobody recorded them.",
+        Col("penalty", lambda s: f"{s:.2f} s" if s else "", none=""),
+    ] = None
+    start_position: Annotated[
+        float | None, "Where on the lap it began, as a fraction of it; None if unknown."
+    ] = None
+    start_offset_m: Annotated[
+        float | None, "How far to the left of the centre line it began; None if unknown."
+    ] = None
+    start_angle_deg: Annotated[
+        float | None, "How far the car was turned to the left; None if unknown."
+    ] = None
+    end_waypoint: Annotated[int | None, "Waypoint closest to its end; None if unknown."] = None
+    immobilized: Annotated[int, "How often the car stood still for too long."] = 0
+    reversed: Annotated[int, "How often it drove in the wrong direction."] = 0
+    clean: Annotated[
+        bool, "Whether the lap was completed without violation, reset and penalty."
+    ] = field(init=False)
+    time_text: Annotated[
+        str, 'Such as "7.80 s" or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset".'
+    ] = field(init=False)
 
     def __post_init__(self) -> None:
         """Decide whether the lap is clean, and put its time into words."""
@@ -81,45 +91,45 @@ class TrialReport:
         """Whether the lap was completed, with or without resets, as the reference counts it."""
         return self.status == COMPLETE
 
+    def ended(self) -> str:
+        if not self.finished:
+            return self.status
+        return "clean lap" if self.clean else "finished"
+
 
 @dataclass(frozen=True)
 class EvaluationReport:
-    """The result of `dr-evaluate`.
+    """The result of `dr-evaluate`."""
 
-    Attributes:
-        prefix: Model prefix in the bucket.
-        world: The track.
-        checkpoint: Name of the checkpoint or file that drove.
-        trials: All trials, in order.
-        simtrace: Key of the trace in the bucket.
-        metrics: Key of the metrics in the bucket.
-        runtime: What ran the policy: torch, pb, onnx, openvino or tflite.
-        file: The file that drove; None for a checkpoint of the model.
-        sha256: Of that file.
-        opponent: The report of the other model in a HEAD_TO_MODEL race.
-        average_laps: Number of consecutive laps of which `best_average_s` is the mean.
-        notes: What was driven otherwise than the settings ask, and why.
-        videos: Keys of its videos in the bucket; empty without DR_EVAL_SAVE_MP4.
-        limit: How far its best clean lap is from the limit of the car on the track; empty if there
-            is no such lap, or no limit is known.
-        lost: Where that lap loses most time, the worst place first.
-    """
-
-    prefix: str
-    world: str
-    checkpoint: str
-    trials: list[TrialReport]
-    simtrace: str
-    metrics: str
-    runtime: str = "torch"
-    file: str | None = None
-    sha256: str | None = None
-    opponent: "EvaluationReport | None" = None
-    average_laps: int = 3
-    notes: list[str] = field(default_factory=list)
-    videos: list[str] = field(default_factory=list)
-    limit: str = ""
-    lost: list[str] = field(default_factory=list)
+    prefix: Annotated[str, "Model prefix in the bucket."]
+    world: Annotated[str, "The track."]
+    checkpoint: Annotated[str, "Name of the checkpoint or file that drove."]
+    trials: Annotated[list[TrialReport], "All trials, in order."]
+    simtrace: Annotated[str, "Key of the trace in the bucket."]
+    metrics: Annotated[str, "Key of the metrics in the bucket."]
+    runtime: Annotated[str, "What ran the policy: torch, pb, onnx, openvino or tflite."] = "torch"
+    file: Annotated[str | None, "The file that drove; None for a checkpoint of the model."] = None
+    sha256: Annotated[str | None, "Of that file."] = None
+    opponent: Annotated[
+        "EvaluationReport | None", "The report of the other model in a HEAD_TO_MODEL race."
+    ] = None
+    average_laps: Annotated[
+        int, "Number of consecutive laps of which `best_average_s` is the mean."
+    ] = 3
+    notes: Annotated[list[str], "What was driven otherwise than the settings ask, and why."] = (
+        field(default_factory=list)
+    )
+    videos: Annotated[
+        list[str], "Keys of its videos in the bucket; empty without DR_EVAL_SAVE_MP4."
+    ] = field(default_factory=list)
+    limit: Annotated[
+        str,
+        "How far its best clean lap is from the limit of the car on the track; empty if "
+        "there is no such lap, or no limit is known.",
+    ] = ""
+    lost: Annotated[list[str], "Where that lap loses most time, the worst place first."] = field(
+        default_factory=list
+    )
 
     @property
     def clean(self) -> int:
@@ -160,6 +170,62 @@ class EvaluationReport:
         None if there are not that many in a row.
         """
         return best_average_s(self.trials, self.average_laps)
+
+    def name(self) -> str:
+        return self.prefix if self.file is None else self.checkpoint
+
+    def sentence(self) -> str:
+        words = summary(self.trials)
+        run = best_average(self.trials, self.average_laps)
+        if run and self.average_laps > 1:
+            words += f", best average of {self.average_laps} laps {self.best_average_s:.2f} s"
+            resets = sum(trial.resets for trial in run)
+            words += f" with {counted_resets(resets)}" if resets else ""
+        driver = self.checkpoint
+        if self.file is None:
+            driver = f"checkpoint {driver} of {self.prefix}"
+        engine = "" if self.runtime == "torch" else f" with --runtime {self.runtime}"
+        return f"{words}; {driver}{engine} on {self.world}."
+
+    def winner(self, other: "EvaluationReport") -> str:
+        """More finished laps win, then less time."""
+        if self.completed != other.completed:
+            first = self if self.completed > other.completed else other
+            return f"{first.name()} wins with more finished laps."
+        if self.total_s is None or other.total_s is None or self.total_s == other.total_s:
+            return "Nobody wins."
+        first, second = (self, other) if self.total_s < other.total_s else (other, self)
+        ahead_s = abs(self.total_s - other.total_s)
+        return f"{first.name()} wins, {ahead_s:.2f} s ahead of {second.name()}."
+
+    def view(self) -> View:
+        driven = Col(
+            "driven",
+            of=lambda each: f"{each.lap_s - each.penalty_s:.2f} s" if each.penalty_s else "",
+        )
+        order = (
+            "trial",
+            "progress",
+            "lap_s",
+            driven,
+            "penalty_s",
+            "status",
+            "off_track",
+            "crashes",
+            "resets",
+        )
+        other = self.opponent
+        cars = [self] if other is None else [self, other]
+        for each in cars:
+            yield other and bold(each.name())
+            yield table(each.trials, *order)
+        yield from (bold(each.sentence()) for each in cars)
+        if other is not None:
+            yield bold(self.winner(other))
+        else:
+            yield self.limit and f"{self.limit}."
+            yield self.lost and f"Most time is lost at {'; '.join(self.lost)}."
+        yield from (f"Video: {key}" for each in cars for key in each.videos[-1:])
 
 
 def laps_of(trials: Sequence[TrialReport]) -> Laps:
@@ -235,102 +301,162 @@ APART_PERCENT = 4.0
 
 @dataclass(frozen=True)
 class EndPlace:
-    """Where some laps ended that were not completed.
+    """Where some laps ended that were not completed."""
 
-    Attributes:
-        laps: How many ended there.
-        first_waypoint: Closest to the first of them in driving order.
-        last_waypoint: Closest to the last of them.
-        from_percent: Where the first of them ended, in percent of the lap from waypoint 0 on.
-        to_percent: Where the last of them ended.
-        statuses: How often each status ended them: "Off track", "Crashed", ...
-    """
+    laps: Annotated[int, "How many ended there.", Col("laps")]
+    first_waypoint: Annotated[
+        int,
+        "Closest to the first of them in driving order.",
+        Col(
+            "ended near",
+            of=lambda each: _span("waypoint", each.first_waypoint, each.last_waypoint),
+            side="left",
+        ),
+    ]
+    last_waypoint: Annotated[int, "Closest to the last of them."]
+    from_percent: Annotated[
+        float,
+        "Where the first of them ended, in percent of the lap from waypoint 0 on.",
+        Col(
+            "of the lap",
+            of=lambda each: _span("", round(each.from_percent), round(each.to_percent)) + " %",
+            side="left",
+        ),
+    ]
+    to_percent: Annotated[float, "Where the last of them ended."]
+    statuses: Annotated[
+        dict[str, int],
+        'How often each status ended them: "Off track", "Crashed", ...',
+        Col("how", of=lambda each: each.how(), side="left"),
+    ]
 
-    laps: int
-    first_waypoint: int
-    last_waypoint: int
-    from_percent: float
-    to_percent: float
-    statuses: dict[str, int]
+    def how(self) -> str:
+        if len(self.statuses) == 1:
+            return next(iter(self.statuses)).lower()
+        return ", ".join(f"{count} {status.lower()}" for status, count in self.statuses.items())
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Whether two checkpoints that drove from the same starts differ by more than chance.
+    """Whether two checkpoints that drove from the same starts differ by more than chance."""
 
-    Attributes:
-        clean_only_first: Starts from which only the first drove a clean lap.
-        clean_only_second: Starts from which only the second did.
-        clean_p: McNemar's exact test of the clean shares, two-sided.
-        both_clean: Starts from which both drove a clean lap.
-        faster_s: By how much the first was faster there, on average; None without such a start.
-        time_p: Exact permutation test of these pairs of lap times, two-sided; None likewise.
-        verdict: What it means, in words.
-    """
-
-    clean_only_first: int
-    clean_only_second: int
-    clean_p: float
-    both_clean: int
-    faster_s: float | None
-    time_p: float | None
-    verdict: str
+    clean_only_first: Annotated[int, "Starts from which only the first drove a clean lap."]
+    clean_only_second: Annotated[int, "Starts from which only the second did."]
+    clean_p: Annotated[float, "McNemar's exact test of the clean shares, two-sided."]
+    both_clean: Annotated[int, "Starts from which both drove a clean lap."]
+    faster_s: Annotated[
+        float | None,
+        "By how much the first was faster there, on average; None without such a start.",
+    ]
+    time_p: Annotated[
+        float | None,
+        "Exact permutation test of these pairs of lap times, two-sided; None likewise.",
+    ]
+    verdict: Annotated[str, "What it means, in words."]
 
 
 @dataclass(frozen=True)
 class LapsReport:
-    """The result of `dr-evaluate --laps`: laps from fresh starts, each to its first violation.
+    """The result of `dr-evaluate --laps`: laps from fresh starts, each to its first violation."""
 
-    Attributes:
-        prefix: Model prefix in the bucket.
-        world: The track.
-        checkpoint: Name of the checkpoint or file that drove.
-        seed: Of the starts; equal seeds give equal starts.
-        driven: Number of laps.
-        clean: Number of clean laps.
-        clean_share: Share of clean laps, 0 to 1.
-        clean_interval: Between which shares the true one is, with a confidence of 95 %.
-        fastest_s: Time of the fastest clean lap; None without a clean lap, as the next ones.
-        median_s: Median time of the clean laps.
-        p90_s: The time that nine of ten clean laps do not exceed.
-        slowest_s: Time of the slowest clean lap.
-        ends: Where the other laps ended, the most frequent place first.
-        laps: All laps, in the order of their starts along the track.
-        simtrace: Key of the trace in the bucket.
-        metrics: Key of the metrics in the bucket.
-        runtime: What ran the policy: torch, pb, onnx, openvino or tflite.
-        file: The file that drove; None for a checkpoint of the model.
-        against: The other checkpoint, which drove from the same starts.
-        comparison: What the two say together.
-        limit: How far its fastest lap is from the limit of the car on the track; empty if unknown.
-    """
-
-    prefix: str
-    world: str
-    checkpoint: str
-    seed: int
-    driven: int
-    clean: int
-    clean_share: float
-    clean_interval: tuple[float, float]
-    fastest_s: float | None
-    median_s: float | None
-    p90_s: float | None
-    slowest_s: float | None
-    ends: list[EndPlace]
-    laps: list[TrialReport]
-    simtrace: str
-    metrics: str
-    runtime: str = "torch"
-    file: str | None = None
-    against: "LapsReport | None" = None
-    comparison: Comparison | None = None
-    limit: str = ""
+    prefix: Annotated[str, "Model prefix in the bucket."]
+    world: Annotated[str, "The track."]
+    checkpoint: Annotated[str, "Name of the checkpoint or file that drove."]
+    seed: Annotated[int, "Of the starts; equal seeds give equal starts."]
+    driven: Annotated[int, "Number of laps."]
+    clean: Annotated[int, "Number of clean laps."]
+    clean_share: Annotated[float, "Share of clean laps, 0 to 1."]
+    clean_interval: Annotated[
+        tuple[float, float], "Between which shares the true one is, with a confidence of 95 %."
+    ]
+    fastest_s: Annotated[
+        float | None, "Time of the fastest clean lap; None without a clean lap, as the next ones."
+    ]
+    median_s: Annotated[float | None, "Median time of the clean laps."]
+    p90_s: Annotated[float | None, "The time that nine of ten clean laps do not exceed."]
+    slowest_s: Annotated[float | None, "Time of the slowest clean lap."]
+    ends: Annotated[list[EndPlace], "Where the other laps ended, the most frequent place first."]
+    laps: Annotated[list[TrialReport], "All laps, in the order of their starts along the track."]
+    simtrace: Annotated[str, "Key of the trace in the bucket."]
+    metrics: Annotated[str, "Key of the metrics in the bucket."]
+    runtime: Annotated[str, "What ran the policy: torch, pb, onnx, openvino or tflite."] = "torch"
+    file: Annotated[str | None, "The file that drove; None for a checkpoint of the model."] = None
+    against: Annotated[
+        "LapsReport | None", "The other checkpoint, which drove from the same starts."
+    ] = None
+    comparison: Annotated[Comparison | None, "What the two say together."] = None
+    limit: Annotated[
+        str, "How far its fastest lap is from the limit of the car on the track; empty if unknown."
+    ] = ""
 
     @property
     def name(self) -> str:
         """What messages call what drove: a checkpoint of a model, or a file."""
         return self.checkpoint if self.file is not None else f"{self.checkpoint} of {self.prefix}"
+
+    def sentence(self) -> str:
+        low, high = (round(100.0 * share) for share in self.clean_interval)
+        laps = "lap" if self.driven == 1 else "laps"
+        words = (
+            f"{self.clean} of {self.driven} {laps} clean ({low} to {high} % with 95 % confidence)"
+        )
+        if self.clean == 1:
+            words += f", {self.fastest_s:.2f} s"
+        elif self.clean:
+            words += (
+                f", median {self.median_s:.2f} s, 90 % within {self.p90_s:.2f} s, "
+                f"slowest {self.slowest_s:.2f} s, best {self.fastest_s:.2f} s"
+            )
+        driver = self.name if self.file is not None else f"checkpoint {self.name}"
+        engine = "" if self.runtime == "torch" else f" with --runtime {self.runtime}"
+        return f"{words}; {driver}{engine} on {self.world}, seed {self.seed}."
+
+    def view(self) -> View:
+        both = [self] if self.against is None else [self, self.against]
+        edges = _edges([lap.lap_s for each in both for lap in each.laps if lap.clean])
+        order = ("first_waypoint", "from_percent", "laps", "statuses")
+        for each in both:
+            yield len(both) > 1 and bold(each.name)
+            yield _histogram(each, edges)
+            yield table(each.ends, *order)
+        yield from (bold(each.sentence()) for each in both)
+        yield from (each.limit and f"The best lap, {each.limit}." for each in both)
+        yield self.comparison and bold(self.comparison.verdict)
+
+
+_MOST_BARS = 12
+_BAR = 16
+_WIDTHS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+
+
+def _edges(times_s: Sequence[float]) -> list[float]:
+    if not times_s:
+        return []
+    low, high = min(times_s), max(times_s)
+    width = next((w for w in _WIDTHS_S if high - low < (_MOST_BARS - 1) * w), _WIDTHS_S[-1])
+    first, last = math.floor(low / width + 1e-9), math.floor(high / width + 1e-9)
+    return [place * width for place in range(first, last + 2)]
+
+
+def _histogram(report: LapsReport, edges: Sequence[float]) -> Rows:
+    times_s = [lap.lap_s for lap in report.laps if lap.clean]
+    counts = [
+        (f"{low:.1f} to {high:.1f} s", sum(low <= time_s + 1e-9 < high for time_s in times_s))
+        for low, high in pairwise(edges)
+    ]
+    counts += Counter(lap.status.lower() for lap in report.laps if not lap.clean).most_common()
+    most = max(count for _, count in counts)
+    cells = [
+        (name, str(count), "\u2588" * math.ceil(_BAR * count / most)) for name, count in counts
+    ]
+    return Rows(("lap time", "laps", ""), cells, left=("lap time", ""))
+
+
+def _span(word: str, first: int, last: int) -> str:
+    """Such as "waypoint 7" or "waypoints 7 to 9"."""
+    if first == last:
+        return f"{word} {first}".strip()
+    return f"{word and f'{word}s'} {first} to {last}".strip()
 
 
 def laps_report(

@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base import errors
 from drcli.base.errors import ProblemsError, SettingsError, closest, refuse, shown
@@ -226,29 +226,26 @@ PRETRAINED_PREFIX = "DR_LOCAL_S3_PRETRAINED_PREFIX"
 
 @dataclass(frozen=True)
 class Increment:
-    """The change from one model to the next.
+    """The change from one model to the next."""
 
-    Attributes:
-        file: The run.env that is edited.
-        backup: Copy of the file from before the change.
-        bucket: Name of the bucket.
-        before: Prefix of the model to continue from.
-        after: Prefix of the new model.
-        pretrained: The current state of the weights that the new model will start with.
-        wipes: Whether there are objects under the new prefix, which will be deleted.
-        settings: What else changes in the file, by DR_ name.
-        files: Paths of the racer's own files that change; each old one is kept as NAME.bak.
-    """
+    file: Annotated[str, "The run.env that is edited."]
+    backup: Annotated[str, "Copy of the file from before the change."]
+    bucket: Annotated[str, "Name of the bucket."]
+    before: Annotated[str, "Prefix of the model to continue from."]
+    after: Annotated[str, "Prefix of the new model."]
+    pretrained: Annotated[
+        Pretrained, "The current state of the weights that the new model will start with."
+    ]
+    wipes: Annotated[bool, "Whether there are objects under the new prefix, which will be deleted."]
+    settings: Annotated[dict[str, str], "What else changes in the file, by DR_ name."] = field(
+        default_factory=dict
+    )
+    files: Annotated[
+        list[str], "Paths of the racer's own files that change; each old one is kept as NAME.bak."
+    ] = field(default_factory=list)
 
-    file: str
-    backup: str
-    bucket: str
-    before: str
-    after: str
-    pretrained: Pretrained
-    wipes: bool
-    settings: dict[str, str] = field(default_factory=dict)
-    files: list[str] = field(default_factory=list)
+    def __str__(self) -> str:
+        return f"{self.after} starts with the weights of {self.pretrained.source()}."
 
 
 @dataclass(frozen=True)

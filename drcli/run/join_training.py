@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import FrameType
+from typing import Annotated
 
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import RecordError, from_json
@@ -45,19 +46,12 @@ OUTAGE_S = 900.0
 
 @dataclass(frozen=True)
 class JoinReport:
-    """How it ended.
+    """How it ended."""
 
-    Attributes:
-        model: As s3://bucket/prefix.
-        message: Why this machine drives no longer.
-        code: Exit code.
-        took_over: Whether it went on with the training itself.
-    """
-
-    model: str
-    message: str
-    code: int
-    took_over: bool = False
+    model: Annotated[str, "As s3://bucket/prefix."]
+    message: Annotated[str, "Why this machine drives no longer."]
+    code: Annotated[int, "Exit code."]
+    took_over: Annotated[bool, "Whether it went on with the training itself."] = False
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,12 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
+from drcli.base.report import Log, Styled, View, bold, dim, printable, utc_second
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.bucket.connect import open_running_bucket
 from drcli.config.fields import hidden
@@ -121,39 +122,50 @@ def _without_secrets(text: str) -> str:
 # Reads the journal of a model: the events of all its starts, in order.
 
 
+_STYLES = {
+    "start": "bold cyan",
+    "notice": "bold yellow",
+    "fault": "red",
+    "recovery": "green",
+    "stage": "cyan",
+    "end": "bold",
+}
+
+
 @dataclass(frozen=True)
 class JournalEvent:
-    """One event.
+    """One event."""
 
-    Attributes:
-        session: Unique name of the start that it belongs to.
-        at: Unix seconds by the clock of its machine.
-        kind: start, notice, fault, recovery, stage, upload, message or end; note for one of the
-            racer.
-        text: A sentence.
-        facts: For programs.
-    """
+    session: Annotated[str, "Unique name of the start that it belongs to."]
+    at: Annotated[float, "Unix seconds by the clock of its machine."]
+    kind: Annotated[
+        str,
+        "start, notice, fault, recovery, stage, upload, message or end; note for one of the racer.",
+    ]
+    text: Annotated[str, "A sentence."]
+    facts: Annotated[Mapping[str, Any], "For programs."] = field(default_factory=dict)
 
-    session: str
-    at: float
-    kind: str
-    text: str
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    def pieces(self) -> tuple[str, ...]:
+        kind = Styled(self.kind, _STYLES.get(self.kind, ""))
+        return dim(utc_second(self.at)), kind, printable(self.text)
 
 
 @dataclass(frozen=True)
 class JournalReport:
-    """The result of `dr-journal`.
+    """The result of `dr-journal`."""
 
-    Attributes:
-        model: As s3://bucket/prefix.
-        events: Of all starts: one start after the other, each in its order.
-        damaged: A sentence for each object with lines that cannot be read.
-    """
+    model: Annotated[str, "As s3://bucket/prefix."]
+    events: Annotated[
+        list[JournalEvent], "Of all starts: one start after the other, each in its order."
+    ] = field(default_factory=list)
+    damaged: Annotated[list[str], "A sentence for each object with lines that cannot be read."] = (
+        field(default_factory=list)
+    )
 
-    model: str
-    events: list[JournalEvent] = field(default_factory=list)
-    damaged: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        if not self.events:
+            return [f"{self.model} has no journal: it was never trained, or by an old version."]
+        return [bold(self.model), Log([each.pieces() for each in self.events])]
 
 
 def journal_of(settings: Settings, prefix: str | None) -> JournalReport:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base.early_process import ChildProcess
 from drcli.base.errors import BadValue, DrError, Place, ProblemsError, SettingsError
@@ -18,6 +19,7 @@ from drcli.base.files import load_record
 from drcli.base.installation import installation_error
 from drcli.base.json_record import JsonRecord
 from drcli.base.processes import started_s
+from drcli.base.report import Col, View, bold, table
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
@@ -298,41 +300,61 @@ class TableRow(JsonRecord):
 
 @dataclass(frozen=True)
 class BestStart:
-    """The best model on a track.
+    """The best model on a track."""
 
-    Attributes:
-        world: The track.
-        prefix: Model prefix.
-        checkpoint: Name of the checkpoint that drove.
-        command: Trains a new model on this track from it.
-    """
+    world: Annotated[str, "The track."]
+    prefix: Annotated[str, "Model prefix."]
+    checkpoint: Annotated[str, "Name of the checkpoint that drove."]
+    command: Annotated[str, "Trains a new model on this track from it."]
 
-    world: str
-    prefix: str
-    checkpoint: str
-    command: str
+
+_COLUMNS = (
+    Col("track", of=lambda row: row.world, side="left"),
+    Col("model", of=lambda row: row.prefix, side="left"),
+    Col("checkpoint", of=lambda row: row.checkpoint, side="left"),
+    Col("clean laps", of=lambda row: f"{row.clean}/{row.trials}"),
+    Col("resets", of=lambda row: row.resets),
+    Col("progress", "{:.0f} %", of=lambda row: row.progress),
+    Col("median", "{:.2f} s", of=lambda row: row.median_s, none=""),
+    Col("best lap", "{:.2f} s", of=lambda row: row.best_lap_s, none=""),
+    Col("best average", "{:.2f} s", of=lambda row: row.best_average_s, none=""),
+    Col("robust score", "{:.1f}", of=lambda row: row.robust_score, none=""),
+)
 
 
 @dataclass(frozen=True)
 class TableReport:
-    """The result of many evaluations.
+    """The result of many evaluations."""
 
-    Attributes:
-        rows: Track by track, the best model first; models that cannot drive last.
-        best: For each track with a model that got somewhere, how to train on from the best there.
-        table: Key of this table in the bucket.
-        robust: The grids, if these were driven, in the order of the rows.
-        notes: What was driven otherwise than the settings ask, and why.
-        laps: The laps from fresh starts, if these were driven, in the order of the rows; a single
-            report, which has the other one in it, if two are compared.
-    """
+    rows: Annotated[
+        list[TableRow], "Track by track, the best model first; models that cannot drive last."
+    ]
+    best: Annotated[
+        list[BestStart],
+        "For each track with a model that got somewhere, how to train on from the best there.",
+    ]
+    table: Annotated[str, "Key of this table in the bucket."]
+    robust: Annotated[
+        list[RobustResult], "The grids, if these were driven, in the order of the rows."
+    ] = field(default_factory=list)
+    notes: Annotated[list[str], "What was driven otherwise than the settings ask, and why."] = (
+        field(default_factory=list)
+    )
+    laps: Annotated[
+        list[LapsReport],
+        "The laps from fresh starts, if these were driven, in the order of the rows; a "
+        "single report, which has the other one in it, if two are compared.",
+    ] = field(default_factory=list)
 
-    rows: list[TableRow]
-    best: list[BestStart]
-    table: str
-    robust: list[RobustResult] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    laps: list[LapsReport] = field(default_factory=list)
+    def view(self) -> View:
+        driven = [row for row in self.rows if not row.reason]
+        failed = [row for row in self.rows if row.reason]
+        yield table(driven, *_COLUMNS)
+        reason = Col("not evaluated", of=lambda row: row.reason, side="left")
+        yield table(failed, *_COLUMNS[:2], reason)
+        for best in self.best:
+            yield f"Best on {best.world}: {best.prefix}. Train on from it there with:"
+            yield [bold(best.command)]
 
 
 def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: None) -> TableReport:

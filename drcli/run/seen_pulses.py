@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import psutil
 
@@ -103,21 +104,17 @@ SILENT_S = 10.0
 
 @dataclass(frozen=True)
 class WorkerHealth:
-    """How a worker is.
+    """How a worker is."""
 
-    Attributes:
-        steps: Finished steps of driving (all cars at once) or of learning since its start.
-        progress_age_s: How long ago the last of them was finished; null before the first.
-        pulse_age_s: How long ago it wrote its pulse; it does so every two seconds.
-        memory_mb: Memory of its process (resident set), in millions of bytes.
-        open_files: Number of its open files; 0 if unknown.
-    """
-
-    steps: int
-    progress_age_s: float | None
-    pulse_age_s: float
-    memory_mb: float
-    open_files: int
+    steps: Annotated[
+        int, "Finished steps of driving (all cars at once) or of learning since its start."
+    ]
+    progress_age_s: Annotated[
+        float | None, "How long ago the last of them was finished; null before the first."
+    ]
+    pulse_age_s: Annotated[float, "How long ago it wrote its pulse; it does so every two seconds."]
+    memory_mb: Annotated[float, "Memory of its process (resident set), in millions of bytes."]
+    open_files: Annotated[int, "Number of its open files; 0 if unknown."]
 
     @staticmethod
     def of(folder: Path, name: str, pid: int | None) -> "WorkerHealth | None":

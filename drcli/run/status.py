@@ -4,10 +4,12 @@ import socket
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
 from drcli.base.processes import exists
+from drcli.base.report import Styled, View, abridged, clock, counted
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record, remedy_of
 from drcli.bucket.connect import open_running_bucket
 from drcli.bucket.request_count import read_counts
@@ -57,29 +59,21 @@ from drcli.tracks.track_limit import limit_of_race, limit_text
 
 @dataclass(frozen=True)
 class PhaseReport:
-    """A phase of a training with a teacher.
+    """A phase of a training with a teacher."""
 
-    Attributes:
-        name: teacher, distillation or ppo.
-        number: Its place among the phases, from 1.
-        count: How many phases there are.
-        iterations: Of the phase, until now.
-        laps: Training episodes of its newest iteration that completed a lap.
-        episodes: All training episodes of that iteration.
-        best_lap_s: The fastest of these laps, simulated seconds; None without one.
-        imitation_loss: How far the student is from its teacher; None where it is not taught.
-        text: The same in words.
-    """
-
-    name: Phase
-    number: int
-    count: int
-    iterations: int
-    laps: int
-    episodes: int
-    best_lap_s: float | None
-    imitation_loss: float | None
-    text: str
+    name: Annotated[Phase, "teacher, distillation or ppo."]
+    number: Annotated[int, "Its place among the phases, from 1."]
+    count: Annotated[int, "How many phases there are."]
+    iterations: Annotated[int, "Of the phase, until now."]
+    laps: Annotated[int, "Training episodes of its newest iteration that completed a lap."]
+    episodes: Annotated[int, "All training episodes of that iteration."]
+    best_lap_s: Annotated[
+        float | None, "The fastest of these laps, simulated seconds; None without one."
+    ]
+    imitation_loss: Annotated[
+        float | None, "How far the student is from its teacher; None where it is not taught."
+    ]
+    text: Annotated[str, "The same in words."]
 
     @staticmethod
     def of(mark: PhaseMark | None, history: Sequence[IterationRecord]) -> "PhaseReport | None":
@@ -113,67 +107,59 @@ _NOT_RUNNING = "The local S3 server does not run."
 
 @dataclass(frozen=True)
 class WorkerReport:
-    """One worker process.
+    """One worker process."""
 
-    Attributes:
-        name: "trainer", "sim-0", "sim-1", ...
-        pid: Its process; None before it started.
-        alive: Whether that process runs.
-        restarts: How often the supervisor has restarted it.
-        activity: What it does or waits for, in a few words.
-        log: Path of its log file on this machine.
-        health: Its progress and memory; null if it does not run.
-        host: Machine on which it works; empty for this one.
-    """
+    name: Annotated[str, '"trainer", "sim-0", "sim-1", ...']
+    pid: Annotated[int | None, "Its process; None before it started."]
+    alive: Annotated[bool, "Whether that process runs."]
+    restarts: Annotated[int, "How often the supervisor has restarted it."]
+    activity: Annotated[str, "What it does or waits for, in a few words."]
+    log: Annotated[str, "Path of its log file on this machine."]
+    health: Annotated[WorkerHealth | None, "Its progress and memory; null if it does not run."] = (
+        None
+    )
+    host: Annotated[str, "Machine on which it works; empty for this one."] = ""
 
-    name: str
-    pid: int | None
-    alive: bool
-    restarts: int
-    activity: str
-    log: str
-    health: WorkerHealth | None = None
-    host: str = ""
+    def line(self, *, ending: bool) -> str:
+        if self.pid is None:
+            return f"{self.name}: not started, or left out"
+        gone = "ended" if ending else "DEAD"
+        state = f"{'alive' if self.alive else gone}, process {self.pid}"
+        state += f", restarted {self.restarts} x" if self.restarts else ""
+        health = f" ({self.health.words(self.name)})" if self.health and self.alive else ""
+        host = f" on {self.host}" if self.host else ""
+        activity = "" if ending and not self.alive else f": {self.activity}{health}"
+        return f"{self.name} ({state}){host}{activity}"
 
 
 @dataclass(frozen=True)
 class JoinedReport:
-    """A simulation worker on another machine.
+    """A simulation worker on another machine."""
 
-    Attributes:
-        name: Its number, as in "sim-2".
-        host: Its machine.
-        activity: What it does or waits for, in a few words.
-        alive: Whether it was heard from lately.
-        episodes: How many training episodes it drives in an iteration now.
-    """
+    name: Annotated[str, 'Its number, as in "sim-2".']
+    host: Annotated[str, "Its machine."]
+    activity: Annotated[str, "What it does or waits for, in a few words."]
+    alive: Annotated[bool, "Whether it was heard from lately."]
+    episodes: Annotated[int, "How many training episodes it drives in an iteration now."]
 
-    name: str
-    host: str
-    activity: str
-    alive: bool
-    episodes: int
+    def __str__(self) -> str:
+        part = counted(self.episodes, "episode") if self.episodes else "no episodes now"
+        silent = "" if self.alive else ", silent"
+        return f"{self.name} on {self.host}: {self.activity or 'starting'} ({part}{silent})"
 
 
 @dataclass(frozen=True)
 class CheckpointLaps:
-    """Laps of a checkpoint in evaluations during the training, which end at the first violation.
+    """Laps of a checkpoint in evaluations during the training, which end at the first violation."""
 
-    Attributes:
-        checkpoint: Its number; --checkpoint takes it.
-        laps: How many it drove.
-        clean: How many of them are clean: completed without a violation.
-        median_s: Median time of the clean ones, simulated seconds; None without one.
-        fastest_s: The fastest clean one.
-        text: The same in words.
-    """
-
-    checkpoint: int
-    laps: int
-    clean: int
-    median_s: float | None
-    fastest_s: float | None
-    text: str
+    checkpoint: Annotated[int, "Its number; --checkpoint takes it."]
+    laps: Annotated[int, "How many it drove."]
+    clean: Annotated[int, "How many of them are clean: completed without a violation."]
+    median_s: Annotated[
+        float | None, "Median time of the clean ones, simulated seconds; None without one."
+    ]
+    fastest_s: Annotated[float | None, "The fastest clean one."]
+    text: Annotated[str, "The same in words."]
 
     @staticmethod
     def of(checkpoint: int, laps: Laps | None) -> "CheckpointLaps | None":
@@ -192,120 +178,136 @@ class CheckpointLaps:
 
 @dataclass(frozen=True)
 class MilestoneReport:
-    """A milestone of the training.
+    """A milestone of the training."""
 
-    Attributes:
-        word: first-lap, three-laps or best-lap; --checkpoint takes it.
-        checkpoint: Name of its checkpoint.
-        laps: Clean laps of its evaluation.
-        episodes: Episodes of its evaluation.
-        best_lap_s: Fastest of the clean laps, simulated seconds.
-    """
+    word: Annotated[MilestoneKind, "first-lap, three-laps or best-lap; --checkpoint takes it."]
+    checkpoint: Annotated[str, "Name of its checkpoint."]
+    laps: Annotated[int, "Clean laps of its evaluation."]
+    episodes: Annotated[int, "Episodes of its evaluation."]
+    best_lap_s: Annotated[float, "Fastest of the clean laps, simulated seconds."]
 
-    word: MilestoneKind
-    checkpoint: str
-    laps: int
-    episodes: int
-    best_lap_s: float
+
+_NOTES = 3
+_STATE_STYLES = {
+    "running": "green",
+    "starting": "cyan",
+    "finished": "bold green",
+    "stopped": "yellow",
+    "interrupted": "bold yellow",
+    "failed": "bold red",
+    "lost": "bold red",
+}
 
 
 @dataclass(frozen=True)
 class RunReport:
-    """Everything `dr-status` knows.
+    """Everything `dr-status` knows."""
 
-    Attributes:
-        run_id: DR_RUN_ID.
-        bucket: Name of the bucket.
-        prefix: Model prefix in the bucket.
-        world: DR_WORLD_NAME.
-        state: Whether the run is starting or running, or how it ended.
-        message: Why it ended.
-        remedy: What to do if it failed.
-        exit_code: Exit code of the supervisor once it has ended.
-        started_at: Unix seconds of the start.
-        elapsed_s: Wall time of training so far.
-        pid: The supervisor.
-        workers: All worker processes of this machine.
-        joined: Simulation workers of other machines.
-        history: All finished iterations, oldest first.
-        best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
-        last: The newest checkpoint.
-        best_laps: All evaluation laps of the best checkpoint; None without any.
-        newest_laps: The newest evaluation; None before the first.
-        warning: Problems with the learning curve; empty if there is none.
-        advice: What to do about them, a sentence for each.
-        damaged: What is wrong with each damaged object in the bucket, and what to do about it. The
-            history and the checkpoints are reconstructed then, as far as possible.
-        unreachable: Why the bucket cannot be read; iterations and checkpoints are then missing.
-            Empty if it can be.
-        iterations: Finished iterations.
-        iterations_left: Until DR_TRAIN_MAX_ITERATIONS; None without that limit.
-        time_left_s: Until the time limit; None without one.
-        spending: Machine hours and money of all starts; None before the first count.
-        money_left: Until DR_MAX_COST, USD; None without that limit.
-        requests: Requests to the bucket of the newest start; None before the first count.
-        priority: DR_PRIORITY at the start.
-        threads: DR_THREADS at the start; 0 for all cores.
-        ending: Whether the run is ending its workers: none of them is missed then.
-        limit: How far the fastest lap of the best checkpoint is from the limit of the car on the
-            track; empty if unknown.
-        elsewhere: A sentence about the training of the model on another machine, if nothing was
-            started on this one.
-        watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
-        reward_errors: Failures of the reward function that all workers have counted, and episodes
-            that it declared broken; None if nothing was counted.
-        rollbacks: When the training went back to an older checkpoint, oldest first.
-        convergence: How near training and evaluation are; None before there are five evaluations.
-        milestones: Checkpoints of the first lap, the first three laps, the fastest lap, as far as
-            they were reached; `dr-list-checkpoints` says whether they are still there.
-        notes: What the racer wrote about the model; only in `dr-status`.
-        stage: Stage of the newest checkpoint; None without a curriculum.
-        phase: Phase of the newest checkpoint; None without a teacher.
-        budget: Of today, for all trainings of the folder; None without a limit.
-    """
-
-    run_id: int
-    bucket: str
-    prefix: str
-    world: str
-    state: State
-    message: str = ""
-    remedy: str = ""
-    exit_code: int | None = None
-    started_at: float | None = None
-    elapsed_s: float = 0.0
-    pid: int | None = None
-    workers: list[WorkerReport] = field(default_factory=list)
-    history: list[IterationRecord] = field(default_factory=list)
-    best: CheckpointEntry | None = None
-    last: CheckpointEntry | None = None
-    best_laps: CheckpointLaps | None = None
-    newest_laps: CheckpointLaps | None = None
-    warning: str = ""
-    damaged: list[str] = field(default_factory=list)
-    unreachable: str = ""
-    iterations: int = 0
-    iterations_left: int | None = None
-    time_left_s: float | None = None
-    spending: Spending | None = None
-    money_left: float | None = None
-    requests: RequestReport | None = None
-    watches: list[str] = field(default_factory=list)
-    advice: list[str] = field(default_factory=list)
-    reward_errors: RewardCounts | None = None
-    rollbacks: list[Rollback] = field(default_factory=list)
-    convergence: Convergence | None = None
-    milestones: list[MilestoneReport] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    stage: StageMark | None = None
-    phase: PhaseReport | None = None
-    budget: DayBudget | None = None
-    priority: str = "normal"
-    threads: int = 0
-    joined: list[JoinedReport] = field(default_factory=list)
-    ending: bool = False
-    elsewhere: str = ""
-    limit: str = ""
+    run_id: Annotated[int, "DR_RUN_ID."]
+    bucket: Annotated[str, "Name of the bucket."]
+    prefix: Annotated[str, "Model prefix in the bucket."]
+    world: Annotated[str, "DR_WORLD_NAME."]
+    state: Annotated[State, "Whether the run is starting or running, or how it ended."]
+    message: Annotated[str, "Why it ended."] = ""
+    remedy: Annotated[str, "What to do if it failed."] = ""
+    exit_code: Annotated[int | None, "Exit code of the supervisor once it has ended."] = None
+    started_at: Annotated[float | None, "Unix seconds of the start."] = None
+    elapsed_s: Annotated[float, "Wall time of training so far."] = 0.0
+    pid: Annotated[int | None, "The supervisor."] = None
+    workers: Annotated[list[WorkerReport], "All worker processes of this machine."] = field(
+        default_factory=list
+    )
+    history: Annotated[list[IterationRecord], "All finished iterations, oldest first."] = field(
+        default_factory=list
+    )
+    best: Annotated[
+        CheckpointEntry | None, "The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC."
+    ] = None
+    last: Annotated[CheckpointEntry | None, "The newest checkpoint."] = None
+    best_laps: Annotated[
+        CheckpointLaps | None, "All evaluation laps of the best checkpoint; None without any."
+    ] = None
+    newest_laps: Annotated[
+        CheckpointLaps | None, "The newest evaluation; None before the first."
+    ] = None
+    warning: Annotated[str, "Problems with the learning curve; empty if there is none."] = ""
+    damaged: Annotated[
+        list[str],
+        "What is wrong with each damaged object in the bucket, and what to do about it. "
+        "The history and the checkpoints are reconstructed then, as far as possible.",
+    ] = field(default_factory=list)
+    unreachable: Annotated[
+        str,
+        "Why the bucket cannot be read; iterations and checkpoints are then missing. "
+        "Empty if it can be.",
+    ] = ""
+    iterations: Annotated[int, "Finished iterations."] = 0
+    iterations_left: Annotated[
+        int | None, "Until DR_TRAIN_MAX_ITERATIONS; None without that limit."
+    ] = None
+    time_left_s: Annotated[float | None, "Until the time limit; None without one."] = None
+    spending: Annotated[
+        Spending | None, "Machine hours and money of all starts; None before the first count."
+    ] = None
+    money_left: Annotated[float | None, "Until DR_MAX_COST, USD; None without that limit."] = None
+    requests: Annotated[
+        RequestReport | None,
+        "Requests to the bucket of the newest start; None before the first count.",
+    ] = None
+    watches: Annotated[
+        list[str],
+        "What the watches of the training warn of, a sentence each: memory, disk, stalls.",
+    ] = field(default_factory=list)
+    advice: Annotated[list[str], "What to do about them, a sentence for each."] = field(
+        default_factory=list
+    )
+    reward_errors: Annotated[
+        RewardCounts | None,
+        "Failures of the reward function that all workers have counted, and episodes "
+        "that it declared broken; None if nothing was counted.",
+    ] = None
+    rollbacks: Annotated[
+        list[Rollback], "When the training went back to an older checkpoint, oldest first."
+    ] = field(default_factory=list)
+    convergence: Annotated[
+        Convergence | None,
+        "How near training and evaluation are; None before there are five evaluations.",
+    ] = None
+    milestones: Annotated[
+        list[MilestoneReport],
+        "Checkpoints of the first lap, the first three laps, the fastest lap, as far as "
+        "they were reached; `dr-list-checkpoints` says whether they are still there.",
+    ] = field(default_factory=list)
+    notes: Annotated[list[str], "What the racer wrote about the model; only in `dr-status`."] = (
+        field(default_factory=list)
+    )
+    stage: Annotated[
+        StageMark | None, "Stage of the newest checkpoint; None without a curriculum."
+    ] = None
+    phase: Annotated[
+        PhaseReport | None, "Phase of the newest checkpoint; None without a teacher."
+    ] = None
+    budget: Annotated[
+        DayBudget | None, "Of today, for all trainings of the folder; None without a limit."
+    ] = None
+    priority: Annotated[str, "DR_PRIORITY at the start."] = "normal"
+    threads: Annotated[int, "DR_THREADS at the start; 0 for all cores."] = 0
+    joined: Annotated[list[JoinedReport], "Simulation workers of other machines."] = field(
+        default_factory=list
+    )
+    ending: Annotated[
+        bool, "Whether the run is ending its workers: none of them is missed then."
+    ] = False
+    elsewhere: Annotated[
+        str,
+        "A sentence about the training of the model on another machine, if nothing was "
+        "started on this one.",
+    ] = ""
+    limit: Annotated[
+        str,
+        "How far the fastest lap of the best checkpoint is from the limit of the car on "
+        "the track; empty if unknown.",
+    ] = ""
 
     @property
     def dead(self) -> list[str]:
@@ -313,6 +315,159 @@ class RunReport:
         if self.state not in LIVE_STATES or self.ending:
             return []
         return [worker.name for worker in self.workers if worker.pid and not worker.alive]
+
+    def state_text(self) -> tuple[str, ...]:
+        place = f"  s3://{self.bucket}/{self.prefix}  on {self.world}"
+        stage = f"  {self.stage}" if self.stage is not None else ""
+        return Styled(self.state, _STATE_STYLES.get(self.state, "")), place, stage
+
+    def checkpoints_text(self) -> str:
+        best, last = self.best, self.last
+        if best is None or last is None:
+            return "No checkpoint yet."
+        number = last.name.partition("_")[0]
+        if best.metric is not None:
+            return f"best {best.text}   last {number}"
+        if self.phase is not None and self.phase.name == "teacher":
+            return f"last {number}; checkpoints are evaluated from the next phase on"
+        return f"last {number}, none was evaluated yet"
+
+    def nothing_here(self) -> str:
+        model = f"s3://{self.bucket}/{self.prefix}"
+        if self.unreachable:
+            return (
+                f"Nothing runs here. Whether {model} was trained, or another machine trains it, is "
+                f"unknown: {self.unreachable}"
+            )
+        if self.elsewhere:
+            return f"Nothing was started here. {self.elsewhere}"
+        return (
+            "Nothing was started here yet. Start with `dr-start-training`, or continue a model "
+            "that exists with `dr-start-training --resume`."
+        )
+
+    def end_text(self) -> str:
+        best, counts = self.best, self.reward_errors
+        untaught = (
+            "It ended in the phase teacher: the camera policy learns from the next phase on "
+            "(`dr-start-training --resume`)."
+        )
+        words = (
+            self.message,
+            f"Best checkpoint {best.text}." if best is not None and best.metric is not None else "",
+            untaught if self.phase is not None and self.phase.name == "teacher" else "",
+            f"{counts.failures()}." if counts is not None and counts.failed else "",
+            self.remedy,
+        )
+        return " ".join(filter(None, words))
+
+    def before_history(self) -> View:
+        live = self.state in ("starting", "running")
+        limits = ["low priority (DR_PRIORITY)"] if self.priority == "low" else []
+        limits += [f"at most {counted(self.threads, 'core')} (DR_THREADS)"] if self.threads else []
+        unknown = f"Iterations and checkpoints are unknown: {self.unreachable}"
+        phase = "" if self.phase is None else self.phase.text
+        yield (f"Run {self.run_id}: ", *self.state_text())
+        yield self.message
+        ended = self.state in ("failed", "interrupted", "finished")
+        yield [ended and self.remedy and f"Try: {self.remedy}"]
+        if live:
+            yield [worker.line(ending=self.ending) for worker in self.workers]
+            yield [*map(str, self.joined), limits and f"processor: {', '.join(limits)}"]
+        yield from (Styled(f"Warning: {text}", "bold yellow") for text in self.watches)
+        yield self.unreachable and Styled(unknown, "bold yellow")
+        yield self._stage()
+        yield f"{phase[:1].upper()}{phase[1:]}"
+
+    def after_history(self) -> View:
+        if self.history:
+            last, found = self.history[-1], self.convergence
+            laps = sum(record.full_laps for record in self.history)
+            episodes = counted(sum(record.episodes for record in self.history), "training episode")
+            pace = f"{last.steps_per_s:.0f} steps/s, {last.real_time_factor:.0f} x real time"
+            newest = self.newest_laps
+            yield f"{last.total_steps:,} steps in {clock(self.elapsed_s)}, {pace}."
+            yield f"{laps:,} of {episodes} completed a lap."
+            yield newest and f"newest evaluation {newest.checkpoint}: {newest.text}"
+            yield self.checkpoints_text()
+            yield self.limit and f"best lap {self.limit}"
+            if found is not None:
+                gap = "converged" if found.reached else f"a gap of {abs(found.gap):.0f} points"
+                both = f"training {found.training:.0f} %, evaluations {found.evaluation:.0f} %"
+                yield f"Completion: {both}: {gap}."
+            yield from self._milestones()
+            if self.warning:
+                yield Styled(f"Warning: {self.warning}", "bold yellow")
+                yield [f"Try: {each}" for each in self.advice]
+        yield from (f"Rollback: {rollback.sentence}" for rollback in self.rollbacks)
+        yield from self._reward_failures()
+        yield self._spent()
+        yield self._left()
+        yield str(self.requests or "")
+        budget = str(self.budget or "")
+        yield budget and f"{budget[:1].upper()}{budget[1:]}."
+        yield from (f"Note: {abridged(text)}" for text in self.notes[-_NOTES:])
+
+    def _stage(self) -> str:
+        stage = self.stage
+        if stage is None:
+            return ""
+        number = self.history[-1].iteration + 1 - stage.iteration if self.history else 0
+        text = f"Stage {stage.number} of {stage.count}: {stage.name}, on {stage.world}, "
+        return f"{text}{counted(max(0, number), 'iteration')} so far; it ends {stage.goal}."
+
+    def _milestones(self) -> View:
+        words: dict[str, list[str]] = {}
+        for each in self.milestones:
+            words.setdefault(each.checkpoint, []).append(each.word)
+        for name, found in {each.checkpoint: each for each in self.milestones}.items():
+            laps = f"{found.laps} of {found.episodes} laps clean, best {found.best_lap_s:.2f} s"
+            yield f"{', '.join(words[name])}: {name.partition('_')[0]} ({laps})"
+
+    def _reward_failures(self) -> View:
+        counts = self.reward_errors
+        if counts is None or not (counts.failed or counts.discarded):
+            return
+        calls = f"{counts.failed:,} of {counts.calls:,} calls failed ({100.0 * counts.share:.2g} %)"
+        broken = f"{counted(counts.discarded, 'episode')} declared broken"
+        parts = [calls] * bool(counts.failed) + [broken] * bool(counts.discarded)
+        yield f"Reward function: {', '.join(parts)}."
+        for entry in counts.errors:
+            params = entry.params and f"params = {entry.params}"
+            yield [f"{entry.text} ({counted(entry.count, 'time')})", [entry.source, params]]
+
+    def _spent(self) -> str:
+        spending = self.spending
+        if spending is None:
+            return ""
+        text = (
+            f"Spent: {counted(self.iterations, 'iteration')}, {spending.hours:.2f} machine hours "
+        )
+        text += f"in {counted(spending.starts, 'start')}"
+        if spending.usd is not None:
+            text += f", {spending.usd:.4g} USD"
+            if spending.usd_per_hour is not None:
+                text += f" ({spending.usd_per_hour:.4g} USD per hour, {spending.price_of})"
+            if spending.unpriced_hours:
+                text += f"; the price of {spending.unpriced_hours:.2f} hours is not known"
+        if spending.damaged:
+            text += f"; the cost of {counted(len(spending.damaged), 'start')} is lost"
+        return f"{text}."
+
+    def _left(self) -> str:
+        if self.state not in ("starting", "running"):
+            return ""
+        money, spending = "", self.spending
+        if self.money_left is not None and spending is not None:
+            money = f"{self.money_left:.4g} of {spending.max_usd:.4g} USD"
+            price = spending.usd_per_hour
+            money += f" (for {self.money_left / price:.2f} machine hours)" if price else ""
+        parts = (
+            "" if self.iterations_left is None else counted(self.iterations_left, "iteration"),
+            "" if self.time_left_s is None else clock(self.time_left_s),
+            money,
+        )
+        return f"Left: {', '.join(filter(None, parts))}." if any(parts) else ""
 
 
 def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport:

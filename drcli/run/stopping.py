@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.installation import lazy_imports
 from drcli.base.processes import is_alive
+from drcli.base.report import View
 from drcli.bucket.server import server
 from drcli.config.run_config import RunConfig, StorageConfig
 from drcli.records.run_record import (
@@ -36,35 +37,40 @@ Run = RunRecord | EvaluationRecord
 
 @dataclass(frozen=True)
 class Stopped:
-    """A run that was stopped.
+    """A run that was stopped."""
 
-    Attributes:
-        kind: training, evaluation, wait for a start that waited for the end of another one,
-            worker for `dr-start-worker`, or sweep for `dr-sweep start`.
-        run_id: Its DR_RUN_ID.
-        model: Its model, as s3://bucket/prefix.
-        pid: Its process, which has ended.
-    """
+    kind: Annotated[
+        Literal["training", "evaluation", "wait", "worker", "sweep"],
+        "training, evaluation, wait for a start that waited for the end of another one, "
+        "worker for `dr-start-worker`, or sweep for `dr-sweep start`.",
+    ]
+    run_id: Annotated[int, "Its DR_RUN_ID."]
+    model: Annotated[str, "Its model, as s3://bucket/prefix."]
+    pid: Annotated[int, "Its process, which has ended."]
 
-    kind: Literal["training", "evaluation", "wait", "worker", "sweep"]
-    run_id: int
-    model: str
-    pid: int
+    def __str__(self) -> str:
+        what = {"wait": "wait for the end of the training", "worker": "worker for the training"}
+        kind = what.get(self.kind, self.kind)
+        return f"Stopped the {kind} of {self.model} (run {self.run_id}, process {self.pid})."
 
 
 @dataclass(frozen=True)
 class StopReport:
-    """The result of a stop command.
+    """The result of a stop command."""
 
-    Attributes:
-        stopped: Trainings and evaluations, in that order.
-        server: Whether the local S3 server was stopped too.
-        viewer: Whether the console was stopped too.
-    """
+    stopped: Annotated[list[Stopped], "Trainings and evaluations, in that order."] = field(
+        default_factory=list
+    )
+    server: Annotated[bool, "Whether the local S3 server was stopped too."] = False
+    viewer: Annotated[bool, "Whether the console was stopped too."] = False
 
-    stopped: list[Stopped] = field(default_factory=list)
-    server: bool = False
-    viewer: bool = False
+    def view(self, *, none: str = "Nothing is running.") -> View:
+        return [
+            *map(str, self.stopped),
+            self.server and "Stopped the local S3 server; objects stay.",
+            self.viewer and "Stopped the console.",
+            not (self.stopped or self.server or self.viewer) and none,
+        ]
 
 
 def running_trainings(directory: Path) -> list[RunRecord]:

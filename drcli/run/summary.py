@@ -5,10 +5,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from platform import python_version
-from typing import Literal
+from typing import Annotated, Literal
 from urllib.parse import quote
 
 from drcli.base.errors import StorageError
+from drcli.base.report import Styled, View, bold, counted, dim
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectNewer
 from drcli.bucket.connect import open_running_bucket
 from drcli.bucket.endpoint import Endpoint
@@ -34,38 +35,35 @@ PlaceName = Literal["bucket", "model", "custom-files", "metrics"]
 
 @dataclass(frozen=True)
 class AddressedPlace:
-    """A folder in the bucket.
+    """A folder in the bucket."""
 
-    Attributes:
-        name: bucket, model, custom-files or metrics.
-        s3: Its s3:// address, for the aws command.
-        http: Its http address, None before the first start of the local server. Needs the keys.
-        folder: Its folder on this disk, None if it is only on a server.
-    """
-
-    name: PlaceName
-    s3: str
-    http: str | None
-    folder: str | None
+    name: Annotated[PlaceName, "bucket, model, custom-files or metrics."]
+    s3: Annotated[str, "Its s3:// address, for the aws command."]
+    http: Annotated[
+        str | None,
+        "Its http address, None before the first start of the local server. Needs the keys.",
+    ]
+    folder: Annotated[str | None, "Its folder on this disk, None if it is only on a server."]
 
 
 @dataclass(frozen=True)
 class Addresses:
-    """The bucket's server and folders.
+    """The bucket's server and folders."""
 
-    Attributes:
-        cloud: DR_CLOUD.
-        endpoint: Address of the server, None before the first start of the local one.
-        running: Whether the local server's process runs; None for other servers.
-        region: Region of the bucket.
-        places: The folders.
-    """
+    cloud: Annotated[str, "DR_CLOUD."]
+    endpoint: Annotated[
+        str | None, "Address of the server, None before the first start of the local one."
+    ]
+    running: Annotated[
+        bool | None, "Whether the local server's process runs; None for other servers."
+    ]
+    region: Annotated[str, "Region of the bucket."]
+    places: Annotated[list[AddressedPlace], "The folders."]
 
-    cloud: str
-    endpoint: str | None
-    running: bool | None
-    region: str
-    places: list[AddressedPlace]
+    def view(self) -> View:
+        yield f"Server: {self.endpoint or 'not started yet'}"
+        for place in self.places:
+            yield from (bold(f"{place.name}:"), [place.s3, place.http, place.folder])
 
 
 def addresses(
@@ -119,90 +117,128 @@ PACKAGES = ("drcli", "torch", "mujoco")
 
 @dataclass(frozen=True)
 class BucketState:
-    """The state of the bucket, if it answers within two seconds.
+    """The state of the bucket, if it answers within two seconds."""
 
-    Attributes:
-        cloud: DR_CLOUD.
-        name: DR_LOCAL_S3_BUCKET.
-        endpoint: Address of its server, None if the local one was never started.
-        state: "stopped": the local server does not run; "silent": a server does not answer.
-        reason: Why it is silent, empty otherwise.
-        checkpoint: The model's newest checkpoint; None if it has none or it is unknown.
-        model: Whether the model has a checkpoint; None if unknown.
-        best: The model's best checkpoint; None if it has none or it is unknown.
-    """
+    cloud: Annotated[str, "DR_CLOUD."]
+    name: Annotated[str, "DR_LOCAL_S3_BUCKET."]
+    endpoint: Annotated[
+        str | None, "Address of its server, None if the local one was never started."
+    ]
+    state: Annotated[
+        Literal["answers", "stopped", "silent"],
+        '"stopped": the local server does not run; "silent": a server does not answer.',
+    ]
+    reason: Annotated[str, "Why it is silent, empty otherwise."] = ""
+    checkpoint: Annotated[
+        str | None, "The model's newest checkpoint; None if it has none or it is unknown."
+    ] = None
+    model: Annotated[bool | None, "Whether the model has a checkpoint; None if unknown."] = None
+    best: Annotated[
+        CheckpointEntry | None, "The model's best checkpoint; None if it has none or it is unknown."
+    ] = None
 
-    cloud: str
-    name: str
-    endpoint: str | None
-    state: Literal["answers", "stopped", "silent"]
-    reason: str = ""
-    checkpoint: str | None = None
-    model: bool | None = None
-    best: CheckpointEntry | None = None
+    def pairs(self, prefix: str) -> dict[str, str]:
+        states = {
+            "answers": Styled("answers", "green"),
+            "stopped": Styled("not running; it starts when needed", "yellow"),
+            "silent": Styled(self.reason, "red"),
+        }
+        model = {
+            None: "unknown",
+            False: f"{prefix} has no checkpoint yet",
+            True: f"{prefix} is trained up to {self.checkpoint}",
+        }
+        return {
+            "cloud": f"{self.cloud}, s3://{self.name}",
+            "server": self.endpoint or "not started yet",
+            "state": states[self.state],
+            "model": model[self.model],
+            "best": "" if self.best is None else self.best.text,
+        }
 
 
 @dataclass(frozen=True)
 class Running:
-    """A run in the folder.
+    """A run in the folder."""
 
-    Attributes:
-        kind: training or evaluation.
-        run_id: Its DR_RUN_ID.
-        model: Its model, as s3://bucket/prefix.
-        world: Its track.
-        since: Unix seconds of its start.
-        pid: Its process.
-    """
+    kind: Annotated[Literal["training", "evaluation"], "training or evaluation."]
+    run_id: Annotated[int, "Its DR_RUN_ID."]
+    model: Annotated[str, "Its model, as s3://bucket/prefix."]
+    world: Annotated[str, "Its track."]
+    since: Annotated[float, "Unix seconds of its start."]
+    pid: Annotated[int, "Its process."]
 
-    kind: Literal["training", "evaluation"]
-    run_id: int
-    model: str
-    world: str
-    since: float
-    pid: int
+    def __str__(self) -> str:
+        since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.since))
+        where = f"run {self.run_id}, {self.model} on {self.world}"
+        return f"{where}, since {since}, process {self.pid}"
 
 
 @dataclass(frozen=True)
 class Summary:
-    """The result of `dr-summary`.
+    """The result of `dr-summary`."""
 
-    Attributes:
-        folder: The working folder.
-        experiment: DR_EXPERIMENT_NAME, empty without one.
-        branch: The folder's git branch, None outside git.
-        run_id: DR_RUN_ID.
-        prefix: Model prefix.
-        race_type: DR_RACE_TYPE.
-        world: DR_WORLD_NAME.
-        car: DR_CAR_NAME.
-        workers: DR_WORKERS.
-        bucket: The bucket.
-        running: Trainings and evaluations of every DR_RUN_ID in this folder.
-        versions: Versions of Python and the important packages; None for one that is not
-            installed.
-        gpus: Names of the NVIDIA GPUs.
-        gpu_usable: Whether the installed torch can use them.
-        warnings: Warnings about the settings.
-        budget: What all trainings of the folder have used today, and its limits.
-    """
+    folder: Annotated[str, "The working folder."]
+    experiment: Annotated[str, "DR_EXPERIMENT_NAME, empty without one."]
+    branch: Annotated[str | None, "The folder's git branch, None outside git."]
+    run_id: Annotated[int, "DR_RUN_ID."]
+    prefix: Annotated[str, "Model prefix."]
+    race_type: Annotated[str, "DR_RACE_TYPE."]
+    world: Annotated[str, "DR_WORLD_NAME."]
+    car: Annotated[str, "DR_CAR_NAME."]
+    workers: Annotated[int, "DR_WORKERS."]
+    bucket: Annotated[BucketState, "The bucket."]
+    running: Annotated[
+        list[Running], "Trainings and evaluations of every DR_RUN_ID in this folder."
+    ] = field(default_factory=list)
+    versions: Annotated[
+        dict[str, str | None],
+        "Versions of Python and the important packages; None for one that is not installed.",
+    ] = field(default_factory=dict)
+    gpus: Annotated[list[str], "Names of the NVIDIA GPUs."] = field(default_factory=list)
+    gpu_usable: Annotated[bool, "Whether the installed torch can use them."] = False
+    warnings: Annotated[list[str], "Warnings about the settings."] = field(default_factory=list)
+    budget: Annotated[
+        DayBudget | None, "What all trainings of the folder have used today, and its limits."
+    ] = None
 
-    folder: str
-    experiment: str
-    branch: str | None
-    run_id: int
-    prefix: str
-    race_type: str
-    world: str
-    car: str
-    workers: int
-    bucket: BucketState
-    running: list[Running] = field(default_factory=list)
-    versions: dict[str, str | None] = field(default_factory=dict)
-    gpus: list[str] = field(default_factory=list)
-    gpu_usable: bool = False
-    warnings: list[str] = field(default_factory=list)
-    budget: DayBudget | None = None
+    def view(self) -> View:
+        origin = [self.experiment and f"experiment {self.experiment}"]
+        origin += [f"git branch {self.branch}"] if self.branch else []
+        budget, gpu = self.budget, ", ".join(self.gpus) or "none; the processor computes everything"
+        if self.gpus and not self.gpu_usable:
+            gpu += ", which the installed torch cannot use (it is the CPU build)"
+        model = {
+            "prefix": self.prefix,
+            "world": self.world,
+            "race": self.race_type,
+            "car": self.car,
+            "run": f"DR_RUN_ID {self.run_id}, {counted(self.workers, 'worker')}",
+        }
+        versions = ", ".join(f"{name} {value}" for name, value in self.versions.items() if value)
+        shows = budget is not None and (budget.limited or budget.starts)
+        sections = {
+            "Model": model,
+            "Bucket": self.bucket.pairs(self.prefix),
+            "Today": _used_today(budget) if budget is not None and shows else {},
+            "Machine": {"versions": versions, "GPU": gpu},
+        }
+        yield bold(self.folder)
+        yield dim(", ".join(filter(None, origin)))
+        for title, pairs in sections.items():
+            if pairs:
+                yield from (Styled(title, "bold cyan"), [pairs])
+        yield Styled("Running", "bold cyan")
+        yield [*((f"{run.kind}  {run}") for run in self.running)] or ["nothing"]
+        yield from (Styled(f"Warning: {text}", "yellow") for text in self.warnings)
+
+
+def _used_today(budget: DayBudget) -> dict[str, str]:
+    hours = f" of {budget.max_hours:g} hours" if budget.max_hours else " machine hours"
+    money = f" of {budget.max_usd:g}" if budget.max_usd else ""
+    cost = f"{budget.usd:.2f}{money} USD" if budget.usd or budget.max_usd else ""
+    style = "yellow" if budget.used_up else ""
+    return {"trained": Styled(f"{budget.hours:.2f}{hours}", style), "cost": cost}
 
 
 def summarize(settings: Settings) -> Summary:

@@ -17,10 +17,12 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base import log
 from drcli.base.errors import DrError, ProblemsError, SettingsError
 from drcli.base.files import refuse_existing
+from drcli.base.report import Col, Styled, View, bold, counted, table
 from drcli.bucket.connect import open_running_bucket
 from drcli.bucket.endpoint import keys_in_use
 from drcli.bucket.server.server_process import own_file
@@ -189,38 +191,39 @@ reward function prints.
 
 @dataclass(frozen=True)
 class BundledFile:
-    """A file in the archive.
+    """A file in the archive."""
 
-    Attributes:
-        name: Its name in the archive.
-        size_bytes: Its size there.
-        redactions: How many secrets were removed from it.
-    """
-
-    name: str
-    size_bytes: int
-    redactions: int
+    name: Annotated[str, "Its name in the archive.", Col("file")]
+    size_bytes: Annotated[int, "Its size there.", Col("bytes", "{:,}")]
+    redactions: Annotated[
+        int,
+        "How many secrets were removed from it.",
+        Col("removed", lambda count: f"{count:,} removed" if count else "", style="dim"),
+    ]
 
 
 @dataclass(frozen=True)
 class BundleReport:
-    """The archive that `dr support-bundle` wrote.
+    """The archive that `dr support-bundle` wrote."""
 
-    Attributes:
-        file: The archive.
-        size_bytes: Its size.
-        files: What is in it.
-        redactions: How many secrets were removed, by kind.
-        known_secrets: Number of secret values that were searched for.
-        left_out: What is not in it, and why.
-    """
+    file: Annotated[str, "The archive."]
+    size_bytes: Annotated[int, "Its size."]
+    files: Annotated[tuple[BundledFile, ...], "What is in it."]
+    redactions: Annotated[Mapping[str, int], "How many secrets were removed, by kind."]
+    known_secrets: Annotated[int, "Number of secret values that were searched for."]
+    left_out: Annotated[tuple[str, ...], "What is not in it, and why."]
 
-    file: str
-    size_bytes: int
-    files: tuple[BundledFile, ...]
-    redactions: Mapping[str, int]
-    known_secrets: int
-    left_out: tuple[str, ...]
+    def view(self) -> View:
+        removed = [f"{count:,} x {kind}" for kind, count in self.redactions.items()]
+        known = counted(self.known_secrets, "known secret value")
+        return [
+            table(self.files, "name", "size_bytes", "redactions"),
+            bold("Removed:") if removed else "Nothing had to be removed.",
+            removed,
+            *(Styled(f"Left out: {reason}", "yellow") for reason in self.left_out),
+            f"Searched again for {known}: none is in the archive.",
+            bold(f"Wrote {self.file} ({self.size_bytes:,} bytes)."),
+        ]
 
 
 def make_bundle(

@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.files import load_record, save_record
 from drcli.base.processes import is_alive, started_s
+from drcli.base.report import Col, View, bold, counted, dim, table
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.server.server import free_port, is_free
 from drcli.config import secret_environment
@@ -46,38 +48,43 @@ class ServerRecord:
 
 @dataclass(frozen=True)
 class Tool:
-    """A tool that gets the figures of trainings.
+    """A tool that gets the figures of trainings."""
 
-    Attributes:
-        name: TensorBoard, Grafana, Prometheus, MLflow or trackio.
-        setting: What switches it on.
-        place: Where the figures go; empty if they do not.
-    """
-
-    name: str
-    setting: str
-    place: str
+    name: Annotated[str, "TensorBoard, Grafana, Prometheus, MLflow or trackio.", Col("tool")]
+    setting: Annotated[str, "What switches it on.", Col("setting")]
+    place: Annotated[
+        str, "Where the figures go; empty if they do not.", Col("place", lambda text: text or "off")
+    ]
 
 
 @dataclass(frozen=True)
 class MetricsReport:
-    """Where the figures of trainings can be seen.
+    """Where the figures of trainings can be seen."""
 
-    Attributes:
-        url: Address of TensorBoard; null if it does not run.
-        pid: Its process.
-        folder: With the event files.
-        written: Models whose event files were made from their history just now.
-        fetched: Models of which the bucket had event files that were not here.
-        tools: All tools, and which of them get figures.
-    """
+    url: Annotated[str | None, "Address of TensorBoard; null if it does not run."]
+    pid: Annotated[int | None, "Its process."]
+    folder: Annotated[str, "With the event files."]
+    written: Annotated[
+        list[str], "Models whose event files were made from their history just now."
+    ] = field(default_factory=list)
+    tools: Annotated[list[Tool], "All tools, and which of them get figures."] = field(
+        default_factory=list
+    )
+    fetched: Annotated[
+        list[str], "Models of which the bucket had event files that were not here."
+    ] = field(default_factory=list)
 
-    url: str | None
-    pid: int | None
-    folder: str
-    written: list[str] = field(default_factory=list)
-    tools: list[Tool] = field(default_factory=list)
-    fetched: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        fetched, written = counted(len(self.fetched), "model"), counted(len(self.written), "model")
+        names = ", ".join(self.fetched)
+        return [
+            self.url and ("TensorBoard: ", bold(self.url)),
+            self.url and dim(f"Process {self.pid} shows {self.folder}."),
+            self.fetched and f"Brought event files of {fetched} from the bucket: {names}.",
+            self.written and f"Made event files of {written}: {', '.join(self.written)}.",
+            "Figures of the next training go to:",
+            table(self.tools),
+        ]
 
 
 def tools_of(config: FigureConfig, directory: Path) -> list[Tool]:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base import early_process
 from drcli.base import log as log_files
@@ -151,51 +152,41 @@ def _wait(children: Iterable[Child], deadline_s: float) -> None:
 
 @dataclass(frozen=True)
 class Process:
-    """A worker of a running training or evaluation.
+    """A worker of a running training or evaluation."""
 
-    Attributes:
-        name: "trainer", "sim-0", "sim-1", ... or "evaluation".
-        pid: Its process.
-        alive: Whether that process runs; its supervisor may be about to restart it.
-        log: Path of its log file.
-    """
-
-    name: str
-    pid: int
-    alive: bool
-    log: str
+    name: Annotated[str, '"trainer", "sim-0", "sim-1", ... or "evaluation".']
+    pid: Annotated[int, "Its process."]
+    alive: Annotated[bool, "Whether that process runs; its supervisor may be about to restart it."]
+    log: Annotated[str, "Path of its log file."]
 
 
 @dataclass(frozen=True)
 class ProcessReport:
-    """The result of `dr-find-sagemaker` and `dr-find-robomaker`.
+    """The result of `dr-find-sagemaker` and `dr-find-robomaker`."""
 
-    Attributes:
-        processes: The workers that run.
-    """
-
-    processes: list[Process] = field(default_factory=list)
+    processes: Annotated[list[Process], "The workers that run."] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class SpeedReport:
-    """The newest iteration that a simulation worker has finished.
+    """The newest iteration that a simulation worker has finished."""
 
-    Attributes:
-        worker: "sim-0", "sim-1", ...
-        pid: Its process.
-        iteration: Number of the iteration, None before the first.
-        steps: Steps that all its cars together drove in it.
-        steps_per_s: Steps per second of wall time while it drove.
-        real_time_factor: Simulated seconds of all cars together, per second of wall time.
-    """
+    worker: Annotated[str, '"sim-0", "sim-1", ...']
+    pid: Annotated[int, "Its process."]
+    iteration: Annotated[int | None, "Number of the iteration, None before the first."] = None
+    steps: Annotated[int, "Steps that all its cars together drove in it."] = 0
+    steps_per_s: Annotated[float | None, "Steps per second of wall time while it drove."] = None
+    real_time_factor: Annotated[
+        float | None, "Simulated seconds of all cars together, per second of wall time."
+    ] = None
 
-    worker: str
-    pid: int
-    iteration: int | None = None
-    steps: int = 0
-    steps_per_s: float | None = None
-    real_time_factor: float | None = None
+    def __str__(self) -> str:
+        if self.steps_per_s is None or self.real_time_factor is None:
+            return f"{self.worker} has not finished an iteration yet."
+        return (
+            f"{self.worker}: {self.steps_per_s:.0f} steps/s, {self.real_time_factor:.0f} x real "
+            f"time, in the {self.steps:,} steps of iteration {self.iteration}."
+        )
 
 
 def trainers(directory: Path, run_id: int) -> list[Process]:

@@ -4,12 +4,14 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import psutil
 
 from drcli.base.errors import DrError, NotAvailable, Problem, ProblemsError, SettingsError
 from drcli.base.installation import lazy_imports
 from drcli.base.processes import NotedSignals, started_s
+from drcli.base.report import Rows, View, bold, counted
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import open_bucket
 from drcli.checks.machine_rules import TRAINER_BYTES, WORKER_BYTES
@@ -40,19 +42,28 @@ CORES = 2
 
 @dataclass(frozen=True)
 class SweepPlanned:
-    """A sweep that can start.
+    """A sweep that can start."""
 
-    Attributes:
-        name: Of the sweep.
-        trials: Its trainings: name, and what distinguishes each.
-        parallel: How many run at a time; null if Ray decides.
-        continues: Whether it has begun before.
-    """
+    name: Annotated[str, "Of the sweep."]
+    trials: Annotated[
+        dict[str, dict[str, str]], "Its trainings: name, and what distinguishes each."
+    ]
+    parallel: Annotated[int | None, "How many run at a time; null if Ray decides."]
+    continues: Annotated[bool, "Whether it has begun before."]
 
-    name: str
-    trials: dict[str, dict[str, str]]
-    parallel: int | None
-    continues: bool
+    def at_a_time(self) -> str:
+        if self.parallel is None:
+            return "as many at a time as Ray has room for"
+        return f"{self.parallel} at a time"
+
+    def view(self) -> View:
+        verb = "continues" if self.continues else "has"
+        varied = list(dict.fromkeys(key for trial in self.trials.values() for key in trial))
+        names = ["training", *varied]
+        rows = [[name, *(of.get(key, "") for key in varied)] for name, of in self.trials.items()]
+        count = counted(len(self.trials), "training")
+        head = (bold(f"Sweep {self.name}"), f" {verb} {count}, {self.at_a_time()}.")
+        return [head, Rows(names, rows, left=names)]
 
 
 class SweepStart:

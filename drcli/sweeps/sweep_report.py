@@ -4,7 +4,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
+from drcli.base.report import Col, View, bold, table
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectNewer
 from drcli.model.model_store import ModelStore
 from drcli.model.notes import write_description
@@ -16,86 +18,134 @@ from drcli.sweeps.trial_files import TrialFiles
 from drcli.sweeps.trial_score import best_of, rank
 from drcli.sweeps.trials import Trial
 
+_STYLES = {
+    "running": "green",
+    "failed": "red",
+    "paused": "dim",
+    "waiting": "dim",
+    "stopped early": "dim",
+}
+
+
+def _varied(key: str) -> Col:
+    return Col(key, of=lambda trial: trial.varied.get(key, ""), side="left")
+
 
 @dataclass(frozen=True)
 class TrialReport:
-    """One training of a sweep.
+    """One training of a sweep."""
 
-    Attributes:
-        name: Of its experiment.
-        model: Prefix in the bucket.
-        varied: What distinguishes it from the others, by name.
-        state: waiting, running, paused, finished, stopped early, stopped or failed.
-        amount: How much of its budget it has used.
-        laps: Completed laps of its best evaluation.
-        episodes: Episodes of that; 0 without one.
-        progress: Mean progress of that, percent; null before the first iteration.
-        lap_s: Median time of the clean laps, simulated seconds, or null.
-        reward: Mean of an episode in its best iteration, or null.
-        checkpoint: Number of the evaluated checkpoint, or null.
-        best: Whether it is the best training.
-        message: Why it ended.
-        remedy: What to do then.
-    """
-
-    name: str
-    model: str
-    varied: dict[str, str]
-    state: TrialState
-    amount: float
-    laps: int = 0
-    episodes: int = 0
-    progress: float | None = None
-    lap_s: float | None = None
-    reward: float | None = None
-    checkpoint: int | None = None
-    best: bool = False
-    message: str = ""
-    remedy: str = ""
+    name: Annotated[str, "Of its experiment.", Col("training")]
+    model: Annotated[str, "Prefix in the bucket."]
+    varied: Annotated[dict[str, str], "What distinguishes it from the others, by name."]
+    state: Annotated[
+        TrialState,
+        "waiting, running, paused, finished, stopped early, stopped or failed.",
+        Col("state", style=_STYLES),
+    ]
+    amount: Annotated[float, "How much of its budget it has used."]
+    laps: Annotated[
+        int,
+        "Completed laps of its best evaluation.",
+        Col(
+            "clean laps", of=lambda each: f"{each.laps}/{each.episodes}" if each.episodes else None
+        ),
+    ] = 0
+    episodes: Annotated[int, "Episodes of that; 0 without one."] = 0
+    progress: Annotated[
+        float | None,
+        "Mean progress of that, percent; null before the first iteration.",
+        Col("progress", "{:.0f} %"),
+    ] = None
+    lap_s: Annotated[
+        float | None,
+        "Median time of the clean laps, simulated seconds, or null.",
+        Col("median clean lap", "{:.2f} s"),
+    ] = None
+    reward: Annotated[float | None, "Mean of an episode in its best iteration, or null."] = None
+    checkpoint: Annotated[int | None, "Number of the evaluated checkpoint, or null."] = None
+    best: Annotated[
+        bool,
+        "Whether it is the best training.",
+        Col("", lambda best: "*" if best else "", style="bold", side="left"),
+    ] = False
+    message: Annotated[str, "Why it ended."] = ""
+    remedy: Annotated[str, "What to do then."] = ""
 
 
 @dataclass(frozen=True)
 class SweepReport:
-    """A sweep.
+    """A sweep."""
 
-    Attributes:
-        name: Of the sweep.
-        bucket: Name of the bucket.
-        metric: What decides: lap_time, progress or reward.
-        resource: What the budget counts: minutes, steps, episodes or iterations.
-        most: How much each training gets.
-        checks: Comparisons so far.
-        ended: Whether all trainings are over.
-        best: Name of the best training, or empty.
-        trials: The best first.
-        comparison: The page that compares them, or null.
-    """
+    name: Annotated[str, "Of the sweep.", Col("sweep")]
+    bucket: Annotated[str, "Name of the bucket."]
+    metric: Annotated[str, "What decides: lap_time, progress or reward."]
+    resource: Annotated[str, "What the budget counts: minutes, steps, episodes or iterations."]
+    most: Annotated[float, "How much each training gets."]
+    checks: Annotated[int, "Comparisons so far."]
+    ended: Annotated[
+        bool,
+        "Whether all trainings are over.",
+        Col("state", lambda ended: "ended" if ended else "not ended", side="left"),
+    ]
+    best: Annotated[str, "Name of the best training, or empty.", Col("best")]
+    trials: Annotated[
+        list[TrialReport],
+        "The best first.",
+        Col("trainings", lambda trials: str(len(trials)), side="right"),
+    ]
+    comparison: Annotated[str | None, "The page that compares them, or null."] = None
 
-    name: str
-    bucket: str
-    metric: str
-    resource: str
-    most: float
-    checks: int
-    ended: bool
-    best: str
-    trials: list[TrialReport]
-    comparison: str | None = None
+    def best_model(self) -> str:
+        return next((trial.model for trial in self.trials if trial.best), "")
+
+    def view(self) -> View:
+        over = sum(trial.state not in ("waiting", "running", "paused") for trial in self.trials)
+        state = "ended" if self.ended else f"{over} of {len(self.trials)} over"
+        unit = self.resource if self.most != 1 else self.resource[:-1]
+        first = f"best {self.metric.replace('_', ' ')} first, {self.most:,.12g} {unit} each"
+        digits = 1 if self.resource == "minutes" else 0
+        varied = dict.fromkeys(key for trial in self.trials for key in trial.varied)
+        columns: list[str | Col] = [
+            "best",
+            "name",
+            *map(_varied, varied),
+            "state",
+            Col(self.resource, of=lambda trial: f"{trial.amount:,.{digits}f}"),
+            "laps",
+            "progress",
+            "lap_s",
+        ]
+        word = "best" if self.ended else "best so far"
+        return [
+            (bold(f"Sweep {self.name}"), f" ({state}), {first}"),
+            table(self.trials, *columns),
+            *(
+                f"{trial.name}: {trial.message} {trial.remedy}".rstrip()
+                for trial in self.trials
+                if trial.state == "failed"
+            ),
+            self.best and f"* {word}; its model is {self.best_model()}",
+            self.ended and not self.best and "None is the best: no training was evaluated.",
+            self.comparison is not None and f"Comparison: {self.comparison}",
+        ]
 
 
 @dataclass(frozen=True)
 class SweepList:
-    """The sweeps of a bucket.
+    """The sweeps of a bucket."""
 
-    Attributes:
-        bucket: Name of the bucket.
-        sweeps: The newest first.
-        damaged: A sentence about each unreadable record.
-    """
+    bucket: Annotated[str, "Name of the bucket."]
+    sweeps: Annotated[list[SweepReport], "The newest first."]
+    damaged: Annotated[list[str], "A sentence about each unreadable record."] = field(
+        default_factory=list
+    )
 
-    bucket: str
-    sweeps: list[SweepReport]
-    damaged: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        none = f"s3://{self.bucket} has no sweeps. `dr-sweep init` writes an example."
+        model = Col("model", of=lambda sweep: sweep.best_model(), side="left")
+        shown = ("name", "ended", "trials", "best", model)
+        return [table(self.sweeps, *shown) if self.sweeps else none]
 
 
 def report_of(record: SweepRecord, bucket: str) -> SweepReport:

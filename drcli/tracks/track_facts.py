@@ -1,55 +1,72 @@
 """What `dr tracks` shows."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from drcli.base.report import Col, View, bold, table
+
+_REPEATS = 3
 
 
 @dataclass(frozen=True)
 class TrackFacts:
-    """The facts about a track.
+    """The facts about a track."""
 
-    Attributes:
-        name: Its name.
-        length_m: Length of the centre line.
-        width_m: Mean width.
-        least_width_m: At the narrowest point.
-        greatest_width_m: At the widest point.
-        closed: Whether it is a loop.
-        direction: "clockwise", "counterclockwise" or "open".
-        waypoints: How many.
-        repeated: Numbers of those that repeat the one before, as in many community routes.
-        spacing_m: Mean distance between the others.
-        line_family: "in" if the white line belongs to the road, else "out".
-        source: "own" for a built-in track, else its file.
-        difficulty: "easy", "medium" or "hard"; None if unknown.
-        about: A line about it.
-    """
+    name: Annotated[str, "Its name.", Col("track")]
+    length_m: Annotated[float, "Length of the centre line.", Col("length", "{:.1f} m")]
+    width_m: Annotated[float, "Mean width.", Col("width", "{:.2f} m")]
+    least_width_m: Annotated[float, "At the narrowest point."]
+    greatest_width_m: Annotated[float, "At the widest point."]
+    closed: Annotated[bool, "Whether it is a loop."]
+    direction: Annotated[str, '"clockwise", "counterclockwise" or "open".', Col("direction")]
+    waypoints: Annotated[int, "How many."]
+    repeated: Annotated[
+        list[int], "Numbers of those that repeat the one before, as in many community routes."
+    ]
+    spacing_m: Annotated[float, "Mean distance between the others."]
+    line_family: Annotated[str, '"in" if the white line belongs to the road, else "out".']
+    source: Annotated[
+        str,
+        '"own" for a built-in track, else its file.',
+        Col("from", of=lambda track: track.made_of(), side="left"),
+    ]
+    difficulty: Annotated[str | None, '"easy", "medium" or "hard"; None if unknown.']
+    about: Annotated[str, "A line about it."]
 
-    name: str
-    length_m: float
-    width_m: float
-    least_width_m: float
-    greatest_width_m: float
-    closed: bool
-    direction: str
-    waypoints: int
-    repeated: list[int]
-    spacing_m: float
-    line_family: str
-    source: str
-    difficulty: str | None
-    about: str
+    def made_of(self) -> str:
+        return self.origin() if self.source == "own" else f"{Path(self.source).suffix} file"
+
+    def origin(self) -> str:
+        if self.source != "own":
+            return self.source
+        return f"built in, {self.difficulty}" if self.difficulty else "built in"
+
+    def view(self) -> View:
+        road = "is part of the road" if self.line_family == "in" else "is outside the road"
+        width = f"{self.least_width_m:.2f} to {self.greatest_width_m:.2f} m"
+        if self.greatest_width_m - self.least_width_m < 0.02:
+            width = f"{self.width_m:.2f} m"
+        repeats = "".join(f"; {number} repeats {number - 1}" for number in self.repeated[:_REPEATS])
+        more = len(self.repeated) - _REPEATS
+        return [
+            bold(f"{self.name}: {self.about}" if self.about else self.name),
+            f"{self.length_m:.2f} m long, {width} wide, {self.direction}; "
+            f"{self.waypoints} waypoints, {self.spacing_m:.2f} m apart"
+            f"{repeats}{f' and {more} more' if more > 0 else ''}",
+            f"the white line {road}; {self.origin()}",
+        ]
 
 
 @dataclass(frozen=True)
 class TrackList:
-    """All tracks that can be named.
+    """All tracks that can be named."""
 
-    Attributes:
-        folder: The racer's folder of tracks.
-        tracks: By name.
-        unreadable: Sentences about files that are not tracks.
-    """
+    folder: Annotated[str, "The racer's folder of tracks."]
+    tracks: Annotated[list[TrackFacts], "By name."]
+    unreadable: Annotated[list[str], "Sentences about files that are not tracks."]
 
-    folder: str
-    tracks: list[TrackFacts]
-    unreadable: list[str]
+    def view(self) -> View:
+        own, here = Path(self.folder), Path.cwd()
+        place = own.relative_to(here) if own.is_relative_to(here) else own
+        return [table(self.tracks), f"{len(self.tracks)} tracks; your own are in {place}/."]

@@ -6,11 +6,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import hand_out, make_folder, rewrite
+from drcli.base.report import BLANK, View
 from drcli.tracks.track_facts import TrackFacts, TrackList
 from drsim.errors import TrackError
 from drsim.track.route_files import read_route, write_route
@@ -23,19 +25,21 @@ _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}")
 
 @dataclass(frozen=True)
 class TrackView:
-    """A track and its map.
+    """A track and its map."""
 
-    Attributes:
-        facts: About the track.
-        map_lines: A map in letters for a terminal, top line first.
-        picture: Its file, if requested.
-        limit: A sentence about the fastest lap of the car, or empty.
-    """
+    facts: Annotated[TrackFacts, "About the track."]
+    map_lines: Annotated[list[str], "A map in letters for a terminal, top line first."]
+    picture: Annotated[str | None, "Its file, if requested."]
+    limit: Annotated[str, "A sentence about the fastest lap of the car, or empty."] = ""
 
-    facts: TrackFacts
-    map_lines: list[str]
-    picture: str | None
-    limit: str = ""
+    def view(self) -> View:
+        picture = self.picture and f"Picture: {self.picture}"
+        return [
+            *(line or BLANK for line in self.map_lines),
+            *self.facts.view(),
+            self.limit,
+            picture,
+        ]
 
 
 def measure_tracks(folder: Path) -> TrackList:

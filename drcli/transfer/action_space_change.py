@@ -4,9 +4,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base.errors import DrError, ProblemsError, SettingsError, few
+from drcli.base.report import Col, View, bold, counted, dim, table
 from drcli.bucket.bucket import Bucket
 from drcli.config.presets import model_file
 from drcli.config.settings import Settings
@@ -37,29 +38,32 @@ class ActionSpaceChange:
 
 @dataclass(frozen=True)
 class ActionSpaceReport:
-    """Actions, and what was done with them.
+    """Actions, and what was done with them."""
 
-    Attributes:
-        file: The model_metadata.json.
-        actions: The discrete actions; empty if continuous.
-        low: Least steering and speed; None if discrete.
-        high: Greatest steering and speed; None if discrete.
-        notes: Where they come from, and what may surprise.
-        changes: Whether the file has other actions.
-        written: Whether they were written into it.
-        backup: The copy of the old file; None without one.
-        picture: The picture; None without one.
-    """
+    file: Annotated[str, "The model_metadata.json."]
+    actions: Annotated[tuple[ChosenAction, ...], "The discrete actions; empty if continuous."]
+    low: Annotated[tuple[float, float] | None, "Least steering and speed; None if discrete."]
+    high: Annotated[tuple[float, float] | None, "Greatest steering and speed; None if discrete."]
+    notes: Annotated[tuple[str, ...], "Where they come from, and what may surprise."]
+    changes: Annotated[bool, "Whether the file has other actions."]
+    written: Annotated[bool, "Whether they were written into it."] = False
+    backup: Annotated[str | None, "The copy of the old file; None without one."] = None
+    picture: Annotated[str | None, "The picture; None without one."] = None
 
-    file: str
-    actions: tuple[ChosenAction, ...]
-    low: tuple[float, float] | None
-    high: tuple[float, float] | None
-    notes: tuple[str, ...]
-    changes: bool
-    written: bool = False
-    backup: str | None = None
-    picture: str | None = None
+    def view(self) -> View:
+        if self.low and self.high:
+            (left, slow), (right, fast) = self.low, self.high
+            steering = f"steering {left:g} to {right:g} degrees"
+            yield f"Continuous: {steering}, speed {slow:g} to {fast:g} m/s."
+        else:
+            number = Col("action", of=self.actions.index)
+            yield table(self.actions, number, "steering_angle", "speed", "share")
+            yield f"{counted(len(self.actions), 'action')}."
+        yield from self.notes
+        yield self.picture and ("Picture: ", bold(self.picture))
+        kept = f"; the old file is {self.backup}" if self.backup else ""
+        yield self.written and f"Written to {self.file}{kept}."
+        yield [not (self.written or self.changes) and dim(f"{self.file} has these actions.")]
 
 
 def space_of(file: Path) -> ActionSpace:

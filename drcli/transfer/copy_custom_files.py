@@ -7,10 +7,11 @@ import stat
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import is_left_behind, make_folder, read_regular, remedy_for, rewrite
+from drcli.base.report import View, counted
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.run_config import CustomFilesConfig, StorageConfig
 from drcli.model import keys
@@ -25,22 +26,22 @@ BACKUP = ".bak"
 
 @dataclass(frozen=True)
 class CustomFilesReport:
-    """The result of copying the racer's files.
+    """The result of copying the racer's files."""
 
-    Attributes:
-        folder: The racer's folder.
-        place: The folder in the bucket, an s3:// address.
-        copied: Names of the files that were copied, below both.
-        unchanged: Names of the files that were the same.
-        refused: Names that were not copied: objects that are not a valid path in the folder, and
-            files whose name is not UTF-8.
-    """
+    folder: Annotated[str, "The racer's folder."]
+    place: Annotated[str, "The folder in the bucket, an s3:// address."]
+    copied: Annotated[list[str], "Names of the files that were copied, below both."]
+    unchanged: Annotated[list[str], "Names of the files that were the same."]
+    refused: Annotated[
+        list[str],
+        "Names that were not copied: objects that are not a valid path in the folder, "
+        "and files whose name is not UTF-8.",
+    ]
 
-    folder: str
-    place: str
-    copied: list[str]
-    unchanged: list[str]
-    refused: list[str]
+    def view(self, *, up: bool) -> View:
+        place = self.place if up else self.folder
+        unchanged = f", {len(self.unchanged)} unchanged" if self.unchanged else ""
+        return [*self.copied, f"{counted(len(self.copied), 'file')} copied to {place}{unchanged}."]
 
 
 def upload_custom_files(

@@ -4,8 +4,10 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base import errors
+from drcli.base.report import View, counted
 from drcli.bucket.bucket import Listing, ObjectMissing, Watch
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.bucket.endpoint import UPLOADS, SettingNames
@@ -67,15 +69,26 @@ class PlannedDownload:
 
 @dataclass(frozen=True)
 class DownloadReport(TransferReport):
-    """The result of `dr-download-model`.
+    """The result of `dr-download-model`."""
 
-    Attributes:
-        strays: Names of objects at the target that are not part of the model.
-        custom_files: The racer's own files that were written, by path.
-    """
+    strays: Annotated[
+        list[str], "Names of objects at the target that are not part of the model."
+    ] = field(default_factory=list)
+    custom_files: Annotated[list[str], "The racer's own files that were written, by path."] = field(
+        default_factory=list
+    )
 
-    strays: list[str] = field(default_factory=list)
-    custom_files: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        verb = "would be deleted" if self.dry_run else "deleted"
+        deleted, strays = counted(len(self.deleted), "file"), counted(len(self.strays), "file")
+        return [
+            f"{'Would download' if self.dry_run else 'Downloaded'} {self.copied_text()}",
+            not self.checkpoint and "It has no checkpoint yet, so it cannot drive.",
+            self.deleted and f"Not part of it and {verb}: {deleted}.",
+            self.strays and f"Not part of it: {strays} at the target; -w deletes them.",
+            self.replay_text(),
+            *(f"Wrote {path}" for path in self.custom_files),
+        ]
 
 
 def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownload:

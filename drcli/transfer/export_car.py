@@ -4,10 +4,12 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base.archive import read_packed
 from drcli.base.errors import Problem, ProblemsError, SettingsError, of_severity, refuse
 from drcli.base.files import make_folder, refuse_existing, rewrite
+from drcli.base.report import BLANK, Styled, View, bold, counted, size_text, table
 from drcli.bucket.connect import COMMAND_PATIENCE_S
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
@@ -42,61 +44,60 @@ Compare = Callable[[RaceConfig, ExportSource, bytes], GraphComparison]
 
 @dataclass(frozen=True)
 class CarReport:
-    """An archive for the car.
+    """An archive for the car."""
 
-    Attributes:
-        source: The model, as an s3:// address.
-        choice: last, best, the word of a milestone, or the requested number.
-        checkpoint: Name of its checkpoint.
-        metric: Mean score of its evaluation; null without one.
-        files: Where the archive is: a path, or s3:// addresses.
-        size_bytes: Size of the archive.
-        world: The track on which its graph was compared with the weights.
-        frames: Number of compared camera frames.
-        same_actions: In how many both chose the same action.
-        greatest_difference: Of any output: a probability, or a continuous action from -1 to 1.
-        actions: The actions as the car drives them.
-        problems: What the car does differently, or cannot do.
-        dry_run: Whether -d was given, so that nothing was written.
-        deleted: Names of older archives that were deleted.
-    """
+    source: Annotated[str, "The model, as an s3:// address."]
+    choice: Annotated[str, "last, best, the word of a milestone, or the requested number."]
+    checkpoint: Annotated[str, "Name of its checkpoint."]
+    metric: Annotated[float | None, "Mean score of its evaluation; null without one."]
+    files: Annotated[list[str], "Where the archive is: a path, or s3:// addresses."]
+    size_bytes: Annotated[int, "Size of the archive."]
+    world: Annotated[str, "The track on which its graph was compared with the weights."]
+    frames: Annotated[int, "Number of compared camera frames."]
+    same_actions: Annotated[int, "In how many both chose the same action."]
+    greatest_difference: Annotated[
+        float, "Of any output: a probability, or a continuous action from -1 to 1."
+    ]
+    actions: Annotated[list[CarAction], "The actions as the car drives them."]
+    problems: Annotated[list[Problem], "What the car does differently, or cannot do."] = field(
+        default_factory=list
+    )
+    dry_run: Annotated[bool, "Whether -d was given, so that nothing was written."] = False
+    deleted: Annotated[list[str], "Names of older archives that were deleted."] = field(
+        default_factory=list
+    )
 
-    source: str
-    choice: str
-    checkpoint: str
-    metric: float | None
-    files: list[str]
-    size_bytes: int
-    world: str
-    frames: int
-    same_actions: int
-    greatest_difference: float
-    actions: list[CarAction]
-    problems: list[Problem] = field(default_factory=list)
-    dry_run: bool = False
-    deleted: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        would = "Would write" if self.dry_run else "Wrote"
+        same = f"{self.same_actions} of {counted(self.frames, 'frame')} of a drive on {self.world}"
+        difference = f"greatest difference {self.greatest_difference:.1g}"
+        return [
+            f"{would} {self.checkpoint} of {self.source}, {size_text(self.size_bytes)}, to",
+            *map(bold, self.files),
+            f"Same action as the weights in {same}; {difference}.",
+            BLANK,
+            table(self.actions),
+        ]
 
 
 @dataclass(frozen=True)
 class ArchiveReport:
-    """The check of an archive that anybody may have made.
+    """The check of an archive that anybody may have made."""
 
-    Attributes:
-        file: The archive.
-        errors: Why the car refuses it, or cannot drive it.
-        warnings: What the car does differently.
-        actions: The actions as the car drives them; empty if unreadable.
-    """
-
-    file: str
-    errors: list[Problem]
-    warnings: list[Problem]
-    actions: list[CarAction]
+    file: Annotated[str, "The archive."]
+    errors: Annotated[list[Problem], "Why the car refuses it, or cannot drive it."]
+    warnings: Annotated[list[Problem], "What the car does differently."]
+    actions: Annotated[list[CarAction], "The actions as the car drives them; empty if unreadable."]
 
     @property
     def ok(self) -> bool:
         """Whether the car loads it."""
         return not self.errors
+
+    def view(self) -> View:
+        loads, refuses = Styled("The car loads it", "green"), Styled("The car refuses it", "red")
+        verdict = (bold(self.file), ": ", refuses if self.errors else loads, ".")
+        return [verdict, *([BLANK, table(self.actions)] if self.actions else [])]
 
 
 @dataclass(frozen=True)

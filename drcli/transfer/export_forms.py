@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing, rewrite
+from drcli.base.report import View, counted, size_text
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.convert.build_network import build_policy, load_weights, policy_spec, weights_of
@@ -208,31 +210,30 @@ SUFFIXES: dict[Form, str] = {
 
 @dataclass(frozen=True)
 class FormReport:
-    """What was written, and how it was verified.
+    """What was written, and how it was verified."""
 
-    Attributes:
-        form: pb, onnx, openvino or tflite.
-        prefix: The model.
-        checkpoint: Its checkpoint.
-        file: The file that `dr-evaluate --model` takes.
-        files: All files, with that one.
-        size_bytes: Of all of them.
-        engine: What ran the file to compare it with PyTorch.
-        frames: Pictures that were compared.
-        same_actions: Share with the same likeliest action; 1 for continuous actions.
-        greatest_difference: Of a probability, or of a continuous action.
-    """
+    form: Annotated[Form, "pb, onnx, openvino or tflite."]
+    prefix: Annotated[str, "The model."]
+    checkpoint: Annotated[str, "Its checkpoint."]
+    file: Annotated[str, "The file that `dr-evaluate --model` takes."]
+    files: Annotated[list[str], "All files, with that one."]
+    size_bytes: Annotated[int, "Of all of them."]
+    engine: Annotated[Runtime, "What ran the file to compare it with PyTorch."]
+    frames: Annotated[int, "Pictures that were compared."]
+    same_actions: Annotated[
+        float, "Share with the same likeliest action; 1 for continuous actions."
+    ]
+    greatest_difference: Annotated[float, "Of a probability, or of a continuous action."]
 
-    form: Form
-    prefix: str
-    checkpoint: str
-    file: str
-    files: list[str]
-    size_bytes: int
-    engine: Runtime
-    frames: int
-    same_actions: float
-    greatest_difference: float
+    def view(self) -> View:
+        compared = f"Compared with PyTorch on {self.frames} pictures (--runtime {self.engine})"
+        difference = f"greatest difference {self.greatest_difference:.1e}"
+        size = size_text(self.size_bytes)
+        return [
+            f"Exported {self.checkpoint} of {self.prefix} as {self.file}, {size}.",
+            f"{compared}: {self.same_actions:.1%} the same action, {difference}.",
+            f"Beside it: {', '.join(file for file in self.files if file != self.file)}",
+        ]
 
 
 @dataclass(frozen=True)
@@ -376,29 +377,30 @@ class CheckpointExport:
 
 @dataclass(frozen=True)
 class ExportReport:
-    """The result of `dr-export tf-checkpoint` and `dr-export droa`.
+    """The result of `dr-export tf-checkpoint` and `dr-export droa`."""
 
-    Attributes:
-        source: The model, as an s3:// address.
-        checkpoint: Name of the exported checkpoint.
-        target: Folder or s3:// address.
-        files: Names of the files there.
-        size_bytes: Their size.
-        archive: The same files as an archive; None without one.
-        notes: What a racer should know.
-        verified: What was checked.
-        not_verified: What was not, because it needs the other system.
-    """
+    source: Annotated[str, "The model, as an s3:// address."]
+    checkpoint: Annotated[str, "Name of the exported checkpoint."]
+    target: Annotated[str, "Folder or s3:// address."]
+    files: Annotated[list[str], "Names of the files there."]
+    size_bytes: Annotated[int, "Their size."]
+    archive: Annotated[str | None, "The same files as an archive; None without one."] = None
+    notes: Annotated[list[str], "What a racer should know."] = field(default_factory=list)
+    verified: Annotated[list[str], "What was checked."] = field(default_factory=list)
+    not_verified: Annotated[list[str], "What was not, because it needs the other system."] = field(
+        default_factory=list
+    )
 
-    source: str
-    checkpoint: str
-    target: str
-    files: list[str]
-    size_bytes: int
-    archive: str | None = None
-    notes: list[str] = field(default_factory=list)
-    verified: list[str] = field(default_factory=list)
-    not_verified: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        size = f"{counted(len(self.files), 'file')}, {size_text(self.size_bytes)}"
+        beside = self.archive is not None and self.archive != self.target
+        return [
+            f"Exported {self.checkpoint} of {self.source} to {self.target}: {size}.",
+            beside and f"The same files as an archive: {self.archive}",
+            *(f"Note: {note}" for note in self.notes),
+            *(f"Verified: {text}" for text in self.verified),
+            *(f"Not verified: {text}" for text in self.not_verified),
+        ]
 
 
 def read_checkpoint_export(settings: Settings, selection: Selection) -> CheckpointExport:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from drcli.model import keys
 from drcli.records.training_record import TrainingRecord
@@ -14,40 +15,32 @@ _PLACES = ("DR_LOCAL_S3_", "DR_UPLOAD_", "DR_MODEL_DESCRIPTION", "DR_EXPERIMENT_
 
 @dataclass(frozen=True)
 class FamilyMember:
-    """A training in the tree, or a model that no training here has made.
+    """A training in the tree, or a model that no training here has made."""
 
-    Attributes:
-        model: Prefix of the model.
-        depth: How many ancestors it has here.
-        training: None for a model of which only the name is known.
-        exists: Whether its model is still there.
-        weights: Its parent's checkpoint that it began with; empty for fresh weights.
-        changes: What differs from its parent, such as `lr 0.0003 -> 0.0001`.
-        asked: Whether it is the training that was asked for.
-    """
-
-    model: str
-    depth: int
-    training: TrainingEntry | None
-    exists: bool
-    weights: str = ""
-    changes: list[str] = field(default_factory=list)
-    asked: bool = False
+    model: Annotated[str, "Prefix of the model."]
+    depth: Annotated[int, "How many ancestors it has here."]
+    training: Annotated[TrainingEntry | None, "None for a model of which only the name is known."]
+    exists: Annotated[bool, "Whether its model is still there."]
+    weights: Annotated[
+        str, "Its parent's checkpoint that it began with; empty for fresh weights."
+    ] = ""
+    changes: Annotated[
+        list[str], "What differs from its parent, such as `lr 0.0003 -> 0.0001`."
+    ] = field(default_factory=list)
+    asked: Annotated[bool, "Whether it is the training that was asked for."] = False
 
 
 @dataclass(frozen=True)
 class FamilyTree:
-    """Trainings with their ancestors and descendants.
+    """Trainings with their ancestors and descendants."""
 
-    Attributes:
-        bucket: Its name.
-        members: Each parent before its children, which have one more in `depth`.
-        damaged: A sentence for each record that cannot be read.
-    """
-
-    bucket: str
-    members: list[FamilyMember]
-    damaged: list[str] = field(default_factory=list)
+    bucket: Annotated[str, "Its name."]
+    members: Annotated[
+        list[FamilyMember], "Each parent before its children, which have one more in `depth`."
+    ]
+    damaged: Annotated[list[str], "A sentence for each record that cannot be read."] = field(
+        default_factory=list
+    )
 
 
 def family_tree(known: KnownTrainings, of: TrainingRecord | None = None) -> FamilyTree:

@@ -3,13 +3,14 @@
 import ast
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import yaml
 
 from drcli.base.errors import DrError, ProblemsError, SettingsError, shown
 from drcli.base.files import read_regular
 from drcli.base.installation import lazy_imports
+from drcli.base.report import BLANK, View, counted
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.loading import load_settings
@@ -107,37 +108,42 @@ class ImportOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ImportedModel(TransferReport):
-    """The result of `dr-import`.
+    """The result of `dr-import`."""
 
-    Attributes:
-        form: What the source's files are.
-        network: `neural_network` of the model.
-        num_actions: Actions, or dimensions of continuous ones.
-        action_space_type: discrete or continuous.
-        sensors: Its inputs.
-        world: The track that it is driven on here.
-        taken: Names of the source's files that were taken along.
-        shipped: Names of the shipped files that stand for missing ones.
-        fresh: What starts fresh, in sentences.
-        verified: What was checked, in sentences.
-        warnings: What was corrected or left out, in sentences.
-        custom_files: The racer's own files that were written, by path.
-        trials: How far it gets with each car; None if not tried.
-    """
+    form: Annotated[str, "What the source's files are."]
+    network: Annotated[str, "`neural_network` of the model."]
+    num_actions: Annotated[int, "Actions, or dimensions of continuous ones."]
+    action_space_type: Annotated[str, "discrete or continuous."]
+    sensors: Annotated[list[str], "Its inputs."]
+    world: Annotated[str, "The track that it is driven on here."]
+    taken: Annotated[list[str], "Names of the source's files that were taken along."]
+    shipped: Annotated[list[str], "Names of the shipped files that stand for missing ones."]
+    fresh: Annotated[list[str], "What starts fresh, in sentences."]
+    verified: Annotated[list[str], "What was checked, in sentences."]
+    warnings: Annotated[list[str], "What was corrected or left out, in sentences."]
+    custom_files: Annotated[list[str], "The racer's own files that were written, by path."] = field(
+        default_factory=list
+    )
+    trials: Annotated[CarTrials | None, "How far it gets with each car; None if not tried."] = None
 
-    form: str
-    network: str
-    num_actions: int
-    action_space_type: str
-    sensors: list[str]
-    world: str
-    taken: list[str]
-    shipped: list[str]
-    fresh: list[str]
-    verified: list[str]
-    warnings: list[str]
-    custom_files: list[str] = field(default_factory=list)
-    trials: CarTrials | None = None
+    def view(self) -> View:
+        would, verb = (
+            ("Would import", "would be deleted") if self.dry_run else ("Imported", "deleted")
+        )
+        actions = f"{self.num_actions} {self.action_space_type} actions"
+        deleted = counted(len(self.deleted), "file")
+        missing = f"Missing, so the shipped ones are used: {', '.join(self.shipped)}"
+        return [
+            f"{would} {self.source} ({self.form}) to {self.target}: {self.size_text()}.",
+            f"{self.checkpoint}: {self.network}, {actions}, {' and '.join(self.sensors)}.",
+            self.taken and f"Taken along: {', '.join(self.taken)}",
+            self.shipped and missing,
+            self.deleted and f"Not part of it and {verb}: {deleted}.",
+            *(f"Fresh: {text}" for text in self.fresh),
+            *(f"Verified: {text}" for text in self.verified),
+            *(f"Wrote {path}" for path in self.custom_files),
+            *([] if self.trials is None else [BLANK, *self.trials.view()]),
+        ]
 
 
 class ModelMaker:

@@ -1,8 +1,11 @@
 """Lists, adds, changes and removes a racer's notes about a model."""
 
 from dataclasses import dataclass, field
+from itertools import chain
+from typing import Annotated
 
 from drcli.base.errors import BadValue, SettingsError, shown
+from drcli.base.report import View, abridged, bold, dim, printable, utc_minute
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
@@ -24,38 +27,45 @@ from drcli.transfer.transfer_buckets import bucket_to_look_at
 
 @dataclass(frozen=True)
 class NoteEntry:
-    """A note in the list.
+    """A note in the list."""
 
-    Attributes:
-        number: Counted from 1; 0 is the description.
-        at: When it was written, Unix seconds; None if damaged.
-        edited_at: When it was last changed; None if never.
-        host: The machine on which it was written.
-        checkpoint: Number of the newest checkpoint then; None if unknown.
-        text: What it says.
-    """
+    number: Annotated[int, "Counted from 1; 0 is the description."]
+    at: Annotated[float | None, "When it was written, Unix seconds; None if damaged."]
+    edited_at: Annotated[float | None, "When it was last changed; None if never."]
+    host: Annotated[str, "The machine on which it was written."]
+    checkpoint: Annotated[int | None, "Number of the newest checkpoint then; None if unknown."]
+    text: Annotated[str, "What it says."]
 
-    number: int
-    at: float | None
-    edited_at: float | None
-    host: str
-    checkpoint: int | None
-    text: str
+    def line(self) -> str:
+        return f"{'Note' if self.number else 'Description'}: {abridged(self.text)}"
+
+    def head(self) -> str:
+        parts = [
+            f"Note {self.number}" if self.number else "Description",
+            utc_minute(self.at),
+            "" if self.checkpoint is None else f"at checkpoint {self.checkpoint}",
+            "" if self.edited_at is None else f"changed {utc_minute(self.edited_at)}",
+        ]
+        return ", ".join(filter(None, parts))
 
 
 @dataclass(frozen=True)
 class NoteList:
-    """The notes of a model.
+    """The notes of a model."""
 
-    Attributes:
-        model: As s3://bucket/prefix.
-        notes: The description, then the oldest first.
-        damaged: A sentence for each note that cannot be read.
-    """
+    model: Annotated[str, "As s3://bucket/prefix."]
+    notes: Annotated[list[NoteEntry], "The description, then the oldest first."] = field(
+        default_factory=list
+    )
+    damaged: Annotated[list[str], "A sentence for each note that cannot be read."] = field(
+        default_factory=list
+    )
 
-    model: str
-    notes: list[NoteEntry] = field(default_factory=list)
-    damaged: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        if not self.notes:
+            return [f"{self.model} has no notes."]
+        notes = ((dim(note.head()), [printable(note.text)]) for note in self.notes)
+        return [bold(self.model), *chain.from_iterable(notes)]
 
 
 def list_notes(settings: Settings, prefix: str | None) -> NoteList:

@@ -4,9 +4,11 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError, StorageError
+from drcli.base.report import Col, View, bold, counted, size_text, table
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectNewer
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
@@ -31,48 +33,64 @@ _LOGGED = ("sim-0", "trainer", "reward-0")
 
 @dataclass(frozen=True)
 class RemovedModel:
-    """A model that is or would be deleted.
+    """A model that is or would be deleted."""
 
-    Attributes:
-        prefix: Its name.
-        checkpoints: How many it has.
-        objects: Its objects in the bucket: checkpoints, metrics, traces, logs, rollouts, records.
-        size_bytes: Their size.
-        modified: When the newest of them was written, ISO 8601; empty without any.
-        files: Its logs, event files, records and report on this machine, by path.
-        files_bytes: Their size.
-        warning: What speaks against it; empty if nothing does.
-    """
-
-    prefix: str
-    checkpoints: int
-    objects: int
-    size_bytes: int
-    modified: str
-    files: list[str]
-    files_bytes: int
-    warning: str = ""
+    prefix: Annotated[str, "Its name.", Col("model")]
+    checkpoints: Annotated[int, "How many it has.", Col("ckpts")]
+    objects: Annotated[
+        int,
+        "Its objects in the bucket: checkpoints, metrics, traces, logs, rollouts, records.",
+        Col("objects"),
+    ]
+    size_bytes: Annotated[int, "Their size.", Col("size", size_text)]
+    modified: Annotated[
+        str,
+        "When the newest of them was written, ISO 8601; empty without any.",
+        Col("modified", lambda text: text[:10]),
+    ]
+    files: Annotated[
+        list[str], "Its logs, event files, records and report on this machine, by path."
+    ]
+    files_bytes: Annotated[
+        int, "Their size.", Col("local files", lambda size: size_text(size) if size else "-")
+    ]
+    warning: Annotated[str, "What speaks against it; empty if nothing does."] = ""
 
 
 @dataclass(frozen=True)
 class RemovalReport:
-    """The result of `dr-delete-model`.
+    """The result of `dr-delete-model`."""
 
-    Attributes:
-        bucket: Name of the bucket.
-        models: What was deleted.
-        dry_run: Whether nothing was deleted.
-        size_bytes: Of all objects.
-        records: Records of trainings of these models; they stay unless `forgotten`.
-        forgotten: Whether these records were deleted, too.
-    """
+    bucket: Annotated[str, "Name of the bucket."]
+    models: Annotated[list[RemovedModel], "What was deleted."]
+    dry_run: Annotated[bool, "Whether nothing was deleted."]
+    size_bytes: Annotated[int, "Of all objects."]
+    records: Annotated[
+        int, "Records of trainings of these models; they stay unless `forgotten`."
+    ] = 0
+    forgotten: Annotated[bool, "Whether these records were deleted, too."] = False
 
-    bucket: str
-    models: list[RemovedModel]
-    dry_run: bool
-    size_bytes: int
-    records: int = 0
-    forgotten: bool = False
+    def view(self, *, planned: bool) -> View:
+        size, what = size_text(self.size_bytes), counted(self.records, "record")
+        if planned:
+            also = (
+                f"Also {what} in dr-history."
+                if self.forgotten
+                else f"{what} in dr-history will stay."
+            )
+            order = ("prefix", "checkpoints", "objects", "size_bytes", "files_bytes", "modified")
+            return [
+                bold(f"s3://{self.bucket}"),
+                table(self.models, *order),
+                f"{counted(len(self.models), 'model')}, {size} in the bucket.",
+                self.records and also,
+            ]
+        files = sum(len(model.files) for model in self.models)
+        local = f" and {counted(files, 'local file')}" if files else ""
+        objects = counted(sum(model.objects for model in self.models), "object")
+        return [
+            f"Deleted {', '.join(model.prefix for model in self.models)}: {objects}, {size}{local}."
+        ]
 
 
 @dataclass(frozen=True)

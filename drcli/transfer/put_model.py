@@ -7,9 +7,10 @@ sent again, so repeating an interrupted delivery completes it.
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 from drcli.base.errors import DrError, StorageError
+from drcli.base.report import counted, size_text
 from drcli.bucket.bucket import ObjectDamaged, ObjectInfo, ObjectMissing, Watch
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_scores
@@ -31,29 +32,40 @@ _LOOKS = 5
 
 @dataclass(frozen=True)
 class TransferReport:
-    """The result of an upload or a download.
+    """The result of an upload or a download."""
 
-    Attributes:
-        source: The model, as an s3:// address.
-        target: The copy, as an s3:// address.
-        checkpoint: Name of the checkpoint to use; the last one of a whole model.
-        copied: Names of the copied objects, below the target.
-        copied_bytes: Their size.
-        unchanged: Names of the objects that already existed.
-        deleted: Names of the objects that -w deleted.
-        dry_run: Whether -d was given, so that nothing was changed.
-        replay_bytes: Size of SAC's replay buffer, which is not copied.
-    """
+    source: Annotated[str, "The model, as an s3:// address."]
+    target: Annotated[str, "The copy, as an s3:// address."]
+    checkpoint: Annotated[str, "Name of the checkpoint to use; the last one of a whole model."]
+    copied: Annotated[list[str], "Names of the copied objects, below the target."] = field(
+        default_factory=list
+    )
+    copied_bytes: Annotated[int, "Their size."] = 0
+    unchanged: Annotated[list[str], "Names of the objects that already existed."] = field(
+        default_factory=list
+    )
+    deleted: Annotated[list[str], "Names of the objects that -w deleted."] = field(
+        default_factory=list
+    )
+    dry_run: Annotated[bool, "Whether -d was given, so that nothing was changed."] = False
+    replay_bytes: Annotated[int, "Size of SAC's replay buffer, which is not copied."] = field(
+        default=0, kw_only=True
+    )
 
-    source: str
-    target: str
-    checkpoint: str
-    copied: list[str] = field(default_factory=list)
-    copied_bytes: int = 0
-    unchanged: list[str] = field(default_factory=list)
-    deleted: list[str] = field(default_factory=list)
-    dry_run: bool = False
-    replay_bytes: int = field(default=0, kw_only=True)
+    def size_text(self) -> str:
+        same = f", {len(self.unchanged)} already there" if self.unchanged else ""
+        return f"{counted(len(self.copied), 'file')}, {size_text(self.copied_bytes)}{same}"
+
+    def copied_text(self) -> str:
+        return f"{self.source} to {self.target}: {self.size_text()}."
+
+    def replay_text(self) -> str:
+        if not self.replay_bytes:
+            return ""
+        return (
+            f"Its replay buffer ({size_text(self.replay_bytes)}) is not copied: SAC goes on from "
+            "the copy with an empty one, which costs some iterations."
+        )
 
 
 def replay_bytes(model: ModelStore) -> int:

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 from drcli.base.errors import SettingsError
+from drcli.base.report import Col, View, bold, counted, size_text, table
 from drcli.bucket.bucket import ObjectInfo, ObjectMissing
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
@@ -44,42 +45,54 @@ _TRACE = re.compile(r"(?:\d+/)?training-simtrace/\d+-iteration\.csv")
 _RULE = re.compile(r"last(?:-[1-9]\d{0,6})?|best|every-[1-9]\d{0,6}|milestones|" + "|".join(KINDS))
 
 
+_WHAT = {
+    "remains": "remains of a model",
+    "damaged": "damaged objects",
+    "rollouts": "recorded episodes",
+    "traces": "traces",
+    "checkpoints": "checkpoints",
+    "logs": "local logs",
+}
+
+
 @dataclass(frozen=True)
 class TidyItem:
-    """Something of one kind that one model has.
+    """Something of one kind that one model has."""
 
-    Attributes:
-        kind: remains, damaged, rollouts, traces, checkpoints or logs.
-        model: Prefix of the model.
-        objects: How many objects or files.
-        size_bytes: Their size.
-        names: Their keys or paths.
-    """
-
-    kind: TidyKind
-    model: str
-    objects: int
-    size_bytes: int
-    names: list[str]
+    kind: Annotated[
+        TidyKind,
+        "remains, damaged, rollouts, traces, checkpoints or logs.",
+        Col("what", lambda kind: _WHAT[kind]),
+    ]
+    model: Annotated[str, "Prefix of the model.", Col("model")]
+    objects: Annotated[int, "How many objects or files.", Col("objects")]
+    size_bytes: Annotated[int, "Their size.", Col("size", size_text)]
+    names: Annotated[list[str], "Their keys or paths."]
 
 
 @dataclass(frozen=True)
 class TidyReport:
-    """The result of `dr-tidy`.
+    """The result of `dr-tidy`."""
 
-    Attributes:
-        bucket: Name of the bucket.
-        items: What was deleted.
-        busy: Models that were left alone because they are being trained or evaluated.
-        dry_run: Whether nothing was deleted.
-        size_bytes: Of everything.
-    """
+    bucket: Annotated[str, "Name of the bucket."]
+    items: Annotated[list[TidyItem], "What was deleted."]
+    busy: Annotated[
+        list[str], "Models that were left alone because they are being trained or evaluated."
+    ]
+    dry_run: Annotated[bool, "Whether nothing was deleted."]
+    size_bytes: Annotated[int, "Of everything."]
 
-    bucket: str
-    items: list[TidyItem]
-    busy: list[str]
-    dry_run: bool
-    size_bytes: int
+    def view(self, *, planned: bool) -> View:
+        size = size_text(self.size_bytes)
+        busy = f"Left alone, because they are in use: {', '.join(self.busy)}."
+        if not self.items:
+            yield f"Nothing is left over in s3://{self.bucket}."
+        elif planned:
+            order = ("model", "kind", "objects", "size_bytes")
+            yield from (bold(f"s3://{self.bucket}"), table(self.items, *order), f"Together {size}.")
+        else:
+            yield f"Deleted {counted(sum(item.objects for item in self.items), 'object')}, {size}."
+        yield self.busy and busy
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,36 @@ import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import make_folder, refuse_existing, rewrite
+from drcli.base.report import (
+    Col,
+    Rows,
+    Styled,
+    View,
+    bold,
+    counted,
+    dim,
+    printable,
+    table,
+    utc_minute,
+)
 from drcli.bucket.bucket import Bucket
 from drcli.model import keys, lease
+from drcli.model.model_list import score_text
 from drcli.model.model_store import ModelStore
 from drcli.model.training_records import forget_training
-from drcli.records.training_record import TrainingRecord
+from drcli.records.training_record import RecordedStart, TrainingRecord
 from drcli.transfer.record_training import texts_of
-from drcli.transfer.training_list import KnownTrainings, TrainingEntry, entry_of, settings_of
+from drcli.transfer.training_list import (
+    STATE_STYLES,
+    KnownTrainings,
+    TrainingEntry,
+    entry_of,
+    settings_of,
+)
 
 # Compares two trainings: inputs, machine, results.
 
@@ -43,63 +62,135 @@ _RESULTS = (
 _CONTEXT = 2
 
 
+_RESULT_NAMES = {
+    "world": "track",
+    "elapsed_s": "time",
+    "hours": "machine hours",
+    "usd": "cost",
+    "best_lap_s": "best clean lap",
+    "best_training_lap_s": "best training lap",
+}
+_MOST_DIFF = 60
+
+
+def _value(value: Any) -> str:
+    if value is None or value == "":
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else printable(str(value))
+
+
+def _result(name: str, value: Any, metric: str) -> str:
+    if value is None:
+        return "-"
+    if name == "elapsed_s":
+        return _duration(value)
+    if name == "best_score":
+        return score_text(metric, value)
+    units = {"hours": "{:.2f} h", "usd": "{:.2f} USD", "lap_s": "{:.2f} s", "progress": "{:.1f} %"}
+    for end, form in units.items():
+        if name.endswith(end):
+            return form.format(value)
+    return f"{value:,}" if isinstance(value, int) else _value(value)
+
+
+def _when(moment: str) -> str:
+    return moment[:16].replace("T", " ")
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"
+
+
+def _start(start: RecordedStart) -> str:
+    machine, version = start.machine, start.versions.get("drcli")
+    cores = f"{machine['cores']} cores" if machine.get("cores") else ""
+    words = (start.host, machine.get("processor"), cores, f"drcli {version}" if version else "")
+    where = ", ".join(str(word) for word in words if word) or "an unknown machine"
+    begins = f"resumes {start.resumes}" if start.resumes else "begins"
+    end = f"{start.state}: {start.message}" if start.message else start.state
+    began = utc_minute(start.started_at) if start.started_at else "?"
+    return printable(f"{began} {begins} on {where}; {end}")
+
+
 @dataclass(frozen=True)
 class Difference:
-    """A value of two trainings.
+    """A value of two trainings."""
 
-    Attributes:
-        name: What it is.
-        before: Its value in the first training; None if it is not there.
-        after: Its value in the second.
-    """
+    name: Annotated[str, "What it is."]
+    before: Annotated[Any, "Its value in the first training; None if it is not there."]
+    after: Annotated[Any, "Its value in the second."]
 
-    name: str
-    before: Any
-    after: Any
+    def line(self) -> tuple[str, ...]:
+        return dim(f"{self.name} "), f"{_value(self.before)} -> {_value(self.after)}"
 
 
 @dataclass(frozen=True)
 class FileDifference:
-    """A file of a training that differs.
+    """A file of a training that differs."""
 
-    Attributes:
-        name: Of the file.
-        diff: Lines of a unified diff; empty if a text was not kept.
-    """
+    name: Annotated[str, "Of the file."]
+    diff: Annotated[list[str], "Lines of a unified diff; empty if a text was not kept."] = field(
+        default_factory=list
+    )
 
-    name: str
-    diff: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        styles = {"+": "green", "-": "red", "@": "cyan"}
+        lines = [
+            Styled(printable(line), styles.get(line[:1], "")) for line in self.diff[:_MOST_DIFF]
+        ]
+        more = len(self.diff) - _MOST_DIFF
+        lines += [dim(f"and {more:,} more lines; --json has them")] if more > 0 else []
+        return bold(self.name), lines or ["It differs; a text was not kept."]
 
 
 @dataclass(frozen=True)
 class TrainingComparison:
-    """Two trainings side by side.
+    """Two trainings side by side."""
 
-    Attributes:
-        before: The first.
-        after: The second.
-        results: What they came to, equal values included.
-        settings: Settings that differ, with the values of defaults.
-        worker_settings: The same for files of other workers, such as `worker-2.env DR_...`.
-        hyperparameters: Those that differ.
-        model: Differences of algorithm, actions, network and sensors.
-        start: Differences of the weights that they began with.
-        versions: Of Python and packages.
-        machine: Processor, cores and others.
-        files: Files that differ, except hyperparameters.json.
-    """
+    before: Annotated[TrainingEntry, "The first."]
+    after: Annotated[TrainingEntry, "The second."]
+    results: Annotated[list[Difference], "What they came to, equal values included."]
+    settings: Annotated[list[Difference], "Settings that differ, with the values of defaults."]
+    worker_settings: Annotated[
+        list[Difference], "The same for files of other workers, such as `worker-2.env DR_...`."
+    ]
+    hyperparameters: Annotated[list[Difference], "Those that differ."]
+    model: Annotated[list[Difference], "Differences of algorithm, actions, network and sensors."]
+    start: Annotated[list[Difference], "Differences of the weights that they began with."]
+    versions: Annotated[list[Difference], "Of Python and packages."]
+    machine: Annotated[list[Difference], "Processor, cores and others."]
+    files: Annotated[list[FileDifference], "Files that differ, except hyperparameters.json."]
 
-    before: TrainingEntry
-    after: TrainingEntry
-    results: list[Difference]
-    settings: list[Difference]
-    worker_settings: list[Difference]
-    hyperparameters: list[Difference]
-    model: list[Difference]
-    start: list[Difference]
-    versions: list[Difference]
-    machine: list[Difference]
-    files: list[FileDifference]
+    def view(self) -> View:
+        both = (self.before, self.after)
+        titles = ["", *(f"{printable(each.model)} {each.id}" for each in both)]
+        rows = [
+            (
+                _RESULT_NAMES.get(each.name, each.name.replace("_", " ")),
+                _result(each.name, each.before, self.before.metric),
+                _result(each.name, each.after, self.after.metric),
+            )
+            for each in self.results
+        ]
+        sections = {
+            "Settings": self.settings,
+            "Settings of other workers": self.worker_settings,
+            "Hyperparameters": self.hyperparameters,
+            "Model": self.model,
+            "Weights and seed": self.start,
+            "Versions": self.versions,
+            "Machine": self.machine,
+        }
+        yield Rows(titles, rows, left=titles)
+        for title, changed in sections.items():
+            yield changed and bold(title)
+            yield [each.line() for each in changed]
+        for file in self.files:
+            yield from file.view()
+        if not (self.files or any(sections.values())):
+            yield "Settings, hyperparameters, files, versions and machine are equal."
 
 
 @dataclass(frozen=True)
@@ -208,36 +299,105 @@ def _files(one: Compared, other: Compared) -> list[FileDifference]:
 
 @dataclass(frozen=True)
 class TrainingDetails:
-    """One training.
+    """One training."""
 
-    Attributes:
-        training: In short.
-        record: Everything that was recorded.
-        files: Names of its files whose texts were kept.
-        saved: Files on this machine that they were written to.
-        damaged: A sentence for each record of the bucket that cannot be read.
-    """
+    training: Annotated[TrainingEntry, "In short."]
+    record: Annotated[TrainingRecord, "Everything that was recorded."]
+    files: Annotated[list[str], "Names of its files whose texts were kept."] = field(
+        default_factory=list
+    )
+    saved: Annotated[list[str], "Files on this machine that they were written to."] = field(
+        default_factory=list
+    )
+    damaged: Annotated[
+        list[str], "A sentence for each record of the bucket that cannot be read."
+    ] = field(default_factory=list)
 
-    training: TrainingEntry
-    record: TrainingRecord
-    files: list[str] = field(default_factory=list)
-    saved: list[str] = field(default_factory=list)
-    damaged: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        each, record = self.training, self.record
+        where = "" if each.exists else ", its model is gone"
+        state = Styled(f" ({each.state}{where})", STATE_STYLES.get(each.state, ""))
+        yield (bold(f"Training {each.id} of {printable(each.model)}"), state)
+        derived = "Nobody wrote a record; this was worked out from the model."
+        yield each.derived and dim(derived)
+        learned = ", ".join(
+            counted(number, word)
+            for number, word in (
+                (each.iterations, "iteration"),
+                (each.episodes, "episode"),
+                (each.steps, "step"),
+            )
+        )
+        trials = f"{counted(record.results.evaluations, 'evaluation')} with "
+        trials += counted(record.results.trials, "trial")
+        pairs = {
+            "description": printable(each.description),
+            "began": _when(each.began_at),
+            "ended": " ".join(filter(None, (_when(each.ended_at), each.message))),
+            "track": " ".join(filter(None, (printable(each.world), each.race_type))),
+            "model": ", ".join(filter(None, (each.algorithm, each.action_space, record.network))),
+            "sensors": ", ".join(record.sensors),
+            "began with": self._weights(),
+            "learned": f"{learned} in {_duration(each.elapsed_s)}",
+            "best": self._best(),
+            "fastest clean lap": self._laps(),
+            "evaluations": trials if record.results.evaluations else "",
+            "machine hours": "" if each.hours is None else f"{each.hours:.2f} h",
+            "cost": "" if each.usd is None else f"{each.usd:.2f} USD",
+        }
+        yield [pairs]
+        workers = enumerate(record.newest.worker_settings, start=2)
+        groups = {"Settings that differ from their defaults": record.newest.settings}
+        groups |= {f"worker-{number}.env": own for number, own in workers}
+        for title, changed in groups.items():
+            yield changed and bold(title)
+            yield [{name: _value(changed[name]) for name in sorted(changed)}] if changed else ""
+        values = sorted(record.hyperparameters.items())
+        yield values and bold("Hyperparameters")
+        yield [", ".join(f"{name} {_value(value)}" for name, value in values)]
+        yield record.starts and bold(counted(each.starts, "start"))
+        yield [_start(start) for start in record.starts]
+        yield self.files and f"Files: {', '.join(self.files)} (--save FOLDER writes them)."
+        yield from (f"Wrote {path}" for path in self.saved)
+
+    def _weights(self) -> str:
+        each = self.training
+        if not each.parent:
+            return "fresh weights"
+        made = f" (training {each.parent_training})" if each.parent_training else ""
+        return f"{printable(each.parent)}, {each.parent_checkpoint}{made}"
+
+    def _best(self) -> str:
+        each = self.training
+        score = score_text(self.record.metric, each.best_score) if each.best_checkpoint else ""
+        return ", ".join(filter(None, (each.best_checkpoint, score)))
+
+    def _laps(self) -> str:
+        results, world = self.record.results, self.record.world
+        trials = dict(results.clean_trial_lap_s or {})
+        known = (
+            ("in evaluations of the training", results.best_lap_s),
+            ("in stand-alone evaluations", trials.pop(world, None)),
+            ("in training episodes", results.best_training_lap_s),
+            *(
+                (f"on {printable(name) or 'an unknown track'}", trials[name])
+                for name in sorted(trials)
+            ),
+        )
+        return ", ".join(f"{lap:.3f} s {where}" for where, lap in known if lap is not None)
 
 
 @dataclass(frozen=True)
 class ForgottenTrainings:
-    """The result of `dr-history forget`.
+    """The result of `dr-history forget`."""
 
-    Attributes:
-        bucket: Its name.
-        trainings: Those whose records were deleted.
-        dry_run: Whether nothing was deleted.
-    """
+    bucket: Annotated[str, "Its name."]
+    trainings: Annotated[list[TrainingEntry], "Those whose records were deleted."]
+    dry_run: Annotated[bool, "Whether nothing was deleted."]
 
-    bucket: str
-    trainings: list[TrainingEntry]
-    dry_run: bool
+    def view(self) -> View:
+        began = Col("began", of=lambda each: _when(each.began_at), side="left")
+        return [bold(f"s3://{self.bucket}"), table(self.trainings, "id", "model", began, "state")]
 
 
 def details_of(

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
 from drcli.base.clock import moment
 from drcli.base.errors import SettingsError
+from drcli.base.report import Col, View, bold, counted, dim, printable, table
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectNewer
 from drcli.config.settings import catalogue
 from drcli.model import keys, lease
@@ -32,87 +33,81 @@ from drcli.transfer.record_training import (
 # A training in short, and its settings with defaults.
 
 
+STATE_STYLES = {
+    "running": "green",
+    "failed": "red",
+    "lost": "red",
+    "interrupted": "yellow",
+    "unknown": "dim",
+}
+
+
 @dataclass(frozen=True)
 class TrainingEntry:
-    """A training in the list.
+    """A training in the list."""
 
-    Attributes:
-        id: Eight hexadecimal digits.
-        model: Prefix of the model.
-        state: running, finished, stopped, interrupted, failed, lost or unknown.
-        message: Why it ended.
-        began_at: Time of its first start in UTC, ISO 8601; empty if unknown.
-        ended_at: Time of its end, likewise.
-        exists: Whether its model is still there.
-        derived: Whether this was worked out from the model, as nobody wrote a record.
-        world: Track.
-        race_type: DR_RACE_TYPE.
-        algorithm: clipped_ppo or sac.
-        action_space: Kind and number of actions.
-        workers: Simulation workers.
-        starts: How often it was started.
-        iterations: Finished iterations.
-        episodes: Training episodes.
-        steps: Steps learned from.
-        elapsed_s: Wall time of training.
-        hours: Machine hours of all starts.
-        usd: What these cost.
-        best_lap_s: Fastest clean lap of an evaluation on `world`, during the training or later.
-        best_training_lap_s: Fastest lap of a training episode on `world`.
-        best_progress: Highest mean progress of an evaluation on `world`, percent.
-        best_checkpoint: Name of the best checkpoint.
-        best_score: Its score.
-        mean_reward: Of the last iteration.
-        mean_progress: Of the last iteration, percent.
-        parent: The model with whose weights it began; empty for fresh ones.
-        parent_checkpoint: Name of that checkpoint.
-        parent_training: Id of the training that made it; empty if unknown.
-        host: Machine of the newest start.
-        processor: Of that machine.
-        drcli: Version of drcli of the newest start.
-        commit: Git commit of the working folder, with + if files were changed.
-        seed: Of its random numbers.
-        description: DR_MODEL_DESCRIPTION.
-        metric: DR_TRAIN_BEST_MODEL_METRIC, of which the score is; empty if unknown.
-    """
+    id: Annotated[str, "Eight hexadecimal digits.", Col("id")]
+    model: Annotated[
+        str, "Prefix of the model.", Col("model", of=lambda each: each.title(), side="left")
+    ]
+    state: Annotated[
+        str,
+        "running, finished, stopped, interrupted, failed, lost or unknown.",
+        Col("ended", style=STATE_STYLES),
+    ]
+    message: Annotated[str, "Why it ended."]
+    began_at: Annotated[
+        str,
+        "Time of its first start in UTC, ISO 8601; empty if unknown.",
+        Col("began", lambda text: text[:10] or "-"),
+    ]
+    ended_at: Annotated[str, "Time of its end, likewise."]
+    exists: Annotated[bool, "Whether its model is still there."]
+    derived: Annotated[
+        bool, "Whether this was worked out from the model, as nobody wrote a record."
+    ]
+    world: Annotated[str, "Track.", Col("track", lambda text: printable(text) or "-")]
+    race_type: Annotated[str, "DR_RACE_TYPE."]
+    algorithm: Annotated[str, "clipped_ppo or sac."]
+    action_space: Annotated[str, "Kind and number of actions."]
+    workers: Annotated[int | None, "Simulation workers."]
+    starts: Annotated[int, "How often it was started."]
+    iterations: Annotated[int, "Finished iterations.", Col("iters")]
+    episodes: Annotated[int, "Training episodes."]
+    steps: Annotated[int, "Steps learned from."]
+    elapsed_s: Annotated[float, "Wall time of training."]
+    hours: Annotated[
+        float | None, "Machine hours of all starts.", Col("hours", "{:.2f} h", wide=True)
+    ]
+    usd: Annotated[float | None, "What these cost.", Col("cost", "{:.2f} USD", wide=True)]
+    best_lap_s: Annotated[
+        float | None,
+        "Fastest clean lap of an evaluation on `world`, during the training or later.",
+        Col("best lap", "{:.2f} s"),
+    ]
+    best_training_lap_s: Annotated[float | None, "Fastest lap of a training episode on `world`."]
+    best_progress: Annotated[
+        float | None,
+        "Highest mean progress of an evaluation on `world`, percent.",
+        Col("progress", "{:.0f} %"),
+    ]
+    best_checkpoint: Annotated[str | None, "Name of the best checkpoint."]
+    best_score: Annotated[float | None, "Its score."]
+    mean_reward: Annotated[float | None, "Of the last iteration."]
+    mean_progress: Annotated[float | None, "Of the last iteration, percent."]
+    parent: Annotated[str, "The model with whose weights it began; empty for fresh ones."]
+    parent_checkpoint: Annotated[str, "Name of that checkpoint."]
+    parent_training: Annotated[str, "Id of the training that made it; empty if unknown."]
+    host: Annotated[str, "Machine of the newest start."]
+    processor: Annotated[str, "Of that machine."]
+    drcli: Annotated[str, "Version of drcli of the newest start."]
+    commit: Annotated[str, "Git commit of the working folder, with + if files were changed."]
+    seed: Annotated[int | None, "Of its random numbers."]
+    description: Annotated[str, "DR_MODEL_DESCRIPTION."]
+    metric: Annotated[str, "DR_TRAIN_BEST_MODEL_METRIC, of which the score is; empty if unknown."]
 
-    id: str
-    model: str
-    state: str
-    message: str
-    began_at: str
-    ended_at: str
-    exists: bool
-    derived: bool
-    world: str
-    race_type: str
-    algorithm: str
-    action_space: str
-    workers: int | None
-    starts: int
-    iterations: int
-    episodes: int
-    steps: int
-    elapsed_s: float
-    hours: float | None
-    usd: float | None
-    best_lap_s: float | None
-    best_training_lap_s: float | None
-    best_progress: float | None
-    best_checkpoint: str | None
-    best_score: float | None
-    mean_reward: float | None
-    mean_progress: float | None
-    parent: str
-    parent_checkpoint: str
-    parent_training: str
-    host: str
-    processor: str
-    drcli: str
-    commit: str
-    seed: int | None
-    description: str
-    metric: str
+    def title(self) -> tuple[str, ...]:
+        return printable(self.model), dim("" if self.exists else " (gone)")
 
 
 def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
@@ -190,19 +185,29 @@ LEAST_ID, FULL_ID = 4, 8
 
 @dataclass(frozen=True)
 class TrainingList:
-    """The trainings of a bucket.
+    """The trainings of a bucket."""
 
-    Attributes:
-        bucket: Its name.
-        trainings: The chosen ones, in the chosen order.
-        total: How many trainings there are.
-        damaged: A sentence for each record that cannot be read.
-    """
+    bucket: Annotated[str, "Its name."]
+    trainings: Annotated[list[TrainingEntry], "The chosen ones, in the chosen order."]
+    total: Annotated[int, "How many trainings there are."]
+    damaged: Annotated[list[str], "A sentence for each record that cannot be read."] = field(
+        default_factory=list
+    )
 
-    bucket: str
-    trainings: list[TrainingEntry]
-    total: int
-    damaged: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        place, shown = f"s3://{self.bucket}", len(self.trainings)
+        if not self.total:
+            return [f"There is no training in {place} yet."]
+        if not self.trainings:
+            none = f"No training in {place} fits; it has {self.total}."
+            return [f"{none} The subcommands are show, compare, tree and forget."]
+        order = ("id", "model", "began_at", "world", "iterations", "best_progress", "best_lap_s")
+        part = f"{shown} of {self.total:,} trainings."
+        return [
+            bold(place),
+            table(self.trainings, *order, "hours", "usd", "state"),
+            part if shown < self.total else f"{counted(shown, 'training')}.",
+        ]
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,12 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 from drcli.base import errors
 from drcli.base.errors import BadValue, SettingsError
 from drcli.base.json_record import RecordError
+from drcli.base.report import View, counted, size_text
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.editing import RunEnvEdit, plan_edit, raised, written
@@ -51,21 +53,17 @@ PREFIX = "DR_UPLOAD_S3_PREFIX"
 
 @dataclass(frozen=True)
 class UploadIncrement:
-    """The change from one upload to the next.
+    """The change from one upload to the next."""
 
-    Attributes:
-        file: The run.env that is edited.
-        backup: Copy of the file from before the change.
-        before: Prefix of the last upload.
-        after: Prefix of the next one.
-        wiped: Number of objects there that will be deleted.
-    """
+    file: Annotated[str, "The run.env that is edited."]
+    backup: Annotated[str, "Copy of the file from before the change."]
+    before: Annotated[str, "Prefix of the last upload."]
+    after: Annotated[str, "Prefix of the next one."]
+    wiped: Annotated[int, "Number of objects there that will be deleted."] = 0
 
-    file: str
-    backup: str
-    before: str
-    after: str
-    wiped: int = 0
+    def __str__(self) -> str:
+        wiped = f" {counted(self.wiped, 'file')} deleted there." if self.wiped else ""
+        return f"The next upload goes to {self.after}.{wiped}"
 
 
 @dataclass(frozen=True)
@@ -338,19 +336,27 @@ class PlannedUpload:
 
 @dataclass(frozen=True, kw_only=True)
 class UploadReport(TransferReport):
-    """The result of `dr-upload-model`.
+    """The result of `dr-upload-model`."""
 
-    Attributes:
-        choice: last, best, the word of a milestone, or the requested number.
-        metric: Mean score of the checkpoint's evaluation; None without one.
-        older: Checkpoints of earlier uploads that are still there.
-        older_bytes: Their size.
-    """
+    choice: Annotated[str, "last, best, the word of a milestone, or the requested number."]
+    metric: Annotated[float | None, "Mean score of the checkpoint's evaluation; None without one."]
+    older: Annotated[list[str], "Checkpoints of earlier uploads that are still there."] = field(
+        default_factory=list
+    )
+    older_bytes: Annotated[int, "Their size."] = 0
 
-    choice: str
-    metric: float | None
-    older: list[str] = field(default_factory=list)
-    older_bytes: int = 0
+    def view(self) -> View:
+        would, deleted = (
+            ("Would upload", "would be deleted") if self.dry_run else ("Uploaded", "deleted")
+        )
+        files, older = counted(len(self.deleted), "file"), size_text(self.older_bytes)
+        return [
+            f"{would} {self.checkpoint} of {self.copied_text()}",
+            self.deleted and f"{files} of earlier uploads {deleted}.",
+            self.older
+            and f"Older checkpoints are kept: {len(self.older)}, {older}; -w deletes them.",
+            self.replay_text(),
+        ]
 
 
 def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:

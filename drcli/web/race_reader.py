@@ -199,8 +199,8 @@ class RaceReader:
 def words_of(report: RaceReport) -> dict[str, str]:
     """The terminal's sentences about a race."""
     return {
-        "place": race_words.place(report),
-        "standing": race_words.standing(report),
+        "place": report.place(),
+        "standing": report.standing(),
         **words_of_rules(report.rules),
     }
 

@@ -11,6 +11,7 @@ import sys
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import quote
 
 from drcli.base.clock import wait_until
@@ -63,23 +64,16 @@ class _Token:
 
 @dataclass(frozen=True)
 class ViewerReport:
-    """The console of a working folder.
+    """The console of a working folder."""
 
-    Attributes:
-        url: Its address, with the token if it needs one; null if it does not run.
-        pid: Its process.
-        host: The address that it listens at.
-        port: Its port.
-        needs_token: Whether who opens it needs the token.
-        started: Whether this command has started it.
-    """
-
-    url: str | None
-    pid: int | None
-    host: str
-    port: int
-    needs_token: bool
-    started: bool
+    url: Annotated[
+        str | None, "Its address, with the token if it needs one; null if it does not run."
+    ]
+    pid: Annotated[int | None, "Its process."]
+    host: Annotated[str, "The address that it listens at."]
+    port: Annotated[int, "Its port."]
+    needs_token: Annotated[bool, "Whether who opens it needs the token."]
+    started: Annotated[bool, "Whether this command has started it."]
 
 
 def start_viewer(directory: Path, config: WebConfig, *, again: bool = False) -> ViewerReport:

@@ -1,4 +1,4 @@
-"""The keys of every --json report, taken from the dataclasses behind them."""
+"""The keys of every --json report, and what its fields say about them."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -51,7 +51,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "cli.commands.spot_watch:WatchReport": ("spot watch",),
     "cli.commands.spot:BaseReport": ("spot create-base",),
     "outside.aws.creation:CreatedStack": ("spot create",),
-    "cli.views.spot_view:Planned": ("spot create --dry-run",),
+    "outside.aws.creation:Planned": ("spot create --dry-run",),
     "cli.commands.spot:AccessReport": ("spot add-access", "spot subscribe"),
     "outside.aws.stack_report:StackReports": ("spot list",),
     "outside.aws.prices:Offers": ("spot prices",),
@@ -174,12 +174,17 @@ def _fields(report: Any, path: str, outer: tuple[Any, ...]) -> Iterator[tuple[st
     if report is Problem:
         yield from ((f"{path}{key}", meaning) for key, meaning in Problem.JSON_KEYS.items())
         return
+    types, hints = get_type_hints(report), get_type_hints(report, include_extras=True)
     meanings = {
+        name: _sentence(text)
+        for name, hint in hints.items()
+        for text in getattr(hint, "__metadata__", ())
+        if isinstance(text, str)
+    } | {
         name: _sentence(text)
         for kind in report.__mro__
         for name, text in _ATTRIBUTE.findall(kind.__doc__ or "")
     }
-    types = get_type_hints(report)
     for field in fields(report):
         key = f"{path}{field.name}"
         yield key, meanings[field.name]

@@ -10,20 +10,13 @@ from drcli.analysis.compare_runs import (
     ComparedPair,
     ComparedRun,
     Comparison,
-    ComparisonRow,
-    Kind,
-    comparison_rows,
-    interval_rows,
 )
 from drcli.analysis.report.document import html_document
 from drcli.analysis.report.graphs import Graph, Section, Series
 from drcli.analysis.report.markup import (
-    UNKNOWN,
     Content,
     Html,
     coloured_difference,
-    count,
-    digits,
     element,
     percent,
     seconds,
@@ -85,12 +78,12 @@ def _difference_section(report: Comparison) -> Section:
         content.append(element("p", pair.sentence, class_="verdict"))
         rows: list[list[Content]] = [
             [
-                f"{row.name} ({row.unit})" if row.unit else row.name,
-                "yes" if row.beyond_chance else "no",
-                f"{row.difference:+.2f}",
-                f"{row.low:+.2f} to {row.high:+.2f}",
+                name,
+                "yes" if found["beyond_chance"] else "no",
+                f"{found['difference']:+.2f}",
+                f"{found['low']:+.2f} to {found['high']:+.2f}",
             ]
-            for row in interval_rows(pair)
+            for name, found in pair.intervals().items()
         ]
         if rows:
             head = ["", "more than chance", "difference", "95 % of the resamples"]
@@ -113,10 +106,7 @@ def _difference_section(report: Comparison) -> Section:
 
 
 def _numbers_section(report: Comparison) -> Section:
-    rows: list[list[Content]] = [
-        [_row_name(row), *(_cell(row, value) for value in row.values)]
-        for row in comparison_rows(report)
-    ]
+    rows: list[list[Content]] = [[str(cell) for cell in row] for row in report.numbers()]
     head = ["", *(run.model for run in report.runs)]
     look = (
         'Look at the rows with "at", which are fair to a shorter training: they show how far each '
@@ -129,28 +119,6 @@ def _numbers_section(report: Comparison) -> Section:
         look,
         (table("Late: the newest iterations", head, rows),),
     )
-
-
-def _row_name(row: ComparisonRow) -> str:
-    return row.name if row.limit is None else f"{row.name} {_written(*row.limit)}"
-
-
-def _cell(row: ComparisonRow, value: float | None) -> str:
-    return (row.unknown or UNKNOWN) if value is None else _written(row.kind, value)
-
-
-def _written(kind: Kind, value: float) -> str:
-    if kind == "time":
-        return f"{value / 60:.1f} min" if value < _HOURS_FROM_S else f"{value / 3600:.2f} h"
-    forms = {
-        "count": count,
-        "steps": lambda number: f"{count(number)} steps",
-        "percent": percent,
-        "lap": lambda number: f"{seconds(number)} s",
-        "usd": lambda number: f"{number:.2f} USD",
-        "number": digits,
-    }
-    return forms[kind](value)
 
 
 def _progress_section(runs: Sequence[ComparedRun]) -> Section | None:

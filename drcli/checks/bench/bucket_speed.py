@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Annotated
 
 import psutil
 
@@ -38,25 +39,15 @@ _SHORTEST_S = 1e-6
 
 @dataclass(frozen=True)
 class BucketSpeed:
-    """How fast a bucket is.
+    """How fast a bucket is."""
 
-    Attributes:
-        put_mb_per_s: Written, millions of bytes per second.
-        get_mb_per_s: Read.
-        requests_per_s: Small objects written and read one after the other.
-        request_ms: Median time of one of them, milliseconds.
-        requests: All that were sent.
-        sent_bytes: Bytes written.
-        received_bytes: Bytes read.
-    """
-
-    put_mb_per_s: float
-    get_mb_per_s: float
-    requests_per_s: float
-    request_ms: float
-    requests: int
-    sent_bytes: int
-    received_bytes: int
+    put_mb_per_s: Annotated[float, "Written, millions of bytes per second."]
+    get_mb_per_s: Annotated[float, "Read."]
+    requests_per_s: Annotated[float, "Small objects written and read one after the other."]
+    request_ms: Annotated[float, "Median time of one of them, milliseconds."]
+    requests: Annotated[int, "All that were sent."]
+    sent_bytes: Annotated[int, "Bytes written."]
+    received_bytes: Annotated[int, "Bytes read."]
 
 
 def measure_bucket(bucket: Bucket, seconds: float) -> BucketSpeed:

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import psutil
 
@@ -19,6 +19,7 @@ from drcli.base.errors import ProblemsError, SettingsError, WorkerDied
 from drcli.base.installation import installation_error
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.base.memory import read_memory
+from drcli.base.report import View, bold, counted
 from drcli.checks.bench.bucket_speed import BucketSpeed, bucket_to_measure, measure_bucket
 from drcli.checks.bench.work_order import Rates, Ready, WorkOrder
 from drcli.checks.machine_rules import TRAINER_BYTES, WORKER_BYTES
@@ -59,23 +60,14 @@ EVALUATION_SHARE = 1.1
 
 @dataclass(frozen=True)
 class TrainingEstimate:
-    """What a training would do with nothing else on the machine.
+    """What a training would do with nothing else on the machine."""
 
-    Attributes:
-        training_steps_per_s: Steps driven, sent and learned from per second.
-        driving_s: Time of driving an iteration of `ITERATION_STEPS` steps.
-        learning_s: Time of its update.
-        bucket_s: Time that its exchange through the bucket adds; 0 if unmeasured.
-        limited_by: What takes longest: driving, learning or bucket.
-        limiting_share: Its share of an iteration.
-    """
-
-    training_steps_per_s: float
-    driving_s: float
-    learning_s: float
-    bucket_s: float
-    limited_by: Part
-    limiting_share: float
+    training_steps_per_s: Annotated[float, "Steps driven, sent and learned from per second."]
+    driving_s: Annotated[float, "Time of driving an iteration of `ITERATION_STEPS` steps."]
+    learning_s: Annotated[float, "Time of its update."]
+    bucket_s: Annotated[float, "Time that its exchange through the bucket adds; 0 if unmeasured."]
+    limited_by: Annotated[Part, "What takes longest: driving, learning or bucket."]
+    limiting_share: Annotated[float, "Its share of an iteration."]
 
 
 def estimate(ready: Ready, rates: Rates, bucket: BucketSpeed | None) -> TrainingEstimate:
@@ -231,90 +223,124 @@ BUSY_SHARE = 0.1
 """Above this, other programs make the numbers too low."""
 
 
+_LIMITS = {
+    "driving": "driving: more or faster cores would help",
+    "learning": "learning: more or faster cores, or a GPU, would help",
+    "bucket": "the bucket: one on this machine (DR_CLOUD=local) or nearer would help",
+}
+
+
 @dataclass(frozen=True)
 class WorkSpeed:
-    """A measured training.
+    """A measured training."""
 
-    Attributes:
-        world: The track.
-        race_type: DR_RACE_TYPE.
-        network: neural_network of model_metadata.json.
-        algorithm: training_algorithm of model_metadata.json.
-        ready: What it uses here.
-        rates: What was measured.
-        estimate: What a training would do.
-    """
+    world: Annotated[str, "The track."]
+    race_type: Annotated[str, "DR_RACE_TYPE."]
+    network: Annotated[str, "neural_network of model_metadata.json."]
+    algorithm: Annotated[str, "training_algorithm of model_metadata.json."]
+    ready: Annotated[Ready, "What it uses here."]
+    rates: Annotated[Rates, "What was measured."]
+    estimate: Annotated[TrainingEstimate, "What a training would do."]
 
-    world: str
-    race_type: str
-    network: str
-    algorithm: str
-    ready: Ready
-    rates: Rates
-    estimate: TrainingEstimate
+    def parts(self, title: str) -> View:
+        ready, rates, estimate = self.ready, self.rates, self.estimate
+        where = "" if ready.device == "cpu" else f" on {ready.device}"
+        rows = {
+            "simulation": f"{rates.simulation_steps_per_s:,.0f} steps/s; with the policy "
+            f"{rates.driving_steps_per_s:,.0f} steps/s ({rates.driving_steps_per_core_s:,.0f} per "
+            f"second of a core), {ready.cars} cars, {counted(ready.driving_threads, 'thread')}",
+            "learner": f"{rates.gradient_steps_per_s:,.1f} gradient steps/s, "
+            f"{rates.learning_samples_per_s:,.0f} samples/s "
+            f"({rates.learning_samples_per_core_s:,.0f} per second of a core), "
+            f"{ready.number_format}{where}, {counted(ready.learning_threads, 'thread')}",
+            "memory": f"{rates.memory_bytes / 1e6:,.0f} MB for both in one process",
+            "training": f"{estimate.training_steps_per_s:,.0f} steps/s; limited by "
+            f"{_LIMITS[estimate.limited_by]} ({100 * estimate.limiting_share:.0f} % of the time)",
+        }
+        race = f"{self.algorithm}, {self.network} on {self.world}, {self.race_type}"
+        return f"{title}: {race}", [rows]
 
 
 @dataclass(frozen=True)
 class BucketReport:
-    """A measured bucket.
+    """A measured bucket."""
 
-    Attributes:
-        place: Its kind and address.
-        speed: What was measured.
-    """
+    place: Annotated[str, "Its kind and address."]
+    speed: Annotated[BucketSpeed, "What was measured."]
 
-    place: str
-    speed: BucketSpeed
+    def __str__(self) -> str:
+        speed = self.speed
+        return (
+            f"{self.place}; {speed.put_mb_per_s:,.1f} MB/s written, {speed.get_mb_per_s:,.1f} MB/s "
+            f"read, {speed.requests_per_s:,.0f} requests/s one after the other "
+            f"({speed.request_ms:.1f} ms each)"
+        )
 
 
 @dataclass(frozen=True)
 class BenchReport:
-    """The result of `dr-bench`.
+    """The result of `dr-bench`."""
 
-    Attributes:
-        number: Steps per second of the standard training: to compare with the page.
-        folder: The working folder; null without run.env.
-        processor: Its name.
-        cores: Cores of the machine.
-        usable_cores: Cores for a training here.
-        threads: DR_THREADS; 0 for all cores.
-        priority: DR_PRIORITY.
-        memory_bytes: Memory of machine or container, swap included.
-        free_memory_bytes: Free before the measurement.
-        needed_memory_bytes: Estimate for a training with DR_WORKERS.
-        versions: Of drcli, Python and the libraries that compute.
-        standard: The shipped files on reinvent_base, always measured.
-        own: The files and track of the working folder, if they differ.
-        own_left_out: Why they were not measured, or empty.
-        bucket: Null if it was left out.
-        first_lap_s: Seconds from the start of the standard training to its first evaluation lap:
-            least, median and most.
-        busy_share: Share of the processor that other programs used, 0 to 1.
-        stolen_share: Share that the host of this virtual machine gave to others, 0 to 1.
-        warnings: What makes the numbers uncertain.
-        seconds: Length of the measurement.
-    """
+    number: Annotated[float, "Steps per second of the standard training: to compare with the page."]
+    folder: Annotated[str | None, "The working folder; null without run.env."]
+    processor: Annotated[str, "Its name."]
+    cores: Annotated[int, "Cores of the machine."]
+    usable_cores: Annotated[int, "Cores for a training here."]
+    threads: Annotated[int, "DR_THREADS; 0 for all cores."]
+    priority: Annotated[str, "DR_PRIORITY."]
+    memory_bytes: Annotated[int, "Memory of machine or container, swap included."]
+    free_memory_bytes: Annotated[int, "Free before the measurement."]
+    needed_memory_bytes: Annotated[int, "Estimate for a training with DR_WORKERS."]
+    versions: Annotated[dict[str, str], "Of drcli, Python and the libraries that compute."]
+    standard: Annotated[WorkSpeed, "The shipped files on reinvent_base, always measured."]
+    own: Annotated[WorkSpeed | None, "The files and track of the working folder, if they differ."]
+    own_left_out: Annotated[str, "Why they were not measured, or empty."]
+    bucket: Annotated[BucketReport | None, "Null if it was left out."]
+    first_lap_s: Annotated[
+        list[float],
+        "Seconds from the start of the standard training to its first evaluation lap: "
+        "least, median and most.",
+    ]
+    busy_share: Annotated[float, "Share of the processor that other programs used, 0 to 1."]
+    stolen_share: Annotated[
+        float, "Share that the host of this virtual machine gave to others, 0 to 1."
+    ]
+    warnings: Annotated[list[str], "What makes the numbers uncertain."] = field(
+        default_factory=list
+    )
+    seconds: Annotated[float, "Length of the measurement."] = 0.0
 
-    number: float
-    folder: str | None
-    processor: str
-    cores: int
-    usable_cores: int
-    threads: int
-    priority: str
-    memory_bytes: int
-    free_memory_bytes: int
-    needed_memory_bytes: int
-    versions: dict[str, str]
-    standard: WorkSpeed
-    own: WorkSpeed | None
-    own_left_out: str
-    bucket: BucketReport | None
-    first_lap_s: list[float]
-    busy_share: float
-    stolen_share: float
-    warnings: list[str] = field(default_factory=list)
-    seconds: float = 0.0
+    def view(self) -> View:
+        cores = counted(self.cores, "core")
+        if self.usable_cores < self.cores:
+            cores = f"{self.usable_cores} of {cores} used"
+        if self.threads:
+            cores += f" (DR_THREADS={self.threads})"
+        if self.priority == "low":
+            cores += ", low priority (DR_PRIORITY)"
+        free, total = self.free_memory_bytes / 1e9, self.memory_bytes / 1e9
+        needed = f"a training needs about {self.needed_memory_bytes / 1e9:.1f} GB"
+        least, median, most = self.first_lap_s
+        first_lap = f"about {median:,.0f} s after the start with the shipped files"
+        return [
+            {
+                "processor": f"{self.processor}, {cores}",
+                "memory": f"{free:.1f} of {total:.1f} GB free; {needed}",
+                "versions": ", ".join(f"{name} {number}" for name, number in self.versions.items()),
+            },
+            *self.standard.parts("shipped files"),
+            *([] if self.own is None else self.own.parts("your files")),
+            self.own_left_out and f"your files: not measured: {self.own_left_out}",
+            {
+                "bucket": "" if self.bucket is None else str(self.bucket),
+                "first lap": f"{first_lap}, {least:,.0f} to {most:,.0f} s depending on the seed",
+            },
+            (
+                bold(f"{self.number:,.0f} training steps/s"),
+                ": the number to compare with docs/bench.md",
+            ),
+            f"Measured in {self.seconds:.0f} s.",
+        ]
 
 
 def measure_machine(

@@ -4,9 +4,10 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.report import Log, Styled, View, bold, counted, dim
 
 State = Literal["ok", "warning", "problem"]
 """A problem prevents or harms a training; a warning may."""
@@ -16,36 +17,33 @@ AT_BUCKET = ("bucket", "upload bucket")
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was examined.
+    """One thing that was examined."""
 
-    Attributes:
-        subject: What it is about, in a word or two.
-        state: `ok`, `warning` or `problem`.
-        text: What was found.
-        remedy: What to do, starting with a verb; empty if there is nothing to do.
-        facts: The same for programs; which keys there are depends on the subject.
-    """
+    subject: Annotated[str, "What it is about, in a word or two."]
+    state: Annotated[State, "`ok`, `warning` or `problem`."]
+    text: Annotated[str, "What was found."]
+    remedy: Annotated[str, "What to do, starting with a verb; empty if there is nothing to do."] = (
+        ""
+    )
+    facts: Annotated[
+        Mapping[str, Any], "The same for programs; which keys there are depends on the subject."
+    ] = field(default_factory=dict)
 
-    subject: str
-    state: State
-    text: str
-    remedy: str = ""
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    def pieces(self) -> tuple[object, ...]:
+        styles = {"ok": "green", "warning": "yellow", "problem": "bold red"}
+        remedy = bold(f"\nTry: {self.remedy}") if self.remedy else ""
+        return Styled(self.state, styles[self.state]), dim(self.subject), (self.text, remedy)
 
 
 @dataclass(frozen=True)
 class DoctorReport:
-    """What `dr doctor` found.
+    """What `dr doctor` found."""
 
-    Attributes:
-        folder: The working folder.
-        seconds: How long it took.
-        findings: Everything that was examined, in the order of the page.
-    """
-
-    folder: str
-    seconds: float
-    findings: tuple[Finding, ...]
+    folder: Annotated[str, "The working folder."]
+    seconds: Annotated[float, "How long it took."]
+    findings: Annotated[
+        tuple[Finding, ...], "Everything that was examined, in the order of the page."
+    ]
 
     @property
     def problems(self) -> int:
@@ -64,6 +62,15 @@ class DoctorReport:
         if not wrong:
             return 0
         return StorageError.code if wrong <= set(AT_BUCKET) else SettingsError.code
+
+    def view(self) -> View:
+        problems = counted(self.problems, "problem") if self.problems else "No problems"
+        warnings = counted(self.warnings, "warning")
+        return [
+            bold(self.folder),
+            Log([finding.pieces() for finding in self.findings]),
+            f"{problems}, {warnings}, in {self.seconds:.1f} s.",
+        ]
 
 
 @dataclass(frozen=True)

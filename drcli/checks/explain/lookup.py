@@ -6,9 +6,11 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal
+from itertools import chain
+from typing import Annotated, Literal
 
 from drcli.base.errors import SettingsError
+from drcli.base.report import Styled, View, bold, dim
 from drcli.checks.explain.explain_texts import (
     ERROR_TEXTS,
     EXIT_CODES,
@@ -40,34 +42,28 @@ Kind = Literal[
 
 @dataclass(frozen=True)
 class Detail:
-    """One more thing about a word.
+    """One more thing about a word."""
 
-    Attributes:
-        label: What it is about, such as "Higher".
-        text: The text.
-    """
-
-    label: str
-    text: str
+    label: Annotated[str, 'What it is about, such as "Higher".']
+    text: Annotated[str, "The text."]
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What is known about one word.
+    """What is known about one word."""
 
-    Attributes:
-        kind: What the word is.
-        name: The word, as it is written in files, or an error text.
-        meaning: What it means, in a sentence or two.
-        details: More about it, in the order to show.
-        page: Page in docs/ that says more.
-    """
+    kind: Annotated[Kind, "What the word is."]
+    name: Annotated[str, "The word, as it is written in files, or an error text."]
+    meaning: Annotated[str, "What it means, in a sentence or two."]
+    details: Annotated[tuple[Detail, ...], "More about it, in the order to show."] = ()
+    page: Annotated[str, "Page in docs/ that says more."] = ""
 
-    kind: Kind
-    name: str
-    meaning: str
-    details: tuple[Detail, ...] = ()
-    page: str = ""
+    def parts(self) -> View:
+        details = (
+            (Styled(f"{each.label}: ", "cyan"), _without_ticks(each.text)) for each in self.details
+        )
+        title = (bold(self.name), dim(f"  {self.kind}"))
+        return title, [_without_ticks(self.meaning), *details, dim(f"More: docs/{self.page}")]
 
 
 SHORTEST_PART = 4
@@ -248,17 +244,27 @@ def _unknown(question: str, close: list[str]) -> SettingsError:
 # The report of `dr-explain`.
 
 
+_HEADINGS = {
+    "hyperparameter": "Hyperparameters",
+    "term": "Terms",
+    "reward parameter": "Parameters of reward functions",
+    "trace column": "Columns of traces",
+    "exit code": "Exit codes",
+    "setting": "Settings",
+    "error text": "Error texts of other programs",
+}
+
+
+def _without_ticks(text: str) -> str:
+    return text.replace("`", "")
+
+
 @dataclass(frozen=True)
 class Explanation:
-    """What is known about a word.
+    """What is known about a word."""
 
-    Attributes:
-        question: What was asked for; empty for everything.
-        entries: What is known about it; a word may have several meanings.
-    """
-
-    question: str
-    entries: list[Entry]
+    question: Annotated[str, "What was asked for; empty for everything."]
+    entries: Annotated[list[Entry], "What is known about it; a word may have several meanings."]
 
     @staticmethod
     def of(question: str) -> "Explanation":
@@ -269,3 +275,11 @@ class Explanation:
         """
         found = explain(question) if question.strip() else every_entry()
         return Explanation(question, list(found))
+
+    def view(self) -> View:
+        if self.question.strip():
+            yield from chain.from_iterable(entry.parts() for entry in self.entries)
+            return
+        for kind, heading in _HEADINGS.items():
+            names = list(dict.fromkeys(entry.name for entry in self.entries if entry.kind == kind))
+            yield from (bold(heading), names if kind == "error text" else [", ".join(names)])

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 from rich.console import Group, RenderableType
-from rich.text import Text
 
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.files import is_left_behind, read_regular, refuse_replacing, rewrite
 from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, png
+from drcli.base.report import counted
 from drcli.bucket.bucket import ObjectMissing
 from drcli.cli import console, prompts
 from drcli.cli.options import Replace, force_option, prefix_option
-from drcli.cli.views.layout import Rows, counted, fitted, indented
+from drcli.cli.show import drawn, fitted
 from drcli.cli.working_folder import settings, working_folder
 from drcli.model.files.action_choice import (
     ChosenAction,
@@ -57,37 +57,7 @@ _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 @fitted
 def show_actions(columns: int, report: "ActionSpaceReport") -> RenderableType:
-    parts: list[RenderableType] = [Text(line) for line in picture(report, columns)]
-    parts.append(Text(""))
-    if report.low and report.high:
-        (left, slow), (right, fast) = report.low, report.high
-        text = (
-            f"Continuous: steering {left:g} to {right:g} degrees, speed {slow:g} to {fast:g} m/s."
-        )
-        parts.append(Text(text))
-    else:
-        known = any(action.share is not None for action in report.actions)
-        heads = ("action", "steering", "speed", *(("share",) if known else ()))
-        rows = [
-            (
-                str(number),
-                f"{action.steering_angle:g}°",
-                f"{action.speed:g} m/s",
-                *((f"{action.share or 0:.0%}",) if known else ()),
-            )
-            for number, action in enumerate(report.actions)
-        ]
-        parts.append(Rows(heads, rows))
-        parts.append(Text(f"{counted(len(report.actions), 'action')}."))
-    parts += [Text(sentence) for sentence in report.notes]
-    if report.picture:
-        parts.append(Text.assemble("Picture: ", (report.picture, "bold")))
-    if report.written:
-        kept = f"; the old file is {report.backup}" if report.backup else ""
-        parts.append(Text(f"Written to {report.file}{kept}."))
-    elif not report.changes:
-        parts.append(indented(Text(f"{report.file} has these actions.", style="dim")))
-    return Group(*parts)
+    return Group(*picture(report, columns), "", drawn(report))
 
 
 def picture(report: "ActionSpaceReport", columns: int) -> list[str]:

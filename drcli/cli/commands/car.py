@@ -5,121 +5,46 @@ import ssl
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from drcli.base.errors import SettingsError, shown
 from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import Force
-from drcli.cli.views.layout import Rows
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 from drcli.outside.car.car_address import CarAddress, forget_login, read_address
 from drcli.outside.car.car_certificate import readable
 from drcli.outside.car.car_web import CarWeb, first_login
 
-if TYPE_CHECKING:
-    from drcli.outside.car.car_driving import CarDrive, CarStatus
-    from drcli.outside.car.car_models import CarLoad, CarModels, CarUpload
-
 with lazy_imports():
     from drcli.outside.car import car_driving, car_models
-
-# Shows a physical car.
-
-
-_METRICS = {
-    "cpu_percent": "{:.0f} % processor",
-    "cpu_temp": "{:.0f} degrees C",
-    "memory_usage": "{:.0f} % memory",
-    "free_disk": "{:.0f} % disk free",
-    "fps_mean": "{:.1f} frames/s",
-    "latency_mean": "{:.0f} ms latency",
-}
 
 
 @dataclass(frozen=True)
 class CarLoginReport:
-    """A login.
+    """A login."""
 
-    Attributes:
-        car: Address of the car.
-        trust: How the car is recognised later: fingerprint, ca or none.
-        fingerprint: SHA-256 of its certificate; empty if none was kept.
-    """
+    car: Annotated[str, "Address of the car."]
+    trust: Annotated[str, "How the car is recognised later: fingerprint, ca or none."]
+    fingerprint: Annotated[str, "SHA-256 of its certificate; empty if none was kept."]
 
-    car: str
-    trust: str
-    fingerprint: str
+    def __str__(self) -> str:
+        return f"Logged in at the car {self.car}."
 
 
 @dataclass(frozen=True)
 class CarLogoutReport:
-    """The end of a login.
+    """The end of a login."""
 
-    Attributes:
-        car: Address of the car.
-        was_logged_in: Whether there was a login.
-    """
+    car: Annotated[str, "Address of the car."]
+    was_logged_in: Annotated[bool, "Whether there was a login."]
 
-    car: str
-    was_logged_in: bool
-
-
-def models(report: "CarModels") -> RenderableType:
-    if not report.models:
-        return Text(f"There are no models on the car {report.car}.")
-    names = ("model", "size", "algorithm", "actions", "sensors", "state")
-    rows = [
-        (
-            model.name,
-            model.size,
-            model.algorithm,
-            model.action_space,
-            ", ".join(model.sensors),
-            "ready" if model.usable else model.why,
-        )
-        for model in report.models
-    ]
-    return Rows(names, rows, left=("model", "algorithm", "actions", "sensors", "state"))
-
-
-def show_upload(report: "CarUpload") -> RenderableType:
-    size = f"{report.size_bytes / 1e6:.1f} MB"
-    return Text(f"The car {report.car} has installed {report.model} ({size}).")
-
-
-def show_load(report: "CarLoad") -> RenderableType:
-    return Text(f"The car {report.car} has loaded {report.model} in {report.seconds:.0f} s.")
-
-
-def drive(report: "CarDrive") -> RenderableType:
-    if report.driving:
-        return Text(f"The car {report.car} drives.")
-    after = "" if report.seconds is None else f" after {report.seconds:.0f} s"
-    return Text(f"The car {report.car} has stopped{after}.")
-
-
-def show_status(report: "CarStatus") -> RenderableType:
-    version = f" {report.software_version}" if report.software_version else ""
-    lines = [
-        f"car {report.car}, hardware {report.hardware_version or 'unknown'}",
-        f"software: {report.software}{version}",
-        f"model: {report.model_state or 'unknown'}",
-        "battery: " + ("unknown" if report.battery_level is None else f"{report.battery_level:g}"),
-    ]
-    if report.sensors:
-        states = (f"{name} {state.replace('_', ' ')}" for name, state in report.sensors.items())
-        lines.append(f"sensors: {', '.join(states)}")
-    known = [
-        text.format(report.metrics[key]) for key, text in _METRICS.items() if key in report.metrics
-    ]
-    if known:
-        lines.append(f"computer: {', '.join(known)}")
-    return Group(*map(Text, lines))
+    def __str__(self) -> str:
+        was = "is forgotten" if self.was_logged_in else "was not kept"
+        return f"The login at the car {self.car} {was}."
 
 
 app = typer.Typer(
@@ -183,7 +108,7 @@ def login(
     web = CarWeb(address, trusted)
     web.log_in(_password(address, password_file))
     report = CarLoginReport(address.place, trusted.trust, trusted.fingerprint)
-    console.emit(report, f"Logged in at the car {address.place}.")
+    show(report)
     console.suggest([("dr-car list", "list the models on the car")])
 
 
@@ -194,10 +119,8 @@ def logout(car: _Car = None) -> None:
     Example: dr-car logout
     """
     address = _address(car)
-    was = forget_login(address)
-    report = CarLogoutReport(address.place, was)
-    text = "is forgotten" if was else "was not kept"
-    console.emit(report, f"The login at the car {address.place} {text}.")
+    report = CarLogoutReport(address.place, forget_login(address))
+    show(report)
 
 
 @app.command()
@@ -222,7 +145,7 @@ def upload(
         report = car_models.upload_model(web, checked, say=console.say)
     if not report.usable:
         console.warn(f"The car cannot load {report.model} now: {report.why}.")
-    console.emit(report, show_upload(report))
+    show(report)
     console.suggest([(f"dr-car load {report.model}", "load it")])
 
 
@@ -232,8 +155,7 @@ def list_all(car: _Car = None) -> None:
 
     Example: dr-car list
     """
-    report = car_models.list_models(_open(car))
-    console.emit(report, models(report))
+    show(car_models.list_models(_open(car)))
 
 
 @app.command()
@@ -248,7 +170,7 @@ def load(name: _Model, car: _Car = None) -> None:
     web = _open(car)
     with console.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
         report = car_models.load_model(web, name)
-    console.emit(report, show_load(report))
+    show(report)
     console.suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")])
 
 
@@ -285,7 +207,7 @@ def start(
         report = car_driving.start(web)
     else:
         report = car_driving.drive(web, seconds=seconds, warn=console.warn, say=console.say)
-    console.emit(report, drive(report))
+    show(report)
     if report.driving:
         console.suggest([("dr-car stop", "stop it")])
     if report.interrupted:
@@ -301,7 +223,7 @@ def stop(car: _Car = None) -> None:
     Example: dr-car stop
     """
     report = car_driving.stop(_open(car))
-    console.emit(report, drive(report))
+    show(report)
 
 
 @app.command()
@@ -315,9 +237,7 @@ def speed(
     """
     if not 0 <= percent <= 100:
         raise typer.BadParameter(f"{percent} is not a number from 0 to 100.")
-    report = car_driving.set_speed(_open(car), percent)
-    text = f"The throttle of the car {report.car} is limited to {report.percent} %."
-    console.emit(report, text)
+    show(car_driving.set_speed(_open(car), percent))
 
 
 @app.command()
@@ -327,7 +247,7 @@ def status(car: _Car = None) -> None:
     Example: dr-car status --json
     """
     report = car_driving.read_status(_open(car))
-    console.emit(report, show_status(report))
+    show(report)
 
 
 def _open(car: str | None) -> "CarWeb":

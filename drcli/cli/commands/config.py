@@ -7,7 +7,7 @@ import typer
 from drcli.base.errors import SettingsError
 from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console
-from drcli.cli.views import settings_view
+from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings, working_folder
 
 with lazy_imports():
@@ -45,8 +45,7 @@ def show(
     loaded = settings()
     wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
     report = settings_report.inspect_values(loaded, wanted, changed=changed)
-    rendered = settings_view.explained(report) if wanted else settings_view.values(report)
-    console.emit(report, rendered)
+    present(report, explained=bool(wanted))
 
 
 @app.command()
@@ -66,7 +65,7 @@ def check(
     if report.valid and not settings_only:
         with console.waiting(f"Checking {report.directory} ..."):
             report = config_check.with_rules(report)
-    console.emit(report, settings_view.check(report))
+    present(report)
     if report.errors:
         more = len(report.errors) - 1
         raise SettingsError(
@@ -103,7 +102,7 @@ def change(
     Example: dr-config set DR_WORKERS=2 'DR_LOCAL_S3_MODEL_PREFIX=$DR_WORLD_NAME-1'
     """
     edit = editing.set_values(working_folder(), _wanted(values), file=file)
-    console.emit(edit, settings_view.edit(edit))
+    present(edit)
     console.warn(*edit.warnings)
     console.say(f"Written in {edit.directory}.")
 
@@ -122,12 +121,10 @@ def preset(
     Example: dr-config preset physical
     """
     try:
-        present = settings()
+        loaded = settings()
     except SettingsError:  # presets can be read before there is a working folder
-        present = None
-    report = presets.explain(names or [], present)
-    rendered = settings_view.presets(report, in_full=bool(names))
-    console.emit(report, rendered)
+        loaded = None
+    present(presets.explain(names or [], loaded), in_full=bool(names))
 
 
 def _wanted(values: list[str]) -> dict[str, str]:

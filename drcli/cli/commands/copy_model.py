@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
+from drcli.base.report import counted
 from drcli.cli import console, prompts
 from drcli.cli.options import (
     CustomFiles,
@@ -19,8 +20,7 @@ from drcli.cli.options import (
     prefix_option,
     wipe_option,
 )
-from drcli.cli.views import models_view
-from drcli.cli.views.layout import counted
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def upload_model(
     report = upload.upload(planned, loaded, partial(console.progress, unit="bytes"))
     if step is not None and not dry_run:
         step.edit.make()  # last: an upload that was interrupted continues under the same name
-    console.emit(report, models_view.upload(report))
+    show(report)
     if not dry_run:
         listing = "dr-list-models" if local else "dr-list-models --upload"
         back = f"dr-download-model{' -L' if local else ''} -s {report.target} -t NAME"
@@ -140,7 +140,7 @@ def copy_here(options: "DownloadOptions", *, force: bool) -> None:
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
     report = download.download(planned, loaded, partial(console.progress, unit="bytes"))
-    console.emit(report, models_view.download(report))
+    show(report)
     if not dry_run:
         name = planned.options.prefix
         model = f"DR_LOCAL_S3_MODEL_PREFIX={name}"

@@ -2,7 +2,7 @@
 
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
-from drcli.cli.views import models_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 with lazy_imports():
@@ -20,7 +20,7 @@ def upload_custom_files() -> None:
     report = copy_custom_files.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
     for name in report.refused:
         console.warn(f"{report.folder}/{name} was skipped: its name is not UTF-8.")
-    console.emit(report, models_view.custom_files(report, up=True))
+    show(report, up=True)
 
 
 def download_custom_files() -> None:
@@ -38,4 +38,4 @@ def download_custom_files() -> None:
         console.warn(f"{report.place}/{name} was skipped: it leads out of {report.folder}.")
     if not report.copied and not report.unchanged:
         console.warn(f"There is nothing at {report.place}.")
-    console.emit(report, models_view.custom_files(report, up=False))
+    show(report, up=False)

@@ -8,7 +8,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import DryRun, Force, KeepModels, models_argument
-from drcli.cli.views import removal_view
+from drcli.cli.show import drawn, show
 from drcli.cli.working_folder import settings
 
 with lazy_imports():
@@ -48,9 +48,8 @@ def delete_model(
         if model.warning:
             console.warn(f"{model.prefix}: {model.warning}.")
     if not dry_run:
-        console.err.print(removal_view.planned(planned.report))
+        console.err.print(drawn(planned.report, planned=True))
         prompts.agree("Delete all of this? It cannot be undone.", yes=force)
         with console.waiting("Deleting ..."):
             model_removal.remove_models(planned, loaded)
-    view = removal_view.planned if dry_run else removal_view.removed
-    console.emit(planned.report, view(planned.report))
+    show(planned.report, planned=dry_run)

@@ -4,7 +4,7 @@ import typer
 
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
-from drcli.cli.views import doctor_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
 
 with lazy_imports():
@@ -24,6 +24,6 @@ def doctor() -> None:
     folder = working_folder()
     with console.waiting("Examining this machine and the bucket ...", only_live=True):
         report = diagnose.diagnose(folder)
-    console.emit(report, doctor_view.findings(report))
+    show(report)
     if report.exit_code:
         raise typer.Exit(report.exit_code)

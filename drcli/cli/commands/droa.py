@@ -3,21 +3,19 @@
 import inspect
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Concatenate, Literal, ParamSpec, get_args
 
 import typer
-from rich.console import Group, RenderableType
-from rich.filesize import decimal
-from rich.text import Text
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing
 from drcli.base.installation import lazy_imports
+from drcli.base.report import View, bold, second, table
 from drcli.cli import console, prompts
 from drcli.cli.options import (
     DryRun,
@@ -27,7 +25,7 @@ from drcli.cli.options import (
     checkpoint_option,
     prefix_option,
 )
-from drcli.cli.views.layout import Rows, counted, indented
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 from drcli.config import secret_environment
 from drcli.config.settings import Settings
@@ -49,10 +47,7 @@ from drcli.outside.web_request import Web
 from drcli.records.scores import encode_single
 
 if TYPE_CHECKING:
-    from drcli.outside.droa.droa_api import Droa, RemoteModel
-    from drcli.outside.droa.droa_download import DeletedModel, DownloadedAsset
-    from drcli.outside.droa.droa_import import ImportReport
-    from drcli.outside.droa.droa_metrics import PhaseMeans
+    from drcli.outside.droa.droa_api import Droa
 
 with lazy_imports():
     from drcli.model import checkpoint_list
@@ -62,231 +57,47 @@ with lazy_imports():
     from drcli.transfer import export_droa, export_model, transfer_buckets
 
 
-# Shows models at DeepRacer on AWS.
-
-
-_SECOND = 19
-Pairs = list[tuple[str, str]]
-
-
 @dataclass(frozen=True)
 class SignedIn:
-    """The result of `droa-login`.
+    """The result of `droa-login`."""
 
-    Attributes:
-        site: Address of DeepRacer on AWS.
-        username: Who signed in.
-        expires: When the temporary keys end, ISO 8601.
-    """
+    site: Annotated[str, "Address of DeepRacer on AWS."]
+    username: Annotated[str, "Who signed in."]
+    expires: Annotated[str, "When the temporary keys end, ISO 8601."]
 
-    site: str
-    username: str
-    expires: str
+    def __str__(self) -> str:
+        until = second(self.expires)
+        return f"Signed in to {self.site} as {self.username}, until {until} UTC."
 
 
 @dataclass(frozen=True)
 class SignedOut:
-    """The result of `droa-logout`.
+    """The result of `droa-logout`."""
 
-    Attributes:
-        site: Address of DeepRacer on AWS.
-        username: Whose keys were meant.
-        deleted: Whether there were any.
-    """
+    site: Annotated[str, "Address of DeepRacer on AWS."]
+    username: Annotated[str, "Whose keys were meant."]
+    deleted: Annotated[bool, "Whether there were any."]
 
-    site: str
-    username: str
-    deleted: bool
+    def __str__(self) -> str:
+        keys = f"temporary keys of {self.username} for {self.site}"
+        return f"Deleted the {keys}." if self.deleted else f"There were no {keys}."
 
 
 @dataclass(frozen=True)
 class RemoteModels:
-    """The models in an account.
+    """The models in an account."""
 
-    Attributes:
-        site: Address of DeepRacer on AWS.
-        models: The newest first, each with the keys of the interface, such as modelId and status.
-    """
-
-    site: str
-    models: list[dict[str, Any]]
-
-
-def signed_in(report: SignedIn) -> str:
-    until = _time(report.expires)
-    return f"Signed in to {report.site} as {report.username}, until {until} UTC."
-
-
-def signed_out(report: SignedOut) -> str:
-    if report.deleted:
-        return f"Deleted the temporary keys of {report.username} for {report.site}."
-    return f"There were no temporary keys of {report.username} for {report.site}."
-
-
-def models(site: str, found: "Sequence[RemoteModel]") -> RenderableType:
-    if not found:
-        return f"There is no model in your account at {site}."
-    rows = [
-        (
-            show_model.name,
-            show_model.model_id,
-            Text(show_model.status, _STYLES.get(show_model.status, "")),
-            show_model.training_status or "-",
-            _time(show_model.created_at),
-        )
-        for show_model in found
-    ]
-    names = ("name", "model id", "status", "training", "created")
-    return Group(Text(site, style="bold"), Rows(names, rows, left=names))
-
-
-_STYLES = {"READY": "green", "ERROR": "red"}
-
-
-def show_model(
-    found: "RemoteModel", means: "Sequence[PhaseMeans] | None", *, verbose: bool
-) -> RenderableType:
-    size = found.text("fileSizeInBytes")
-    parts: list[RenderableType] = [
-        _pairs(
-            [
-                ("model id", found.model_id),
-                ("name", found.name),
-                ("description", found.text("description")),
-                ("status", found.status),
-                ("import error", found.import_error),
-                ("training", found.training_status),
-                ("created", _time(found.created_at)),
-                ("size", decimal(int(size)) if size.isdigit() else ""),
-                ("packaging", found.text("packagingStatus")),
-            ]
-        ),
-        *_section(
-            "Car",
-            [
-                ("shell", found.text("carCustomization", "carShell")),
-                ("colour", found.text("carCustomization", "carColor")),
-            ],
-        ),
-        *_section(
-            "Training",
-            [
-                ("track", found.text("trainingConfig", "trackConfig", "trackId")),
-                ("direction", found.text("trainingConfig", "trackConfig", "trackDirection")),
-                ("race type", found.text("trainingConfig", "raceType")),
-                ("longest time", _minutes(found.text("trainingConfig", "maxTimeInMinutes"))),
-            ],
-        ),
-        *_section(
-            "Learning",
-            [
-                ("algorithm", found.text("metadata", "agentAlgorithm")),
-                ("camera", found.text("metadata", "sensors", "camera")),
-                ("lidar", found.text("metadata", "sensors", "lidar")),
-                *_values(found, "metadata", "hyperparameters"),
-            ],
-        ),
-    ]
-    if verbose:
-        parts += _section("Actions", _actions(found))
-        addresses = [
-            ("metrics", found.text("trainingMetricsUrl")),
-            ("video", found.text("trainingVideoStreamUrl")),
-        ]
-        parts += _section("Addresses", addresses)
-        reward = found.text("metadata", "rewardFunction")
-        if reward:
-            parts += [Text("Reward function", style="bold"), Text(reward.rstrip())]
-    if means is not None:
-        parts += [Text("Metrics", style="bold"), _means(means)]
-    return Group(*parts)
-
-
-def imported(report: "ImportReport") -> str:
-    size = f"{counted(report.files, 'file')}, {decimal(report.uploaded_bytes)}"
-    if report.dry_run:
-        return f"Would import {report.name} into {report.site}: {size}."
-    if report.existed:
-        return f"{report.name} was imported into {report.site} before, as {report.model_id}."
-    state = "It is ready." if report.status == "READY" else "It is being checked there."
-    return f"Imported {report.name} into {report.site} as {report.model_id}: {size}. {state}"
-
-
-def downloaded(report: "DownloadedAsset", means: "Sequence[PhaseMeans] | None") -> RenderableType:
-    line = f"Downloaded {report.asset_type} of {report.model_id} to {report.file}: "
-    text = f"{line}{decimal(report.file_bytes)}."
-    return text if means is None else Group(Text(text), _means(means))
-
-
-def deleted(report: "DeletedModel") -> str:
-    return f"{report.site} is deleting {report.name} ({report.model_id})."
-
-
-def _pairs(pairs: Pairs) -> Text:
-    known = [(name, value) for name, value in pairs if value]
-    width = max((len(name) for name, _ in known), default=0)
-    lines = [Text.assemble((name.ljust(width), "dim"), "  ", value) for name, value in known]
-    return Text("\n").join(lines)
-
-
-def _section(title: str, pairs: Pairs) -> list[RenderableType]:
-    known = [pair for pair in pairs if pair[1]]
-    return [Text(title, style="bold"), indented(_pairs(known))] if known else []
-
-
-def _values(found: "RemoteModel", *path: str) -> Pairs:
-    value: Any = found.values
-    for key in path:
-        value = value.get(key) if isinstance(value, dict) else None
-    return [(str(k), str(v)) for k, v in value.items()] if isinstance(value, dict) else []
-
-
-def _actions(found: "RemoteModel") -> Pairs:
-    """The interface spells `continous`."""
-    metadata = found.values.get("metadata")
-    space = metadata.get("actionSpace") if isinstance(metadata, dict) else None
-    if not isinstance(space, dict):
-        return []
-    ranges = space.get("continous") or space.get("continuous")
-    if isinstance(ranges, dict):
-        return [
-            ("speed", f"{ranges.get('lowSpeed')} to {ranges.get('highSpeed')} m/s"),
-            (
-                "steering",
-                f"{ranges.get('lowSteeringAngle')} to {ranges.get('highSteeringAngle')} degrees",
-            ),
-        ]
-    discrete = space.get("discrete")
-    return [
-        (str(index), f"{each.get('steeringAngle')} degrees, {each.get('speed')} m/s")
-        for index, each in enumerate(discrete if isinstance(discrete, list) else [])
-        if isinstance(each, dict)
+    site: Annotated[str, "Address of DeepRacer on AWS."]
+    models: Annotated[
+        list[dict[str, Any]],
+        "The newest first, each with the keys of the interface, such as modelId and status.",
     ]
 
-
-def _means(means: "Sequence[PhaseMeans]") -> RenderableType:
-    names = ("phase", "episodes", "reward", "progress", "clean laps", "finished", "best lap")
-    rows = [
-        (
-            each.phase,
-            str(each.episodes),
-            f"{each.mean_reward:.1f}",
-            f"{each.mean_progress:.1f} %",
-            str(each.clean_laps),
-            str(each.full_laps),
-            "-" if each.best_lap_s is None else f"{each.best_lap_s:.3f} s",
-        )
-        for each in means
-    ]
-    return Rows(names, rows, left=("phase",))
-
-
-def _minutes(text: str) -> str:
-    return f"{text} min" if text and text != "0" else ""
-
-
-def _time(text: str) -> str:
-    return text[:_SECOND].replace("T", " ") if text else "-"
+    def view(self) -> View:
+        found = [droa_api.read_model(model, self.site) for model in self.models]
+        none = f"There is no model in your account at {self.site}."
+        order = ("name", "model_id", "status", "training_status", "created_at")
+        return [bold(self.site), table(found, *order)] if found else [none]
 
 
 # Options and connection of all `droa-*` commands.
@@ -495,7 +306,7 @@ def droa_login(connection: Connection) -> None:
     with console.waiting(f"Signing in to {session.site.place} ..."):
         keys = session.renew()
     report = SignedIn(session.site.place, session.username, keys.expires.isoformat())
-    console.emit(report, signed_in(report))
+    show(report)
 
 
 @app.command("logout")
@@ -509,7 +320,7 @@ def droa_logout(connection: Connection) -> None:
     """
     session = connection.session()
     report = SignedOut(session.site.place, session.username, session.forget())
-    console.emit(report, signed_out(report))
+    show(report)
 
 
 @app.command("list")
@@ -522,9 +333,8 @@ def droa_list_models(connection: Connection) -> None:
     Example: dr-droa list
     """
     droa = connection.droa()
-    found = droa.models()
-    report = RemoteModels(droa.place, [dict(model.values) for model in found])
-    console.emit(report, models(droa.place, found))
+    report = RemoteModels(droa.place, [dict(model.values) for model in droa.models()])
+    show(report)
 
 
 @app.command("show")
@@ -548,7 +358,7 @@ def droa_get_model(
     found = droa.find(model)
     means = droa_metrics.metrics_summary(droa, found) if summary else None
     report = droa_metrics.ModelReport.of(droa.place, found, means or [])
-    console.emit(report, show_model(found, means, verbose=verbose))
+    show(report, verbose=verbose)
 
 
 @app.command("import")
@@ -629,10 +439,10 @@ def droa_import_model(
             progress=partial(console.progress, unit="bytes"),
             waiting=None if no_wait else console.waiting,
         )
-    console.emit(report, imported(report))
+    show(report)
     if not dry_run:
-        show = (f"dr-droa show {report.model_id}", "show it")
-        console.suggest([show, ("dr-droa list", "list your models there")])
+        of_it = (f"dr-droa show {report.model_id}", "show it")
+        console.suggest([of_it, ("dr-droa list", "list your models there")])
 
 
 @app.command("download")
@@ -687,7 +497,7 @@ def droa_download_logs(
         droa.place, model_id, kind, str(file), file.stat().st_size
     )
     means = droa_metrics.archive_summary(file) if summary else None
-    console.emit(report, downloaded(report, means))
+    show(report, means=means)
 
 
 @app.command("delete")
@@ -710,7 +520,7 @@ def droa_delete_model(connection: Connection, model: _Model, force: _Yes = False
         words=[found.name],
     )
     report = droa_download.delete_model(droa, found)
-    console.emit(report, deleted(report))
+    show(report)
 
 
 def _stem(source: Path) -> str:

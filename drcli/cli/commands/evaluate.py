@@ -1,16 +1,11 @@
 """`dr evaluate`, also `dr-start-evaluation`."""
 
-import math
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from drcli.base.errors import BadValue, WorkerDied, shown
 from drcli.base.installation import lazy_imports
@@ -18,325 +13,21 @@ from drcli.cli import console
 from drcli.cli import evaluation_options as options
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import checkpoint_option, parsed_checkpoint
-from drcli.cli.views.layout import Rows, fitted
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
-from drcli.records.evaluation_task import PolicySource, RobustCell, RobustResult, Runtime
-from drcli.records.iteration import counted_resets, lap_time
+from drcli.records.evaluation_task import PolicySource, Runtime
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
-    from drcli.run.evaluation_loop import LoopReport
-    from drcli.run.evaluation_report import EndPlace, EvaluationReport, LapsReport, TrialReport
-    from drcli.run.many_evaluations import TableReport
 
 with lazy_imports():
     from drcli.run import (
         evaluation,
         evaluation_loop,
         evaluation_plan,
-        evaluation_report,
         many_evaluations,
         stopping,
     )
-
-
-# Shows the trials of an evaluation.
-
-
-def show_evaluation(report: "EvaluationReport") -> RenderableType:
-    other = report.opponent
-    if other is None:
-        return Group(_trials(report), _bold(_laps(report)), *_limit(report), *_videos(report))
-    cars = (_bold(_name(report)), _trials(report), _bold(_name(other)), _trials(other))
-    result = (_laps(report), _laps(other), _winner(report, other))
-    return Group(*cars, *map(_bold, result), *_videos(report), *_videos(other))
-
-
-def _limit(report: "EvaluationReport") -> list[Text]:
-    lost = f"Most time is lost at {'; '.join(report.lost)}." if report.lost else ""
-    return [Text(line) for line in (report.limit and f"{report.limit}.", lost) if line]
-
-
-def _videos(report: "EvaluationReport") -> list[Text]:
-    return [Text(f"Video: {key}") for key in report.videos[-1:]]
-
-
-def _name(report: "EvaluationReport") -> str:
-    return report.prefix if report.file is None else report.checkpoint
-
-
-def _bold(text: str) -> Text:
-    return Text(text, style="bold")
-
-
-def _trials(report: "EvaluationReport") -> Rows:
-    penalties = any(trial.penalty_s for trial in report.trials)
-    crashes = any(trial.crashes for trial in report.trials)
-    return Rows(
-        (
-            *("trial", "progress", "lap time"),
-            *(("driven", "penalty") if penalties else ()),
-            *("ended", "off track"),
-            *(("crashes",) if crashes else ()),
-            "resets",
-        ),
-        [
-            (
-                str(trial.trial),
-                f"{trial.progress:.0f} %",
-                f"{trial.lap_s:.2f} s",
-                *(_parts(trial) if penalties else ()),
-                _ended(trial),
-                str(trial.off_track),
-                *((str(trial.crashes),) if crashes else ()),
-                str(trial.resets),
-            )
-            for trial in report.trials
-        ],
-        left=("ended",),
-    )
-
-
-def _parts(trial: "TrialReport") -> tuple[str, str]:
-    if trial.penalty_s is None:
-        return "", ""
-    return f"{trial.lap_s - trial.penalty_s:.2f} s", f"{trial.penalty_s:.2f} s"
-
-
-def _ended(trial: "TrialReport") -> str:
-    if not trial.finished:
-        return trial.status
-    return "clean lap" if trial.clean else "finished"
-
-
-def _laps(report: "EvaluationReport") -> str:
-    words = evaluation_report.summary(report.trials)
-    run = evaluation_report.best_average(report.trials, report.average_laps)
-    if run and report.average_laps > 1:
-        words += f", best average of {report.average_laps} laps {report.best_average_s:.2f} s"
-        resets = sum(trial.resets for trial in run)
-        words += f" with {counted_resets(resets)}" if resets else ""
-    driver = report.checkpoint
-    if report.file is None:
-        driver = f"checkpoint {driver} of {report.prefix}"
-    engine = "" if report.runtime == "torch" else f" with --runtime {report.runtime}"
-    return f"{words}; {driver}{engine} on {report.world}."
-
-
-def _winner(own: "EvaluationReport", other: "EvaluationReport") -> str:
-    """More finished laps win, then less time."""
-    if own.completed != other.completed:
-        first = own if own.completed > other.completed else other
-        return f"{_name(first)} wins with more finished laps."
-    if own.total_s is None or other.total_s is None or own.total_s == other.total_s:
-        return "Nobody wins."
-    first, second = (own, other) if own.total_s < other.total_s else (other, own)
-    ahead_s = abs(own.total_s - other.total_s)
-    return f"{_name(first)} wins, {ahead_s:.2f} s ahead of {_name(second)}."
-
-
-# Tables of many evaluations.
-
-
-def models_table(report: "TableReport") -> RenderableType:
-    driven = [row for row in report.rows if not row.reason]
-    columns = {
-        "track": [row.world for row in driven],
-        "model": [row.prefix for row in driven],
-        "checkpoint": [row.checkpoint for row in driven],
-        "clean laps": [f"{row.clean}/{row.trials}" for row in driven],
-        "resets": [str(row.resets) for row in driven],
-        "progress": [f"{row.progress:.0f} %" for row in driven],
-        "median": [_seconds(row.median_s) for row in driven],
-        "best lap": [_seconds(row.best_lap_s) for row in driven],
-        "best average": [_seconds(row.best_average_s) for row in driven],
-        "robust score": [_score(row.robust_score) for row in driven],
-    }
-    # Which of the last ones there are depends on what was driven.
-    columns = {name: cells for name, cells in columns.items() if any(cells) or not driven}
-    parts: list[RenderableType] = [
-        Rows(
-            list(columns),
-            list(zip(*columns.values(), strict=True)),
-            left=("track", "model", "checkpoint"),
-        )
-    ]
-    failed = [row for row in report.rows if row.reason]
-    if failed:
-        parts.append(
-            Rows(
-                ("track", "model", "not evaluated"),
-                [(row.world, row.prefix, row.reason) for row in failed],
-                left=("track", "model", "not evaluated"),
-            )
-        )
-    for best in report.best:
-        parts.append(Text(f"Best on {best.world}: {best.prefix}. Train on from it there with:"))
-        parts.append(Text(f"  {best.command}", style="bold"))
-    return Group(*parts)
-
-
-def robust_grid(result: "RobustResult") -> RenderableType:
-    rows = Rows(
-        ("disturbed", "level", "clean laps", "progress", "lap time", "ended by", "score of axis"),
-        [
-            (
-                cell.axis,
-                cell.level,
-                f"{cell.completed}/{cell.trials}",
-                f"{cell.progress:.0f} %",
-                _seconds(cell.lap_s),
-                cell.ended_by,
-                f"{result.axis_scores[cell.axis]:.1f}" if first else "",
-            )
-            for cell, first in _with_first(result)
-        ],
-        left=("disturbed", "level", "ended by"),
-    )
-    broken = ", ".join(result.broken_by)
-    said = f"Broken by: {broken}." if broken else "No level of the grid broke it."
-    if result.cells[0].completed == 0:
-        said = "It completes no clean lap even without disturbance."
-    score = (
-        f"Robust score {result.robust_score:.1f} of 100: checkpoint {result.checkpoint} of "
-        f"{result.prefix} on {result.world}, seed {result.seed}."
-    )
-    return Group(rows, Text(said), Text(score, style="bold"))
-
-
-def _with_first(result: "RobustResult") -> list[tuple["RobustCell", bool]]:
-    axes = [cell.axis for cell in result.cells]
-    return [(cell, axes.index(cell.axis) == place) for place, cell in enumerate(result.cells)]
-
-
-def best_laps(report: "LoopReport") -> RenderableType:
-    rounds = f"{report.rounds} round{'s' * (report.rounds != 1)}"
-    failed = f", {report.failures} failed" if report.failures else ""
-    said = Text(f"{rounds}{failed} of {report.prefix} on {report.world}.", style="bold")
-    if not report.best:
-        return Group(Text("No lap was completed."), said)
-    rows = Rows(
-        ("track", "best lap", "resets", "best average", "clean laps", "checkpoint", "driven"),
-        [
-            (
-                lap.world,
-                lap_time(lap.best_lap_s, lap.penalty_s, 0),
-                "?" if lap.resets is None else str(lap.resets),
-                _seconds(lap.best_average_s),
-                f"{'?' if lap.clean is None else lap.clean}/{lap.trials}",
-                lap.checkpoint,
-                lap.driven_at,
-            )
-            for lap in report.best
-        ],
-        left=("track", "best lap", "checkpoint", "driven"),
-    )
-    return Group(rows, said)
-
-
-def _score(value: float | None) -> str:
-    return "" if value is None else f"{value:.1f}"
-
-
-def _seconds(value: float | None) -> str:
-    return "" if value is None else f"{value:.2f} s"
-
-
-# Shows laps from fresh starts.
-
-
-MOST_BARS = 12
-BAR = 40
-_BESIDE = 32
-_WIDTHS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-
-
-@fitted
-def laps(columns: int, report: "LapsReport") -> RenderableType:
-    reports = [report] if report.against is None else [report, report.against]
-    times_s = [lap.lap_s for each in reports for lap in each.laps if lap.clean]
-    parts: list[RenderableType] = []
-    for each in reports:
-        if len(reports) > 1:
-            parts.append(_bold(each.name))
-        parts.append(_histogram(each, _edges(times_s), min(BAR, columns - _BESIDE)))
-        if each.ends:
-            parts.append(_ends(each.ends))
-    parts += [_bold(_summary(each)) for each in reports]
-    parts += [Text(f"The best lap, {each.limit}.") for each in reports if each.limit]
-    if report.comparison is not None:
-        parts.append(_bold(report.comparison.verdict))
-    return Group(*parts)
-
-
-def _edges(times_s: Sequence[float]) -> list[float]:
-    if not times_s:
-        return []
-    low, high = min(times_s), max(times_s)
-    width = next((w for w in _WIDTHS_S if high - low < (MOST_BARS - 1) * w), _WIDTHS_S[-1])
-    first, last = math.floor(low / width + 1e-9), math.floor(high / width + 1e-9)
-    return [place * width for place in range(first, last + 2)]
-
-
-def _histogram(report: "LapsReport", edges: Sequence[float], bar: int) -> Rows:
-    times_s = [lap.lap_s for lap in report.laps if lap.clean]
-    counts = [
-        (f"{low:.1f} to {high:.1f} s", sum(low <= time_s + 1e-9 < high for time_s in times_s))
-        for low, high in pairwise(edges)
-    ]
-    others = Counter(lap.status.lower() for lap in report.laps if not lap.clean)
-    counts += others.most_common()
-    most = max(count for _, count in counts)
-    cells = [
-        (name, str(count), "█" * math.ceil(max(bar, 1) * count / most)) for name, count in counts
-    ]
-    return Rows(("lap time", "laps", ""), cells, left=("lap time", ""))
-
-
-def _ends(places: Sequence["EndPlace"]) -> Rows:
-    return Rows(
-        ("ended near", "of the lap", "laps", "how"),
-        [
-            (
-                _span(place.first_waypoint, place.last_waypoint, "waypoint", "waypoints"),
-                _span(round(place.from_percent), round(place.to_percent), "", "", " %"),
-                str(place.laps),
-                _how(place.statuses),
-            )
-            for place in places
-        ],
-        left=("ended near", "of the lap", "how"),
-    )
-
-
-def _how(statuses: dict[str, int]) -> str:
-    if len(statuses) == 1:
-        return next(iter(statuses)).lower()
-    return ", ".join(f"{count} {status.lower()}" for status, count in statuses.items())
-
-
-def _span(first: int, last: int, one: str, more: str, unit: str = "") -> str:
-    """Such as "waypoint 7" or "7 to 9 %"."""
-    words = f"{one} {first}" if first == last else f"{more} {first} to {last}"
-    return words.strip() + unit
-
-
-def _summary(report: "LapsReport") -> str:
-    low, high = (round(100.0 * share) for share in report.clean_interval)
-    laps = "lap" if report.driven == 1 else "laps"
-    words = (
-        f"{report.clean} of {report.driven} {laps} clean ({low} to {high} % with 95 % confidence)"
-    )
-    if report.clean == 1:
-        words += f", {report.fastest_s:.2f} s"
-    elif report.clean:
-        words += (
-            f", median {report.median_s:.2f} s, 90 % within {report.p90_s:.2f} s, "
-            f"slowest {report.slowest_s:.2f} s, best {report.fastest_s:.2f} s"
-        )
-    driver = report.name if report.file is not None else f"checkpoint {report.name}"
-    engine = "" if report.runtime == "torch" else f" with --runtime {report.runtime}"
-    return f"{words}; {driver}{engine} on {report.world}, seed {report.seed}."
 
 
 # Modes of `dr evaluate` with more than one evaluation.
@@ -391,14 +82,12 @@ def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool) -> None:
     report = many_evaluations.run_many(plan, say)
     console.warn(*report.notes)
     if asked.robust and len(report.rows) == 1 and report.robust:
-        found = report.robust[0]
-        console.emit(found, robust_grid(found))
+        show(report.robust[0])
         return
     if len(report.laps) == 1 and not any(row.reason for row in report.rows):
-        sample = report.laps[0]
-        console.emit(sample, laps(sample))
+        show(report.laps[0])
         return
-    console.emit(report, models_table(report))
+    show(report)
     if all(row.reason for row in report.rows):
         raise WorkerDied(
             "None of these models could be evaluated.", remedy="Read the reasons in the table."
@@ -409,7 +98,7 @@ def evaluate_in_a_loop(settings: "Settings", seed: int | None, *, quiet: bool) -
     say = _say(quiet=quiet)
     say("Evaluating each new checkpoint until Ctrl-C or dr-stop-evaluation.")
     report = evaluation_loop.run_loop(settings, seed=seed, on_progress=say, on_failure=console.warn)
-    console.emit(report, best_laps(report))
+    show(report)
 
 
 def _say(*, quiet: bool) -> Callable[[str], None]:
@@ -430,21 +119,13 @@ STATUS = ("dr-status", "show how the training went")
 
 @dataclass(frozen=True)
 class Started:
-    """An evaluation that runs in the background.
+    """An evaluation that runs in the background."""
 
-    Attributes:
-        prefix: Model prefix.
-        checkpoint: Name of the checkpoint that drives.
-        pid: Process that supervises it.
-        simtrace: Key of its trace in the bucket, once it has ended.
-        metrics: Key of its metrics.
-    """
-
-    prefix: str
-    checkpoint: str
-    pid: int
-    simtrace: str
-    metrics: str
+    prefix: Annotated[str, "Model prefix."]
+    checkpoint: Annotated[str, "Name of the checkpoint that drives."]
+    pid: Annotated[int, "Process that supervises it."]
+    simtrace: Annotated[str, "Key of its trace in the bucket, once it has ended."]
+    metrics: Annotated[str, "Key of its metrics."]
 
 
 def evaluate(
@@ -632,7 +313,7 @@ def evaluate(
         loaded, clone=clone, seed=seed, on_progress=say, own=own, opponent=opponent
     )
     console.warn(*report.notes)
-    console.emit(report, show_evaluation(report))
+    show(report)
     if not quiet:
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
         more_laps = _more_laps(loaded.race_type, own, checkpoint)

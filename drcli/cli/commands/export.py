@@ -6,9 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.filesize import decimal
-from rich.text import Text
 
 from drcli.base.errors import Problem, refuse
 from drcli.base.files import refuse_existing, safe_name
@@ -26,15 +23,13 @@ from drcli.cli.options import (
     checkpoint_option,
     prefix_option,
 )
-from drcli.cli.views.layout import Rows, counted
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
-    from drcli.convert.car_rules import CarAction
     from drcli.convert.policy_file import Form
-    from drcli.transfer.export_car import ArchiveReport, CarExport, CarReport
-    from drcli.transfer.export_forms import ExportReport, FormReport
+    from drcli.transfer.export_car import CarExport
     from drcli.transfer.export_model import ExportSource, Selection
 
 with lazy_imports():
@@ -44,70 +39,6 @@ with lazy_imports():
 
 
 # Shows archives for the physical car.
-
-
-def show_archive(report: "CarReport") -> RenderableType:
-    would = "Would write" if report.dry_run else "Wrote"
-    places = "\n".join(report.files)
-    compared = (
-        f"Same action as the weights in {report.same_actions} of "
-        f"{counted(report.frames, 'frame')} of a drive on {report.world}; greatest difference "
-        f"{report.greatest_difference:.1g}."
-    )
-    title = f"{would} {report.checkpoint} of {report.source}, {decimal(report.size_bytes)}, to"
-    return Group(title, Text(places, "bold"), compared, "", _actions(report.actions))
-
-
-def show_check(report: "ArchiveReport") -> RenderableType:
-    verdict = ("The car loads it", "green") if not report.errors else ("The car refuses it", "red")
-    parts: list[RenderableType] = [Text.assemble((report.file, "bold"), ": ", verdict, ".")]
-    if report.actions:
-        parts += ["", _actions(report.actions)]
-    return Group(*parts)
-
-
-def _actions(actions: "list[CarAction]") -> RenderableType:
-    rows = [
-        (
-            "" if action.index is None else str(action.index),
-            f"{action.steering_deg:g}",
-            f"{action.speed_mps:g}",
-            f"{action.steering:.0%}",
-            f"{action.throttle:.1%}",
-        )
-        for action in actions
-    ]
-    names = ("action", "steering (deg)", "speed (m/s)", "steering on the car", "throttle")
-    return Rows(names, rows)
-
-
-# Shows exported policies.
-
-
-def exported(report: "FormReport") -> str:
-    lines = [
-        f"Exported {report.checkpoint} of {report.prefix} as {report.file}, "
-        f"{decimal(report.size_bytes)}.",
-        f"Compared with PyTorch on {report.frames} pictures (--runtime {report.engine}): "
-        f"{report.same_actions:.1%} the same action, greatest difference "
-        f"{report.greatest_difference:.1e}.",
-    ]
-    others = [file for file in report.files if file != report.file]
-    return "\n".join([*lines, f"Beside it: {', '.join(others)}"])
-
-
-# Shows what an export wrote.
-
-
-def reference(report: "ExportReport") -> str:
-    size = f"{counted(len(report.files), 'file')}, {decimal(report.size_bytes)}"
-    lines = [f"Exported {report.checkpoint} of {report.source} to {report.target}: {size}."]
-    if report.archive is not None and report.archive != report.target:
-        lines.append(f"The same files as an archive: {report.archive}")
-    lines += [f"Note: {note}" for note in report.notes]
-    lines += [f"Verified: {text}" for text in report.verified]
-    lines += [f"Not verified: {text}" for text in report.not_verified]
-    return "\n".join(lines)
 
 
 # Options that the exports of a checkpoint share.
@@ -171,7 +102,7 @@ def export_car(
     path = transfer_export_car.archive_path(out, source.file_name, force=force)
     report = transfer_export_car.write_archive(_made(loaded, source, path.name), path)
     _warn(report.problems)
-    console.emit(report, show_archive(report))
+    show(report)
 
 
 def upload_car_zip(
@@ -233,7 +164,7 @@ def upload_car_zip(
     progress = partial(console.progress, unit="bytes")
     report = transfer_export_car.upload_archive(export, target, names, progress, dry_run=dry_run)
     _warn(report.problems)
-    console.emit(report, show_archive(report))
+    show(report)
 
 
 def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":
@@ -244,7 +175,7 @@ def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExp
 def _check(path: Path) -> None:
     report = transfer_export_car.check_archive(path)
     _warn(report.warnings)
-    console.emit(report, show_check(report))
+    show(report)
     refuse(report.errors)
 
 
@@ -355,7 +286,7 @@ def _export(
     target = None if out is None else out.expanduser()
     planned = export_forms.plan_form(settings(), chosen, form, target, fp16=fp16, force=force)
     report = export_forms.export_form(planned)
-    console.emit(report, exported(report))
+    show(report)
     console.suggest([(f"dr-evaluate --model {report.file}", "drive laps with it")])
 
 
@@ -398,7 +329,7 @@ def tf_checkpoint(
     report = export_forms.export_checkpoint(
         exported, target, partial(console.progress, unit="bytes")
     )
-    console.emit(report, reference(report))
+    show(report)
 
 
 def droa(
@@ -441,7 +372,7 @@ def droa(
     report = export_droa.export_droa(
         exported, target, archive, partial(console.progress, unit="bytes")
     )
-    console.emit(report, reference(report))
+    show(report)
     if target is not None and target.folder is not None:
         import_it = f"dr-droa import --from {shlex.quote(place)}"
         console.suggest([(import_it, "import it into DeepRacer on AWS")])

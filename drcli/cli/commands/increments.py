@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
+from drcli.base.report import counted
 from drcli.cli import completion, console, prompts
 from drcli.cli.options import (
     Delimiter,
@@ -19,8 +20,7 @@ from drcli.cli.options import (
     wipe_option,
     world_option,
 )
-from drcli.cli.views import models_view, training_view
-from drcli.cli.views.layout import counted
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 
 with lazy_imports():
@@ -102,7 +102,7 @@ def increment_training(
     if step.wipes:
         prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
     step = increment.make_increment(planned, loaded.storage)
-    console.emit(step, training_view.increment(step))
+    show(step)
     for path in step.files:
         console.say(f"Wrote {path}")
     _done(step.file, step.backup, "dr-start-training", "train the new model", step.files)
@@ -130,25 +130,18 @@ def increment_upload_model(
         console.warn(f"{counted(step.wiped, 'file')} at {place} will be deleted.")
     prompts.agree("Are you sure?", yes=force)
     upload.make_upload_increment(planned)
-    console.emit(step, models_view.upload_increment(step))
+    show(step)
     _done(step.file, step.backup, "dr-upload-model", "upload the model there")
 
 
 @dataclass(frozen=True)
 class UploadName:
-    """The name of the next upload.
+    """The name of the next upload."""
 
-    Attributes:
-        file: The file that was edited.
-        before: The old prefix.
-        after: The new prefix.
-        target: The whole address.
-    """
-
-    file: str
-    before: str
-    after: str
-    target: str
+    file: Annotated[str, "The file that was edited."]
+    before: Annotated[str, "The old prefix."]
+    after: Annotated[str, "The new prefix."]
+    target: Annotated[str, "The whole address."]
 
 
 def set_upload_model(

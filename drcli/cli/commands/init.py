@@ -11,9 +11,9 @@ import typer
 
 from drcli.base.errors import BadValue, ProblemsError, one_of, shown
 from drcli.base.installation import lazy_imports
+from drcli.base.report import counted
 from drcli.cli import completion, console, prompts
 from drcli.cli.options import force_option, in_options, world_option
-from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
 
 if TYPE_CHECKING:

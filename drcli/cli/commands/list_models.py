@@ -7,7 +7,7 @@ import typer
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import models_argument
-from drcli.cli.views import models_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 with lazy_imports():
@@ -36,7 +36,7 @@ def list_models(
     with console.waiting(f"Reading s3://{bucket.name} ..."):
         found = model_list.list_models(bucket, pattern)
     console.warn(*(sentence for model in found.models for sentence in model.damaged))
-    console.emit(found, models_view.models(found))
+    show(found)
 
 
 def list_aws_models(pattern: _Pattern = "") -> None:

@@ -22,17 +22,11 @@ _NOTHING_RUNS = "No log analysis is running. dr-start-loganalysis writes a file;
 
 @dataclass(frozen=True)
 class ReportAddress:
-    """Where the report of a model is.
+    """Where the report of a model is."""
 
-    Attributes:
-        model: Its name.
-        html: The file.
-        url: The same as an address for a browser.
-    """
-
-    model: str
-    html: str
-    url: str
+    model: Annotated[str, "Its name."]
+    html: Annotated[str, "The file."]
+    url: Annotated[str, "The same as an address for a browser."]
 
 
 def start_loganalysis(

@@ -1,50 +1,20 @@
 """`dr metrics`."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from drcli.base.errors import StorageError
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import models_argument
+from drcli.cli.show import show
 from drcli.cli.stopped_process import show_stopped
-from drcli.cli.views.layout import Rows, counted
 from drcli.cli.working_folder import settings, working_folder
-
-if TYPE_CHECKING:
-    from drcli.run.tensorboard_server import MetricsReport
 
 with lazy_imports():
     from drcli.run import tensorboard_server
     from drcli.transfer import transfer_buckets
-
-# Shows where figures go.
-
-
-def metrics(report: "MetricsReport") -> RenderableType:
-    parts: list[RenderableType] = []
-    if report.url is not None:
-        parts += [
-            Text.assemble("TensorBoard: ", (report.url, "bold")),
-            Text(f"Process {report.pid} shows {report.folder}.", "dim"),
-        ]
-    if report.fetched:
-        brought = (
-            f"Brought event files of {counted(len(report.fetched), 'model')} from the bucket: "
-        )
-        parts.append(Text(brought + ", ".join(report.fetched) + "."))
-    if report.written:
-        made = f"Made event files of {counted(len(report.written), 'model')}: "
-        parts.append(Text(made + ", ".join(report.written) + "."))
-    rows = [(tool.name, tool.setting, tool.place or "off") for tool in report.tools]
-    parts += [
-        Text("Figures of the next training go to:"),
-        Rows(("tool", "setting", "place"), rows, left=("tool", "setting", "place")),
-    ]
-    return Group(*parts)
 
 
 app = typer.Typer(
@@ -93,7 +63,7 @@ def start_metrics(
             console.warn(f"{error} {error.remedy} Only the files on this machine are shown.")
             fetched, written = [], []
         report = tensorboard_server.start_tensorboard(loaded, written, port, fetched)
-    console.emit(report, metrics(report))
+    show(report)
 
 
 @app.command("stop")

@@ -7,7 +7,7 @@ import typer
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import prefix_option
-from drcli.cli.views import notes_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
@@ -69,4 +69,4 @@ def remove(number: _Number, prefix: _Prefix = None) -> None:
 
 def _show(found: "NoteList") -> None:
     console.warn(*found.damaged)
-    console.emit(found, notes_view.notes(found))
+    show(found)

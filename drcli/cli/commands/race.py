@@ -22,7 +22,8 @@ from drcli.cli.options import (
     world_option,
 )
 from drcli.cli.race_access import Closes, Race, found_race, open_races, print_race, races_to_look_at
-from drcli.cli.views import race_view
+from drcli.cli.show import drawn
+from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings
 from drcli.races.race_records import Pairing, RaceKind, Ranking
 from drcli.races.race_report import RaceList
@@ -306,7 +307,7 @@ def list_all() -> None:
     bucket = races_to_look_at(loaded)
     found = RaceList(loaded.bucket, []) if bucket is None else organise.list_races(bucket)
     console.warn(*found.damaged)
-    console.emit(found, race_view.races(found))
+    present(found)
 
 
 @app.command()
@@ -347,7 +348,7 @@ def submit(
     taken = submissions.submit(
         loaded, bucket, found, prefix=prefix, checkpoint=checkpoint, racer=racer
     )
-    console.emit(taken, race_view.taken(taken))
+    present(taken)
     if not taken.queue:
         console.suggest([(f"dr-race run {found}", "drive what was submitted")])
 
@@ -421,9 +422,7 @@ def stop(race: Race) -> None:
     Example: dr-race stop friday-cup
     """
     bucket, found = found_race(settings(), race)
-    stopped = queue_process.stop_queue(bucket, found)
-    text = f"Stopped the queue of {found} (process {stopped.pid}). What was driven is kept."
-    console.emit(stopped, text)
+    present(queue_process.stop_queue(bucket, found))
 
 
 @app.command("open")
@@ -478,7 +477,7 @@ def export(
         refuse_replacing(page, force=force)
     films = race_export.videos_of(report, bucket) if videos else {}
     written = race_export.export_race(report, csv_path=csv, html_path=page, videos=films)
-    console.emit(written, race_view.exported(written))
+    present(written)
 
 
 @app.command()
@@ -490,10 +489,10 @@ def delete(race: Race, force: Force = False, dry_run: DryRun = False) -> None:
     bucket, found = found_race(settings(), race)
     planned = organise.delete_race(bucket, found, dry_run=True)
     if not dry_run:
-        console.err.print(race_view.deleted(planned))
+        console.err.print(drawn(planned))
         prompts.agree("Delete this race? It cannot be undone.", yes=force)
         planned = organise.delete_race(bucket, found)
-    console.emit(planned, race_view.deleted(planned))
+    present(planned)
 
 
 def drive(race: str, *, quiet: bool, video: bool | None, limit: int) -> None:
@@ -505,7 +504,7 @@ def drive(race: str, *, quiet: bool, video: bool | None, limit: int) -> None:
         if limit:
             raise typer.BadParameter("-n limits what is driven here; leave out -q.")
         started = queue_process.launch_queue(loaded, bucket, found, video=video)
-        console.emit(started, race_view.started(started))
+        present(started)
         return
     report = race_queue.run_queue(
         loaded, bucket, found, video=video, limit=limit, on_progress=console.say

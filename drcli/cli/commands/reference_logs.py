@@ -12,7 +12,7 @@ from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.log_tail import POLL_S, show_log
 from drcli.cli.options import text_only
-from drcli.cli.views import summary_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def get_robomaker_stats(replica: _Replica = 1) -> None:
     if not found:
         raise wanted.absent()
     report = worker_processes.speed_of(found[0], settings().run)
-    console.emit(report, summary_view.speed(report))
+    show(report)
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from drcli.base.errors import ProblemsError
 from drcli.base.files import refuse_existing, refuse_replacing, safe_name
@@ -21,7 +19,7 @@ from drcli.cli.options import (
     parsed_checkpoint,
     world_option,
 )
-from drcli.cli.views.layout import Rows, counted
+from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
 from drcli.config.value_types import CheckpointChoice, parse_checkpoint
 from drcli.model.model_store import ModelStore
@@ -29,58 +27,12 @@ from drcli.view.saliency.question import METHODS, MOST_PICTURES, SPACINGS, TARGE
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
-    from drcli.view.saliency.explain_model import ExplainedStep, SaliencyReport
+    from drcli.config.value_types import CheckpointChoice
 
 with lazy_imports():
     from drcli.config import loading
     from drcli.transfer import transfer_buckets
     from drcli.view.saliency import explain_model
-
-# Shows what moved the car.
-
-
-_ROWS, _COLUMNS = ("far", "middle", "near"), ("left", "centre", "right")
-
-
-def show_saliency(report: "SaliencyReport") -> RenderableType:
-    number = "" if report.checkpoint is None else f", checkpoint {report.checkpoint}"
-    parts: list[RenderableType] = [
-        Text(f"{report.model}{number}", style="bold"),
-        Text(
-            f"on {report.world}: {report.outcome}, {report.progress:.1f} % in "
-            f"{report.seconds:.2f} s",
-            "dim",
-        ),
-        Rows(
-            ("step", "lap", "action", "steering", "speed", "looks at", "share"),
-            [_row(step) for step in report.steps],
-            left=("looks at",),
-        ),
-    ]
-    if report.html is not None:
-        parts.append(Text.assemble("Page: ", (report.html, "bold")))
-    written = [step.picture for step in report.steps if step.picture is not None]
-    if written:
-        parts.append(Text(f"{counted(len(written), 'picture')}, the first is {written[0]}."))
-    return Group(*parts)
-
-
-def _row(step: "ExplainedStep") -> tuple[str, ...]:
-    ninths = next(iter(step.ninths.values()))
-    most, row, column = max(
-        (share, -row, -column)
-        for row, band in enumerate(ninths)
-        for column, share in enumerate(band)
-    )
-    return (
-        str(step.step),
-        f"{step.progress:.1f} %",
-        "-" if step.action is None else str(step.action),
-        f"{step.steering_deg:+.1f}°",
-        f"{step.speed_mps:.2f} m/s",
-        f"{_ROWS[-row]} {_COLUMNS[-column]}" if most > 0 else "nothing",
-        f"{most:.0%}",
-    )
 
 
 def saliency(
@@ -189,7 +141,7 @@ def saliency(
             explain_model.write_page(html, explained)
     report = explain_model.report_of(explained, prefix, name, html, stills)
     console.warn(*report.notes)
-    console.emit(report, show_saliency(report))
+    show(report)
 
 
 def _configured(settings: "Settings") -> "CheckpointChoice":

@@ -16,17 +16,11 @@ with lazy_imports():
 
 @dataclass(frozen=True)
 class MessageReport:
-    """The result of `dr-send-message`.
+    """The result of `dr-send-message`."""
 
-    Attributes:
-        text: What was sent.
-        sent: Places that took the message.
-        failed: Why others did not, by place.
-    """
-
-    text: str
-    sent: list[str]
-    failed: dict[str, str] = field(default_factory=dict)
+    text: Annotated[str, "What was sent."]
+    sent: Annotated[list[str], "Places that took the message."]
+    failed: Annotated[dict[str, str], "Why others did not, by place."] = field(default_factory=dict)
 
 
 def send_message(

@@ -14,11 +14,12 @@ import typer
 
 from drcli.base.errors import Absent, NotAvailable, ProblemsError, SettingsError, StorageError
 from drcli.base.installation import lazy_imports
+from drcli.base.report import counted
 from drcli.cli import console, prompts
 from drcli.cli.commands.spot_watch import watch
 from drcli.cli.options import DryRun, text_only
+from drcli.cli.show import show
 from drcli.cli.spot_options import Profile, Region, StackName, Yes, account, usual_region
-from drcli.cli.views import spot_view
 from drcli.cli.working_folder import working_folder
 from drcli.outside.aws import stacks
 from drcli.outside.aws.instance_types import default_types, find_types
@@ -56,32 +57,23 @@ _BUCKET_VARIABLE, _TYPE_VARIABLE = "BUCKET", "DEEPRACER_INSTANCE_TYPE"
 
 @dataclass(frozen=True)
 class BaseReport:
-    """A bucket and a topic for trainings.
+    """A bucket and a topic for trainings."""
 
-    Attributes:
-        stack: Name of the stack.
-        region: AWS region.
-        bucket: Name of the bucket.
-        topic: ARN of the topic for messages.
-    """
+    stack: Annotated[str, "Name of the stack."]
+    region: Annotated[str, "AWS region."]
+    bucket: Annotated[str, "Name of the bucket."]
+    topic: Annotated[str, "ARN of the topic for messages."]
 
-    stack: str
-    region: str
-    bucket: str
-    topic: str
+    def __str__(self) -> str:
+        return f"Made {self.stack} in {self.region}: bucket {self.bucket}."
 
 
 @dataclass(frozen=True)
 class AccessReport:
-    """Who may reach a stack now, or gets its messages.
+    """Who may reach a stack now, or gets its messages."""
 
-    Attributes:
-        stack: Name of the stack.
-        added: The address that may reach the machines, or that gets the messages.
-    """
-
-    stack: str
-    added: str
+    stack: Annotated[str, "Name of the stack."]
+    added: Annotated[str, "The address that may reach the machines, or that gets the messages."]
 
 
 def create_base(
@@ -107,7 +99,7 @@ def create_base(
     with console.waiting(f"Making the stack {stack} ..."):
         made = create_stack(ours, stack, base_template(stack), tags, roles=False)
     report = BaseReport(stack, ours.region, made.bucket, made.outputs["Topic"])
-    console.emit(report, spot_view.base(stack, ours.region, made.bucket))
+    show(report)
     console.suggest([(f"dr-spot create NAME --base {stack}", "start a training")])
 
 
@@ -240,17 +232,17 @@ def create(
             console.write(json.dumps(plan.template, indent=2) + "\n")
             return
         console.warn(*plan.notes)
+        planned = creation.Planned.of(plan, ours.region)
         if dry_run:
-            planned = spot_view.Planned.of(plan, ours.region)
-            console.emit(planned, spot_view.plan(plan, ours.region))
+            show(planned)
             return
-        console.say(spot_view.plan_text(plan, ours.region))
+        console.say("\n".join(str(line) for line in planned.view() if line))
         prompts.agree("Start it?", yes=yes, remedy="Add --yes to start it without a question.")
         if loaded.custom_files.folder.is_dir():
             copy_custom_files.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
         with console.waiting(f"Making the stack {stack} ..."):
             report = creation.carry_out(ours, plan)
-    console.emit(report, spot_view.created(report))
+    show(report)
     console.suggest(
         [
             ("dr-spot list", "see how it is"),
@@ -349,19 +341,17 @@ def _checked(
 
 @dataclass(frozen=True)
 class DeletedBase:
-    """A base stack that was deleted.
+    """A base stack that was deleted."""
 
-    Attributes:
-        stack: Name of the stack.
-        bucket: Name of the bucket.
-        objects: Number of objects that were deleted with the bucket.
-        bucket_kept: Whether the bucket stays.
-    """
+    stack: Annotated[str, "Name of the stack."]
+    bucket: Annotated[str, "Name of the bucket."]
+    objects: Annotated[int, "Number of objects that were deleted with the bucket."]
+    bucket_kept: Annotated[bool, "Whether the bucket stays."]
 
-    stack: str
-    bucket: str
-    objects: int
-    bucket_kept: bool
+    def __str__(self) -> str:
+        objects = counted(self.objects, "object")
+        rest = "; its bucket stays" if self.bucket_kept else f" with {objects} in its bucket"
+        return f"Removed {self.stack}{rest}."
 
 
 def stop(
@@ -392,7 +382,7 @@ def stop(
         checkpoint = stack_end.verified_checkpoint(ours, found)
     with console.waiting(f"Removing the stack {stack} ..."):
         report = stack_end.remove_training(ours, found, checkpoint)
-    console.emit(report, spot_view.stopped(report))
+    show(report)
 
 
 def delete(
@@ -419,7 +409,7 @@ def delete(
         if keep:
             prompts.agree(f"Delete the stack {stack}? Its bucket stays.", yes=yes, words=[stack])
         elif content is not None:
-            console.say(spot_view.content(content))
+            console.say(str(content))
             prompts.agree(
                 f"Delete the stack {stack}, and its bucket {content.bucket} with everything in it? "
                 "It cannot be restored.",
@@ -429,8 +419,7 @@ def delete(
         with console.waiting(f"Deleting the stack {stack} ..."):
             stack_end.remove_base(ours, found, keep_bucket=keep)
         gone = 0 if keep or content is None else content.objects
-        report = DeletedBase(stack, found.bucket, gone, keep)
-        console.emit(report, spot_view.base_deleted(stack, gone, kept=keep))
+        show(DeletedBase(stack, found.bucket, gone, keep))
         return
     if keep_bucket:
         raise SettingsError(
@@ -446,7 +435,7 @@ def delete(
     )
     with console.waiting(f"Deleting the stack {stack} ..."):
         done = stack_end.remove_training(ours, found, "")
-    console.emit(done, spot_view.stopped(done))
+    show(done)
 
 
 # `dr-spot list`, `prices`, `cost`, `logs` and `ssh`.
@@ -467,7 +456,7 @@ def list_all(region: Region = None, profile: Profile = None) -> None:
         found = stack_report.StackReports(
             ours.region, [stack_report.report_on(ours, each) for each in our_stacks(ours)]
         )
-    console.emit(found, spot_view.stacks(found))
+    show(found)
 
 
 def prices(
@@ -535,7 +524,7 @@ def prices(
         aws_prices.arranged(offers, keys[order.casefold()], classes)[:limit], missing
     )
     console.warn(*missing)
-    console.emit(found, spot_view.offers(found))
+    show(found)
 
 
 def cost(
@@ -552,7 +541,7 @@ def cost(
     marks = read_marks(ours.bucket(found.bucket), stack)
     report = machines.cost_of(ours, stack, machines.machines_of(ours, found, marks))
     console.warn(*report.notes)
-    console.emit(report, spot_view.cost(report))
+    show(report)
 
 
 @text_only

@@ -41,23 +41,14 @@ NOT_FOUND, NOT_EXECUTABLE = 127, 126
 
 @dataclass(frozen=True)
 class WatchReport:
-    """The result of `dr-spot watch`.
+    """The result of `dr-spot watch`."""
 
-    Attributes:
-        source: aws, gcp, azure, command or signal; null without a notice.
-        kind: interruption or rebalance.
-        action: What happens to the machine.
-        seconds_left: Until then; null if unknown.
-        text: A sentence.
-        exit_code: Of this command.
-    """
-
-    source: str | None
-    kind: str | None
-    action: str | None
-    seconds_left: float | None
-    text: str
-    exit_code: int
+    source: Annotated[str | None, "aws, gcp, azure, command or signal; null without a notice."]
+    kind: Annotated[str | None, "interruption or rebalance."]
+    action: Annotated[str | None, "What happens to the machine."]
+    seconds_left: Annotated[float | None, "Until then; null if unknown."]
+    text: Annotated[str, "A sentence."]
+    exit_code: Annotated[int, "Of this command."]
 
     @staticmethod
     def of(notice: Notice, exit_code: int, left_s: float | None = None) -> "WatchReport":

@@ -474,7 +474,7 @@ def _followed(
 def _end(report: "RunReport", prefix: str) -> int:
     console.emit(report, None)
     if report.state in ("stopped", "interrupted") or report.exit_code == 0:
-        console.say(views.end_text(report))
+        console.say(report.end_text())
         if commands := views.next_commands(report, prefix):
             console.suggest(commands)
     else:

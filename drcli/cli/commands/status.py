@@ -5,7 +5,8 @@ from dataclasses import replace
 from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
-from drcli.cli.views import summary_view, training_view
+from drcli.cli.show import show
+from drcli.cli.views import training_view
 from drcli.cli.working_folder import settings
 
 with lazy_imports():
@@ -44,5 +45,4 @@ def summary() -> None:
 
     Example: dr-summary
     """
-    report = run_summary.summarize(settings())
-    console.emit(report, summary_view.summary(report))
+    show(run_summary.summarize(settings()))

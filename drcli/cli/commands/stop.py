@@ -5,7 +5,7 @@ from dataclasses import replace
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
-from drcli.cli.views import summary_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 
 with lazy_imports():
@@ -42,9 +42,7 @@ def stop_training() -> None:
         return
     waiting = stopping.stop_waiting(loaded.directory, loaded.run_id)
     if not stopping.is_running(loaded.run):
-        ended = stopping.StopReport(waiting)
-        said = summary_view.stopped(ended) if waiting else "No training is running."
-        console.emit(ended, said)
+        show(stopping.StopReport(waiting), none="No training is running.")
         return
     with console.waiting("Stopping the training; waiting for its workers to exit ..."):
         report = stopping.stop(loaded.run)
@@ -76,7 +74,7 @@ def stop_evaluation() -> None:
     Example: dr-stop-evaluation
     """
     report = stopping.StopReport(stopping.stop_evaluations(working_folder(), settings().run_id))
-    console.emit(report, summary_view.stopped_evaluations(report))
+    show(report, none="No evaluation is running.")
 
 
 def stop_all() -> None:
@@ -96,4 +94,4 @@ def stop_all() -> None:
         )  # first: an open page would start the S3 server again
         report = stopping.stop_all(folder, lambda: settings().storage)
         report = replace(report, viewer=viewer is not None)
-    console.emit(report, summary_view.stopped(report))
+    show(report)

@@ -10,7 +10,7 @@ import typer
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
 from drcli.cli.options import ReplaceOrYes
-from drcli.cli.views import doctor_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import current_folder, working_folder
 
 with lazy_imports():
@@ -46,7 +46,7 @@ def support_bundle(
         report = run_support_bundle.make_bundle(
             folder, target, with_custom_files=not without_files, overwrite=force
         )
-    console.emit(report, doctor_view.bundle(report))
+    show(report)
     path = shlex.quote(report.file)
     manifest = "drcli-support/manifest.json"
     console.suggest(

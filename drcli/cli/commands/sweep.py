@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Group, RenderableType
 from rich.live import Live
-from rich.text import Text
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing, refuse_replacing, rewrite
@@ -16,113 +14,19 @@ from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import DryRun, Force, Replace, text_only, wipe_option
-from drcli.cli.views.layout import Rows, counted
+from drcli.cli.show import drawn
+from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings, working_folder
 from drcli.config.presets import model_file
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
-    from drcli.sweeps.start_sweep import SweepPlanned
-    from drcli.sweeps.sweep_report import SweepList, SweepReport, TrialReport
+    from drcli.sweeps.sweep_report import SweepReport
 
 with lazy_imports():
     from drcli.config import loading
     from drcli.sweeps import start_sweep, stored_sweep, sweep_report
     from drcli.transfer import transfer_buckets
-
-
-# Shows sweeps.
-
-
-_STYLES = {
-    "running": "green",
-    "failed": "red",
-    "paused": "dim",
-    "waiting": "dim",
-    "stopped early": "dim",
-}
-
-
-def sweep(report: "SweepReport") -> RenderableType:
-    over = sum(trial.state not in ("waiting", "running", "paused") for trial in report.trials)
-    state = "ended" if report.ended else f"{over} of {len(report.trials)} over"
-    head = Text.assemble(
-        (f"Sweep {report.name}", "bold"),
-        f" ({state}), best {report.metric.replace('_', ' ')} first, "
-        f"{report.most:,.12g} {report.resource if report.most != 1 else report.resource[:-1]} each",
-    )
-    varied = list(dict.fromkeys(key for trial in report.trials for key in trial.varied))
-    results = ("clean laps", "progress", "median clean lap")
-    names = ["", "training", *varied, "state", report.resource, *results]
-    rows: list[list[str | Text]] = [
-        [
-            Text("*" if trial.best else "", style="bold"),
-            trial.name,
-            *(trial.varied.get(key, "") for key in varied),
-            Text(trial.state, style=_STYLES.get(trial.state, "")),
-            _amount(report, trial),
-            f"{trial.laps}/{trial.episodes}" if trial.episodes else "-",
-            "-" if trial.progress is None else f"{trial.progress:.0f} %",
-            "-" if trial.lap_s is None else f"{trial.lap_s:.2f} s",
-        ]
-        for trial in report.trials
-    ]
-    parts: list[RenderableType] = [head, Rows(names, rows, left=["", "training", *varied, "state"])]
-    parts += [
-        Text(f"{trial.name}: {trial.message} {trial.remedy}".rstrip())
-        for trial in report.trials
-        if trial.state == "failed"
-    ]
-    if report.best:
-        word = "best" if report.ended else "best so far"
-        parts.append(Text(f"* {word}; its model is {_best(report).model}"))
-    elif report.ended:
-        parts.append(Text("None is the best: no training was evaluated."))
-    if report.comparison is not None:
-        parts.append(Text(f"Comparison: {report.comparison}"))
-    return Group(*parts)
-
-
-def sweeps(found: "SweepList") -> RenderableType:
-    if not found.sweeps:
-        return Text(f"s3://{found.bucket} has no sweeps. `dr-sweep init` writes an example.")
-    rows = [
-        [
-            each.name,
-            "ended" if each.ended else "not ended",
-            str(len(each.trials)),
-            each.best,
-            _best(each).model if each.best else "",
-        ]
-        for each in found.sweeps
-    ]
-    names = ["sweep", "state", "trainings", "best", "model"]
-    return Rows(names, rows, left=["sweep", "state", "best", "model"])
-
-
-def planned(plan: "SweepPlanned") -> RenderableType:
-    varied = list(dict.fromkeys(key for trial in plan.trials.values() for key in trial))
-    rows = [[name, *(trial.get(key, "") for key in varied)] for name, trial in plan.trials.items()]
-    verb = "continues" if plan.continues else "has"
-    text = f"{verb} {counted(len(plan.trials), 'training')}, {at_a_time(plan)}."
-    head = Text.assemble((f"Sweep {plan.name}", "bold"), f" {text}")
-    return Group(head, Rows(["training", *varied], rows, left=["training", *varied]))
-
-
-def at_a_time(plan: "SweepPlanned") -> str:
-    return (
-        "as many at a time as Ray has room for"
-        if plan.parallel is None
-        else (f"{plan.parallel} at a time")
-    )
-
-
-def _best(report: "SweepReport") -> "TrialReport":
-    return next(trial for trial in report.trials if trial.best)
-
-
-def _amount(report: "SweepReport", trial: "TrialReport") -> str:
-    return f"{trial.amount:.1f}" if report.resource == "minutes" else f"{trial.amount:,.0f}"
 
 
 # Writes an example sweep file.
@@ -184,7 +88,7 @@ def start(
         begun = start_sweep.SweepStart(loaded, file)
     plan = begun.planned(parallel)
     if dry_run:
-        console.emit(plan, planned(plan))
+        present(plan)
         return
     if html is not None and not plan.continues:  # a sweep that goes on updates its page
         refuse_replacing(html, force=force)
@@ -195,9 +99,8 @@ def start(
         plan = begun.planned(parallel)
     for world in begun.worlds:
         bring_tracks(loaded.replaced(world_name=world))
-    console.say(
-        f"Sweep {plan.name}: {len(plan.trials)} trainings, {at_a_time(plan)}. Ctrl-C interrupts it."
-    )
+    count = f"{len(plan.trials)} trainings, {plan.at_a_time()}"
+    console.say(f"Sweep {plan.name}: {count}. Ctrl-C interrupts it.")
     with _live() as show:
         report = begun.run(parallel=parallel, say=console.say, warn=console.warn, on_change=show)
     page = start_sweep.comparison_page(loaded.directory, plan.name) if html is None else html
@@ -205,7 +108,7 @@ def start(
         report, problem = start_sweep.try_to_compare(begun, report, page)
     if problem:
         console.warn(problem)
-    console.emit(report, sweep(report))
+    present(report)
     if report.best:
         best = next(trial for trial in report.trials if trial.best)
         console.suggest(
@@ -228,7 +131,7 @@ def list_all() -> None:
         transfer_buckets.bucket_to_look_at(settings().transfer, upload=False)
     )
     console.warn(*found.damaged)
-    console.emit(found, sweeps(found))
+    present(found)
 
 
 @app.command()
@@ -246,7 +149,7 @@ def show(
             f"s3://{bucket.name} has no sweep {name}.", remedy="List them with `dr-sweep list`."
         )
     report = sweep_report.report_of(record, bucket.name)
-    console.emit(report, sweep(report))
+    present(report)
 
 
 @app.command()
@@ -278,4 +181,4 @@ def _live() -> Iterator[Callable[["SweepReport"], None]]:
         return
 
     with Live(console=console.err, refresh_per_second=2, transient=True) as display:
-        yield lambda report: display.update(sweep(report))
+        yield lambda report: display.update(drawn(report))

@@ -7,7 +7,7 @@ import typer
 from drcli.base.installation import lazy_imports
 from drcli.cli import console, prompts
 from drcli.cli.options import DryRun, Force, KeepModels, models_argument
-from drcli.cli.views import removal_view
+from drcli.cli.show import drawn, show
 from drcli.cli.working_folder import settings
 
 with lazy_imports():
@@ -65,9 +65,8 @@ def tidy(
     with console.waiting(f"Reading s3://{loaded.bucket} ..."):
         report = transfer_tidy.find_surplus(loaded, options)
     if report.items and not dry_run:
-        console.err.print(removal_view.surplus(report))
+        console.err.print(drawn(report, planned=True))
         prompts.agree("Delete all of this? It cannot be undone.", yes=force)
         with console.waiting("Deleting ..."):
             report = transfer_tidy.tidy(report, loaded)
-    view = removal_view.surplus if dry_run or not report.items else removal_view.tidied
-    console.emit(report, view(report))
+    show(report, planned=dry_run)

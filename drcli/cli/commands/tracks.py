@@ -6,95 +6,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from drcli.base.errors import SettingsError, shown
 from drcli.base.files import refuse_replacing
 from drcli.base.installation import lazy_imports
 from drcli.cli import completion, console
 from drcli.cli.options import Replace
-from drcli.cli.views.layout import Rows
+from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings, working_folder
 from drcli.config.value_types import CarName
 from drcli.tracks.track_list import list_tracks
 
 if TYPE_CHECKING:
     from drcli.drive.racer_limit import Asked, FastestLine
-    from drcli.tracks.track_facts import TrackFacts, TrackList
-    from drcli.tracks.tracks_folder import TrackView
 
 with lazy_imports():
     from drcli.config import track_names
     from drcli.drive import racer_limit
     from drcli.tracks import community, tracks_folder
-
-
-# Shows tracks.
-
-
-_REPEATS = 3
-
-
-def track_list(found: "TrackList") -> RenderableType:
-    table = Rows(
-        ("track", "length", "width", "direction", "from"),
-        [
-            (
-                track.name,
-                f"{track.length_m:.1f} m",
-                f"{track.width_m:.2f} m",
-                track.direction,
-                f"{Path(track.source).suffix} file" if track.source != "own" else _origin(track),
-            )
-            for track in found.tracks
-        ],
-        left=("track", "direction", "from"),
-    )
-    own, here = Path(found.folder), Path.cwd()
-    place = own.relative_to(here) if own.is_relative_to(here) else own
-    return Group(table, Text(f"{len(found.tracks)} tracks; your own are in {place}/."))
-
-
-def track(view: "TrackView") -> RenderableType:
-    parts: list[RenderableType] = [Text(show_line) for show_line in view.map_lines]
-    parts.append(track_facts(view.facts))
-    if view.limit:
-        parts.append(Text(view.limit))
-    if view.picture:
-        parts.append(Text(f"Picture: {view.picture}"))
-    return Group(*parts)
-
-
-def show_line(found: "FastestLine") -> RenderableType:
-    rows = (f"    ({x:.3f}, {y:.3f}, {speed:.2f})," for x, y, speed in found.line)
-    return Text("\n".join([f"# {found.text}", "FASTEST_LINE = [", *rows, "]"]))
-
-
-def track_facts(facts: "TrackFacts") -> RenderableType:
-    show_line = "is part of the road" if facts.line_family == "in" else "is outside the road"
-    width = (
-        f"{facts.width_m:.2f} m"
-        if facts.greatest_width_m - facts.least_width_m < 0.02
-        else f"{facts.least_width_m:.2f} to {facts.greatest_width_m:.2f} m"
-    )
-    repeats = "".join(f"; {number} repeats {number - 1}" for number in facts.repeated[:_REPEATS])
-    more = len(facts.repeated) - _REPEATS
-    return Group(
-        Text(f"{facts.name}: {facts.about}" if facts.about else facts.name, style="bold"),
-        Text(
-            f"{facts.length_m:.2f} m long, {width} wide, {facts.direction}; "
-            f"{facts.waypoints} waypoints, {facts.spacing_m:.2f} m apart"
-            f"{repeats}{f' and {more} more' if more > 0 else ''}"
-        ),
-        Text(f"the white line {show_line}; {_origin(facts)}"),
-    )
-
-
-def _origin(facts: "TrackFacts") -> str:
-    if facts.source != "own":
-        return facts.source
-    return f"built in, {facts.difficulty}" if facts.difficulty else "built in"
 
 
 app = typer.Typer(
@@ -127,7 +56,7 @@ def list_all() -> None:
     found = list_tracks(settings().tracks_folder, memory)
     for sentence in found.unreadable:
         console.warn(sentence)
-    console.emit(found, track_list(found))
+    present(found)
 
 
 @app.command()
@@ -157,7 +86,7 @@ def show(
         name, wanted.tracks_folder, png, columns=columns, line=known.line if known else None
     )
     view = replace(view, limit=known.text if known else "")
-    console.emit(view, track(view))
+    present(view)
 
 
 @app.command()
@@ -169,7 +98,7 @@ def line(name: _Name, reverse: _Reverse = False, car: _Car = None) -> None:
     Example: dr-tracks line reinvent_base > line.py
     """
     found = racer_limit.fastest_line_of(_asked(name, car, reverse=reverse))
-    console.emit(found, show_line(found))
+    present(found, points=True)
 
 
 @app.command()
@@ -182,7 +111,7 @@ def limit(name: _Name, reverse: _Reverse = False, car: _Car = None) -> None:
     Example: dr-tracks limit my_track
     """
     found = racer_limit.computed_line_of(_asked(name, car, reverse=reverse))
-    console.emit(found, Text(found.text))
+    present(found, points=False)
 
 
 def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
@@ -218,7 +147,7 @@ def add(
         file, folder, name=name, width_m=width, length_m=length, replace=force
     )
     _warn_if_built_in(facts.name)
-    console.emit(facts, track_facts(facts))
+    present(facts)
 
 
 @app.command()
@@ -241,7 +170,7 @@ def fetch(
         name, url or s.tracks_url, s.tracks_folder, called=called, replace=force
     )
     _warn_if_built_in(facts.name)
-    console.emit(facts, track_facts(facts))
+    present(facts)
 
 
 def _warn_if_built_in(name: str) -> None:

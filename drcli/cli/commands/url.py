@@ -6,7 +6,7 @@ import typer
 
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
-from drcli.cli.views import summary_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
 with lazy_imports():
@@ -31,7 +31,7 @@ def url(
     loaded = settings()
     names = [name for name in get_args(summary.PlaceName) if what in ("all", name)]
     report = summary.addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
-    console.emit(report, summary_view.addresses(report), folded=False)
+    show(report, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"
         console.say(

@@ -8,7 +8,7 @@ import typer
 from drcli.base.errors import SettingsError, refuse
 from drcli.base.installation import lazy_imports
 from drcli.cli import console
-from drcli.cli.views import settings_view
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 
 with lazy_imports():
@@ -36,24 +36,18 @@ def validate(
     folder = working_folder()
     with console.waiting(f"Checking {folder} ..."):
         report = checks_validate.validate(folder, console_compatible=console_compatible)
-    console.emit(report, settings_view.problems(report))
+    show(report)
     if not report.ok and not force:
         raise typer.Exit(SettingsError.code)
 
 
 @dataclass(frozen=True)
 class Checked:
-    """Settings that are right.
+    """Settings that are right."""
 
-    Attributes:
-        files: Files that were read.
-        settings: Number of settings in these files and in the environment.
-        warnings: Things that are allowed but may surprise you.
-    """
-
-    files: list[str]
-    settings: int
-    warnings: list[str]
+    files: Annotated[list[str], "Files that were read."]
+    settings: Annotated[int, "Number of settings in these files and in the environment."]
+    warnings: Annotated[list[str], "Things that are allowed but may surprise you."]
 
 
 def update(

@@ -5,8 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from drcli.base.errors import BadValue, SettingsError
 from drcli.base.files import refuse_new_file
@@ -15,7 +13,7 @@ from drcli.base.processes import until_sigterm
 from drcli.cli import console
 from drcli.cli.evaluation_options import with_options
 from drcli.cli.options import Replace, checkpoint_option, parsed_checkpoint, world_option
-from drcli.cli.views.layout import Rows
+from drcli.cli.show import show
 from drcli.cli.working_folder import settings_for_files
 from drcli.config.value_types import colour
 from drcli.model import keys
@@ -25,7 +23,6 @@ from drcli.view.video.encode import GIF_FPS, require_encoder
 if TYPE_CHECKING:
     from drcli.bucket.bucket import Bucket
     from drcli.config.settings import Settings
-    from drcli.view.video.make_video import VideoReport
     from drcli.view.video.trace_source import FoundTrace
 
 with lazy_imports():
@@ -33,30 +30,6 @@ with lazy_imports():
     from drcli.run import evaluation as run_evaluation
     from drcli.transfer import transfer_buckets
     from drcli.view.video import make_video, trace_source, video_job
-
-
-# Shows what a video holds.
-
-
-def show_video(report: "VideoReport") -> RenderableType:
-    shown = f"{report.width}x{report.height}, {report.fps} frames per second"
-    return Group(
-        Text(f"{report.trace} on {report.world}", style="bold"),
-        Rows(
-            ("episode", "time", "progress", "ended"),
-            [
-                (
-                    str(episode.episode),
-                    f"{episode.seconds:.2f} s",
-                    f"{episode.progress:.1f} %",
-                    episode.text,
-                )
-                for episode in report.episodes
-            ],
-            left=("ended",),
-        ),
-        Text.assemble(f"Video of {report.seconds:.2f} s, {shown}: ", (report.file, "bold")),
-    )
 
 
 SIZES = ("640x480", "1280x720")
@@ -294,7 +267,7 @@ def video(
             ghosts=ghost or [],
         )
     console.warn(*report.notes)
-    console.emit(report, show_video(report))
+    show(report)
 
 
 def _refuse_clashes(

@@ -28,15 +28,10 @@ USUAL_TOPIC = "/racecar/deepracer/kvs_stream"
 
 @dataclass(frozen=True)
 class StreamReport:
-    """Addresses of live pictures.
+    """Addresses of live pictures."""
 
-    Attributes:
-        topic: What they show.
-        urls: One address for each simulation worker, in their order.
-    """
-
-    topic: str
-    urls: list[str]
+    topic: Annotated[str, "What they show."]
+    urls: Annotated[list[str], "One address for each simulation worker, in their order."]
 
 
 Browser = Annotated[

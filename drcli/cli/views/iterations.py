@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 from rich.table import Table
 from rich.text import Text
 
+from drcli.base.report import clock
 from drcli.records.iteration import Laps
 
 if TYPE_CHECKING:
@@ -164,12 +165,6 @@ def last_step(record: "IterationRecord") -> str:
     if record.alpha is not None:
         return f"alpha {record.alpha:.4f}"
     return f"KL {_known(record.kl, 4)}"
-
-
-def clock(elapsed_s: float) -> str:
-    minutes, seconds = divmod(max(0, int(elapsed_s)), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
 
 
 def _cells(record: "IterationRecord") -> dict[str, str]:

@@ -5,8 +5,10 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from drcli.base.errors import SettingsError
+from drcli.base.report import Col
 from drcli.model.files.action_space import MANY_ACTIONS, USUAL, Pair
 from drcli.records.trace import LOG_MARK, TraceRow, read_rows
 
@@ -23,17 +25,15 @@ _ROUND_DEG, _ROUND_MPS = 0.5, 0.05
 
 @dataclass(frozen=True)
 class ChosenAction:
-    """An action of a list.
+    """An action of a list."""
 
-    Attributes:
-        steering_angle: Degrees, left positive.
-        speed: m/s.
-        share: Share of the driven steps that it stands for, 0 .. 1; None without a drive.
-    """
-
-    steering_angle: float
-    speed: float
-    share: float | None = None
+    steering_angle: Annotated[float, "Degrees, left positive.", Col("steering", "{:g}°")]
+    speed: Annotated[float, "m/s.", Col("speed", "{:g} m/s")]
+    share: Annotated[
+        float | None,
+        "Share of the driven steps that it stands for, 0 .. 1; None without a drive.",
+        Col("share", "{:.0%}", none=""),
+    ] = None
 
 
 def grid(angles: int, speeds: int, *, max_angle: float, max_speed: float) -> list[ChosenAction]:

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from shlex import quote
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.base.installation import lazy_imports
+from drcli.base.report import View, minute
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import error_code
 from drcli.config.settings import Settings
@@ -60,6 +61,11 @@ with lazy_imports():
 
 
 Market = Literal["spot", "spot-or-on-demand", "on-demand"]
+_KINDS = {
+    "spot": "a spot machine",
+    "spot-or-on-demand": "a spot machine, or an ordinary one while there is none",
+    "on-demand": "an ordinary machine",
+}
 
 LEAST_MINUTES, MOST_MINUTES = 15, 10_080
 """At most a week, as groups may be forgotten."""
@@ -304,31 +310,96 @@ class StackPlan:
 
 @dataclass(frozen=True)
 class CreatedStack:
-    """What was started.
+    """What was started."""
 
-    Attributes:
-        stack: Name of the stack.
-        region: AWS region.
-        bucket: Name of the bucket.
-        model: Prefix in the bucket.
-        types: Types that may be used.
-        market: `spot`, `on-demand` or `spot-or-on-demand`.
-        usd_per_hour: Cheapest machine now; None if unknown.
-        most_usd: Highest cost until the end; None if unknown or unlimited.
-        ends: When its machines end, in Unix seconds; 0 for never.
-        topic: ARN of the topic for messages.
-    """
+    stack: Annotated[str, "Name of the stack."]
+    region: Annotated[str, "AWS region."]
+    bucket: Annotated[str, "Name of the bucket."]
+    model: Annotated[str, "Prefix in the bucket."]
+    types: Annotated[tuple[str, ...], "Types that may be used."]
+    market: Annotated[Market, "`spot`, `on-demand` or `spot-or-on-demand`."]
+    usd_per_hour: Annotated[float | None, "Cheapest machine now; None if unknown."]
+    most_usd: Annotated[float | None, "Highest cost until the end; None if unknown or unlimited."]
+    ends: Annotated[float, "When its machines end, in Unix seconds; 0 for never."]
+    topic: Annotated[str, "ARN of the topic for messages."]
 
-    stack: str
-    region: str
-    bucket: str
-    model: str
-    types: tuple[str, ...]
-    market: Market
-    usd_per_hour: float | None
-    most_usd: float | None
-    ends: float
-    topic: str
+    def __str__(self) -> str:
+        until = f" It ends at {minute(self.ends)} at the latest." if self.ends else ""
+        model = f"s3://{self.bucket}/{self.model}"
+        return f"Started {self.stack} in {self.region}: trains {model}.{until}"
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan for programs."""
+
+    stack: Annotated[str, "Name of the stack."]
+    region: Annotated[str, "AWS region."]
+    bucket: Annotated[str, "Name of the bucket."]
+    model: Annotated[str, "Prefix of the model in the bucket."]
+    resumes: Annotated[
+        str, "The checkpoint from which the training continues; empty for a new model."
+    ]
+    types: Annotated[tuple[str, ...], "Types that may be used."]
+    zones: Annotated[tuple[str, ...], "Zones that may be used."]
+    market: Annotated[str, "`spot`, `on-demand` or `spot-or-on-demand`."]
+    ttl_minutes: Annotated[int, "Time after which the machines end; 0 for never."]
+    least_usd_per_hour: Annotated[
+        float | None, "Price of the cheapest machine now; None if unknown."
+    ]
+    most_usd_per_hour: Annotated[
+        float | None, "Price of the dearest machine that may be used; None if unknown."
+    ]
+    extra_usd_per_hour: Annotated[float, "Price of disk and address."]
+    most_usd: Annotated[
+        float | None, "Highest cost until the end; None if unknown or without a time limit."
+    ]
+    installs: Annotated[str, "What the machine installs."]
+    files: Annotated[tuple[str, ...], "Names of the files that the machine gets."]
+
+    @staticmethod
+    def of(plan: StackPlan, region: str) -> "Planned":
+        """The plan."""
+        wishes, money = plan.wishes, plan.estimate
+        return Planned(
+            wishes.stack,
+            region,
+            wishes.bucket,
+            plan.settings.model_prefix,
+            plan.resumes,
+            tuple(each.name for each in plan.types),
+            plan.zones,
+            wishes.market,
+            wishes.ttl_minutes,
+            money.least,
+            money.most,
+            money.extra,
+            money.total,
+            plan.source.shown,
+            tuple(sorted(plan.files)),
+        )
+
+    def view(self) -> View:
+        goes_on = f", from {self.resumes}" if self.resumes else ""
+        model = f"s3://{self.bucket}/{self.model}{goes_on}"
+        least, most = self.least_usd_per_hour, self.most_usd_per_hour
+        price = "What it costs is not known."
+        if least is not None and most is not None:
+            to = f" to {most:.3f}" if most - least >= 0.0005 else ""
+            rest = f"{self.extra_usd_per_hour:.3f} for the rest"
+            price = f"Price now: {least:.3f}{to} USD per hour, and {rest}."
+        end = "It runs, and costs money, until the training ends: there is no time limit."
+        if self.ttl_minutes:
+            known = self.most_usd is not None
+            hours = f"{self.ttl_minutes / 60:g} h"
+            end = f"At most {self.most_usd:.2f} USD in {hours}, at these prices." if known else ""
+        return [
+            f"{self.stack}: trains {model} on {_KINDS[self.market]} in {self.region}.",
+            f"Types: {', '.join(self.types)}; zones: {', '.join(self.zones)}; "
+            f"installs {self.installs}.",
+            price,
+            end,
+        ]
 
 
 def prepare(

@@ -4,9 +4,10 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base.errors import DrError
+from drcli.base.report import Col, View, counted, table
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.creation import ADDRESS_USD_PER_HOUR
 from drcli.outside.aws.machine_marks import ENDED, MachineMark
@@ -19,31 +20,18 @@ RUNNING = ("pending", "running", "stopping", "shutting-down")
 
 @dataclass(frozen=True)
 class Machine:
-    """A machine of a stack.
+    """A machine of a stack."""
 
-    Attributes:
-        instance: Its ID at Amazon.
-        type: Type of machine.
-        zone: Zone of the region.
-        market: `spot` or `on-demand`.
-        state: Amazon's word; `gone` if Amazon no longer knows it.
-        said: Its last state in the bucket, or empty.
-        reason: Why, as a sentence, or empty.
-        started: Unix seconds; 0 if unknown.
-        ended: Unix seconds; 0 while it is there.
-        usd_per_hour: The price that it knew; 0 if unknown.
-    """
-
-    instance: str
-    type: str
-    zone: str
-    market: str
-    state: str
-    said: str
-    reason: str
-    started: float
-    ended: float
-    usd_per_hour: float = 0.0
+    instance: Annotated[str, "Its ID at Amazon."]
+    type: Annotated[str, "Type of machine."]
+    zone: Annotated[str, "Zone of the region."]
+    market: Annotated[str, "`spot` or `on-demand`."]
+    state: Annotated[str, "Amazon's word; `gone` if Amazon no longer knows it."]
+    said: Annotated[str, "Its last state in the bucket, or empty."]
+    reason: Annotated[str, "Why, as a sentence, or empty."]
+    started: Annotated[float, "Unix seconds; 0 if unknown."]
+    ended: Annotated[float, "Unix seconds; 0 while it is there."]
+    usd_per_hour: Annotated[float, "The price that it knew; 0 if unknown."] = 0.0
 
     @property
     def running(self) -> bool:
@@ -55,6 +43,12 @@ class Machine:
         """How long it has run; 0 if unknown."""
         end = self.ended or time.time()
         return max(0.0, end - self.started) / 3600 if self.started else 0.0
+
+    def __str__(self) -> str:
+        said = f", {self.said}" if self.said else ""
+        hours = f", {self.hours:.1f} h" if self.started else ""
+        state = f"{self.state}{said}{hours}"
+        return f"{self.instance} {self.type} {self.zone} {self.market}: {state}"
 
 
 def machines_of(account: Account, stack: Stack, marks: Iterable[MachineMark]) -> list[Machine]:
@@ -148,42 +142,25 @@ def _activities(account: Account, group: str) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class MachineCost:
-    """What one machine has cost.
+    """What one machine has cost."""
 
-    Attributes:
-        instance: Its ID at Amazon.
-        type: Type of machine.
-        zone: Zone of the region.
-        market: `spot` or `on-demand`.
-        hours: How long it has run.
-        usd_per_hour: Average price; None if unknown.
-        usd: Its cost; None if unknown.
-    """
-
-    instance: str
-    type: str
-    zone: str
-    market: str
-    hours: float
-    usd_per_hour: float | None
-    usd: float | None
+    instance: Annotated[str, "Its ID at Amazon.", Col("machine")]
+    type: Annotated[str, "Type of machine.", Col("type")]
+    zone: Annotated[str, "Zone of the region.", Col("zone")]
+    market: Annotated[str, "`spot` or `on-demand`.", Col("market")]
+    hours: Annotated[float, "How long it has run.", Col("hours", "{:.2f}")]
+    usd_per_hour: Annotated[float | None, "Average price; None if unknown.", Col("USD/h", "{:.4f}")]
+    usd: Annotated[float | None, "Its cost; None if unknown.", Col("USD", "{:.3f}")]
 
 
 @dataclass(frozen=True)
 class StackCost:
-    """What a stack has cost so far.
+    """What a stack has cost so far."""
 
-    Attributes:
-        stack: Name of the stack.
-        machines: The oldest first.
-        extra_usd: Addresses; disks and requests cost less and are left out.
-        notes: What is not known, as sentences.
-    """
-
-    stack: str
-    machines: list[MachineCost]
-    extra_usd: float
-    notes: list[str]
+    stack: Annotated[str, "Name of the stack."]
+    machines: Annotated[list[MachineCost], "The oldest first."]
+    extra_usd: Annotated[float, "Addresses; disks and requests cost less and are left out."]
+    notes: Annotated[list[str], "What is not known, as sentences."]
 
     @property
     def hours(self) -> float:
@@ -199,6 +176,15 @@ class StackCost:
     def usd(self) -> float:
         """Cost of all machines whose price is known, and of the addresses."""
         return sum(each.usd or 0.0 for each in self.machines) + self.extra_usd
+
+    def view(self) -> View:
+        least = "" if self.complete else "at least "
+        machines = counted(len(self.machines), "machine")
+        return [
+            table(self.machines),
+            self.machines and f"Addresses: {self.extra_usd:.3f} USD.",
+            f"{self.stack}: {least}{self.usd:.2f} USD for {self.hours:.1f} h of {machines}.",
+        ]
 
 
 def cost_of(account: Account, stack: str, machines: Sequence[Machine]) -> StackCost:

@@ -7,11 +7,12 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from drcli.base.errors import DrError, StorageError
 from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError, parse_json
+from drcli.base.report import Col, View, table
 from drcli.bucket.endpoint import session_of
 from drcli.config import secret_environment
 from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
@@ -101,23 +102,18 @@ _USD = re.compile(r"\d+(\.\d+)?")
 
 @dataclass(frozen=True)
 class Offer:
-    """Machines of one type in one zone.
+    """Machines of one type in one zone."""
 
-    Attributes:
-        type: Type of machine.
-        region: AWS region.
-        zone: Zone of the region.
-        usd_per_hour: Spot price now.
-        workers: Simulation workers that it has processor threads for.
-        interruptions: One of the advisor's classes, or empty.
-    """
-
-    type: str
-    region: str
-    zone: str
-    usd_per_hour: float
-    workers: int
-    interruptions: str = ""
+    type: Annotated[str, "Type of machine.", Col("type")]
+    region: Annotated[str, "AWS region."]
+    zone: Annotated[str, "Zone of the region.", Col("zone")]
+    usd_per_hour: Annotated[float, "Spot price now.", Col("USD/h", "{:.4f}")]
+    workers: Annotated[int, "Simulation workers that it has processor threads for.", Col("workers")]
+    interruptions: Annotated[
+        str,
+        "One of the advisor's classes, or empty.",
+        Col("interrupted", lambda text: text or "-", side="right"),
+    ] = ""
 
     @property
     def usd_per_worker_hour(self) -> float:
@@ -127,15 +123,17 @@ class Offer:
 
 @dataclass(frozen=True)
 class Offers:
-    """All that were found.
+    """All that were found."""
 
-    Attributes:
-        offers: In the wanted order.
-        missing: What is unknown, as sentences.
-    """
+    offers: Annotated[list[Offer], "In the wanted order."]
+    missing: Annotated[list[str], "What is unknown, as sentences."]
 
-    offers: list[Offer]
-    missing: list[str]
+    def view(self) -> View:
+        if not self.offers:
+            return ["There are no such machines."]
+        each_worker = Col("USD/h per worker", "{:.4f}", of=lambda each: each.usd_per_worker_hour)
+        order = ("type", "zone", "usd_per_hour", "workers", each_worker, "interruptions")
+        return [table(self.offers, *order)]
 
 
 def current_prices(account: Account, names: Sequence[str]) -> dict[tuple[str, str], float]:

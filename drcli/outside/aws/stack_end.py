@@ -4,10 +4,11 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.base.installation import lazy_imports
+from drcli.base.report import counted
 from drcli.bucket.s3_errors import error_code
 from drcli.model import keys, lease
 from drcli.model.checkpoints import CheckpointStore
@@ -34,23 +35,23 @@ _DELIVERY_S = 60
 
 @dataclass(frozen=True)
 class StoppedStack:
-    """What was stopped and removed.
+    """What was stopped and removed."""
 
-    Attributes:
-        stack: Name of the stack.
-        model: Prefix in the bucket.
-        checkpoint: Newest one in the bucket, or empty.
-        whole: Whether its files are whole.
-        machines: Machines that ran.
-        objects: Objects removed from the bucket; models stay.
-    """
+    stack: Annotated[str, "Name of the stack."]
+    model: Annotated[str, "Prefix in the bucket."]
+    checkpoint: Annotated[str, "Newest one in the bucket, or empty."]
+    machines: Annotated[tuple[str, ...], "Machines that ran."]
+    objects: Annotated[int, "Objects removed from the bucket; models stay."]
+    whole: Annotated[bool, "Whether its files are whole."] = False
 
-    stack: str
-    model: str
-    checkpoint: str
-    machines: tuple[str, ...]
-    objects: int
-    whole: bool = False
+    def __str__(self) -> str:
+        if not self.checkpoint:
+            return f"Removed {self.stack}. There is no checkpoint of {self.model}."
+        state = "is whole" if self.whole else "was not checked"
+        return (
+            f"Removed {self.stack}. The model {self.model} stays in the bucket. Its newest "
+            f"checkpoint, {self.checkpoint}, {state}."
+        )
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,11 @@ class BucketContent:
     objects: int
     size_bytes: int
     models: tuple[str, ...]
+
+    def __str__(self) -> str:
+        models = f", among them the models {', '.join(self.models)}" if self.models else ""
+        size = f"{counted(self.objects, 'object')} with {self.size_bytes / 1e6:,.1f} MB"
+        return f"The bucket {self.bucket} holds {size}{models}."
 
 
 def stop_training_there(

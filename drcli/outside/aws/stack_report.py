@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from drcli.base.errors import DrError
+from drcli.base.report import View, minute
 from drcli.model import keys, lease
 from drcli.model.model_prefix import newest_checkpoint
 from drcli.model.model_store import ModelStore
@@ -15,48 +17,42 @@ from drcli.outside.aws.stacks import Stack
 
 @dataclass(frozen=True)
 class StackReport:
-    """A stack, its machines and its training.
+    """A stack, its machines and its training."""
 
-    Attributes:
-        stack: Name of the stack.
-        kind: `training` or `base`.
-        status: CloudFormation's word.
-        state: In a word: `training`, `booting`, `failed`, ...
-        reason: Why, as a sentence, or empty.
-        model: Prefix in the bucket.
-        bucket: Name of the bucket.
-        checkpoint: Newest one, or empty.
-        machines: The oldest first.
-        usd: Cost so far; None if unknown or not asked for.
-        created: When the stack was made, in Unix seconds.
-        ends: When the machines end, in Unix seconds; 0 for never.
-    """
+    stack: Annotated[str, "Name of the stack."]
+    kind: Annotated[str, "`training` or `base`."]
+    status: Annotated[str, "CloudFormation's word."]
+    state: Annotated[str, "In a word: `training`, `booting`, `failed`, ..."]
+    reason: Annotated[str, "Why, as a sentence, or empty."]
+    model: Annotated[str, "Prefix in the bucket."]
+    bucket: Annotated[str, "Name of the bucket."]
+    checkpoint: Annotated[str, "Newest one, or empty."]
+    machines: Annotated[tuple[Machine, ...], "The oldest first."]
+    usd: Annotated[float | None, "Cost so far; None if unknown or not asked for."]
+    created: Annotated[float, "When the stack was made, in Unix seconds."]
+    ends: Annotated[float, "When the machines end, in Unix seconds; 0 for never."]
 
-    stack: str
-    kind: str
-    status: str
-    state: str
-    reason: str
-    model: str
-    bucket: str
-    checkpoint: str
-    machines: tuple[Machine, ...]
-    usd: float | None
-    created: float
-    ends: float
+    def __str__(self) -> str:
+        if self.kind == "base":
+            return f"{self.stack}: base, {self.state}, bucket {self.bucket}"
+        newest = f", {self.checkpoint}" if self.checkpoint else ""
+        money = f", {self.usd:.2f} USD" if self.usd is not None else ""
+        until = f", until {minute(self.ends)}" if self.ends else ""
+        return f"{self.stack}: {self.state}, s3://{self.bucket}/{self.model}{newest}{money}{until}"
 
 
 @dataclass(frozen=True)
 class StackReports:
-    """All stacks of a region.
+    """All stacks of a region."""
 
-    Attributes:
-        region: AWS region.
-        stacks: By name.
-    """
+    region: Annotated[str, "AWS region."]
+    stacks: Annotated[list[StackReport], "By name."]
 
-    region: str
-    stacks: list[StackReport]
+    def view(self) -> View:
+        for each in self.stacks:
+            yield str(each)
+            yield [each.reason, *map(str, each.machines)]
+        yield not self.stacks and f"There are no stacks in {self.region}."
 
 
 def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> StackReport:

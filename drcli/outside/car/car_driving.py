@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from types import FrameType
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.processes import handle, restore
+from drcli.base.report import View
 from drcli.outside.car.car_address import CarError, CarRefused, NotLoggedIn
 from drcli.outside.car.car_models import LOADED, LOADING, loading_state
 from drcli.outside.car.car_web import CarWeb
@@ -18,37 +19,40 @@ from drcli.outside.car.car_web import CarWeb
 STOP_ATTEMPTS = 3
 STOP_TIMEOUT_S = 5.0
 WATCH_S = 3.0
+METRICS = {
+    "cpu_percent": "{:.0f} % processor",
+    "cpu_temp": "{:.0f} degrees C",
+    "memory_usage": "{:.0f} % memory",
+    "free_disk": "{:.0f} % disk free",
+    "fps_mean": "{:.1f} frames/s",
+    "latency_mean": "{:.0f} ms latency",
+}
 _BY_HAND = "Stop the car by hand: lift it, and switch it off."
 
 
 @dataclass(frozen=True)
 class CarSpeed:
-    """The limit of the throttle.
+    """The limit of the throttle."""
 
-    Attributes:
-        car: Address of the car.
-        percent: The limit, 0 to 100.
-    """
+    car: Annotated[str, "Address of the car."]
+    percent: Annotated[int, "The limit, 0 to 100."]
 
-    car: str
-    percent: int
+    def __str__(self) -> str:
+        return f"The throttle of the car {self.car} is limited to {self.percent} %."
 
 
 @dataclass(frozen=True)
 class CarDrive:
-    """A drive, or its end.
+    """A drive, or its end."""
 
-    Attributes:
-        car: Address of the car.
-        driving: Whether the car still drives, because the command did not wait.
-        seconds: How long it drove; None if unknown.
-        interrupted: Whether Ctrl-C or another signal ended it.
-    """
+    car: Annotated[str, "Address of the car."]
+    driving: Annotated[bool, "Whether the car still drives, because the command did not wait."]
+    seconds: Annotated[float | None, "How long it drove; None if unknown."] = None
+    interrupted: Annotated[bool, "Whether Ctrl-C or another signal ended it."] = False
 
-    car: str
-    driving: bool
-    seconds: float | None = None
-    interrupted: bool = False
+    def __str__(self) -> str:
+        after = "" if self.seconds is None else f" after {self.seconds:.0f} s"
+        return f"The car {self.car} {'drives' if self.driving else f'has stopped{after}'}."
 
 
 def set_speed(car: CarWeb, percent: int) -> CarSpeed:
@@ -220,28 +224,41 @@ Software = Literal["original", "community"]
 
 @dataclass(frozen=True)
 class CarStatus:
-    """The state of a car; None and empty for what it does not say.
+    """The state of a car; None and empty for what it does not say."""
 
-    Attributes:
-        car: Address of the car.
-        software: original or community; only the community's software can list its requests.
-        software_version: Of the car's core package.
-        hardware_version: Of the car.
-        battery_level: As the car counts it, not in percent.
-        sensors: State by sensor, such as connected.
-        model_state: loaded, loading, or another word of the car.
-        metrics: Measured by the community's software: load and temperature of the processor, free
-            disk, frames per second, latency.
-    """
+    car: Annotated[str, "Address of the car."]
+    software: Annotated[
+        Software, "original or community; only the community's software can list its requests."
+    ]
+    software_version: Annotated[str | None, "Of the car's core package."]
+    hardware_version: Annotated[str | None, "Of the car."]
+    battery_level: Annotated[float | None, "As the car counts it, not in percent."]
+    sensors: Annotated[dict[str, str], "State by sensor, such as connected."] = field(
+        default_factory=dict
+    )
+    model_state: Annotated[str | None, "loaded, loading, or another word of the car."] = None
+    metrics: Annotated[
+        dict[str, float],
+        "Measured by the community's software: load and temperature of the processor, "
+        "free disk, frames per second, latency.",
+    ] = field(default_factory=dict)
 
-    car: str
-    software: Software
-    software_version: str | None
-    hardware_version: str | None
-    battery_level: float | None
-    sensors: dict[str, str] = field(default_factory=dict)
-    model_state: str | None = None
-    metrics: dict[str, float] = field(default_factory=dict)
+    def view(self) -> View:
+        battery = "unknown" if self.battery_level is None else f"{self.battery_level:g}"
+        sensors = (f"{name} {state.replace('_', ' ')}" for name, state in self.sensors.items())
+        known = (
+            form.format(self.metrics[key]) for key, form in METRICS.items() if key in self.metrics
+        )
+        return [
+            {
+                "car": f"{self.car}, hardware {self.hardware_version or 'unknown'}",
+                "software": f"{self.software} {self.software_version or ''}".rstrip(),
+                "model": self.model_state or "unknown",
+                "battery": battery,
+                "sensors": ", ".join(sensors),
+                "computer": ", ".join(known),
+            }
+        ]
 
 
 def read_status(car: CarWeb) -> CarStatus:

@@ -4,11 +4,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 from urllib.parse import quote
 
 from drcli.base.archive import read_packed
 from drcli.base.errors import SettingsError, closest, refuse, shown
+from drcli.base.report import Col, View, table
 from drcli.convert.car_archive import check_car_archive
 from drcli.convert.car_rules import END
 from drcli.outside.car.car_address import CarError, CarRefused, CarSilent
@@ -52,74 +53,64 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class CarModel:
-    """A model on the car.
+    """A model on the car."""
 
-    Attributes:
-        name: Of its folder on the car.
-        usable: Whether it can be loaded now.
-        why: Why not; empty if it can.
-        algorithm: As the car shows it.
-        action_space: As the car shows it.
-        sensors: As the car shows them.
-        size: As the car shows it, such as 12M; empty if unknown.
-        file: In its folder, without its end.
-    """
-
-    name: str
-    usable: bool
-    why: str = ""
-    algorithm: str = ""
-    action_space: str = ""
-    sensors: list[str] = field(default_factory=list)
-    size: str = ""
-    file: str = "model"
+    name: Annotated[str, "Of its folder on the car.", Col("model")]
+    usable: Annotated[
+        bool,
+        "Whether it can be loaded now.",
+        Col("state", of=lambda each: "ready" if each.usable else each.why, side="left"),
+    ]
+    why: Annotated[str, "Why not; empty if it can."] = ""
+    algorithm: Annotated[str, "As the car shows it.", Col("algorithm")] = ""
+    action_space: Annotated[str, "As the car shows it.", Col("actions")] = ""
+    sensors: Annotated[list[str], "As the car shows them.", Col("sensors", ", ".join)] = field(
+        default_factory=list
+    )
+    size: Annotated[
+        str, "As the car shows it, such as 12M; empty if unknown.", Col("size", side="right")
+    ] = ""
+    file: Annotated[str, "In its folder, without its end."] = "model"
 
 
 @dataclass(frozen=True)
 class CarModels:
-    """The models on a car.
+    """The models on a car."""
 
-    Attributes:
-        car: Address of the car.
-        models: Usable ones first.
-    """
+    car: Annotated[str, "Address of the car."]
+    models: Annotated[list[CarModel], "Usable ones first."]
 
-    car: str
-    models: list[CarModel]
+    def view(self) -> View:
+        order = ("name", "size", "algorithm", "action_space", "sensors", "usable")
+        none = f"There are no models on the car {self.car}."
+        return [table(self.models, *order) if self.models else none]
 
 
 @dataclass(frozen=True)
 class CarUpload:
-    """The result of an upload.
+    """The result of an upload."""
 
-    Attributes:
-        car: Address of the car.
-        model: Name on the car.
-        size_bytes: Of the file.
-        usable: Whether the model can be loaded now.
-        why: Why not; empty if it can.
-    """
+    car: Annotated[str, "Address of the car."]
+    model: Annotated[str, "Name on the car."]
+    size_bytes: Annotated[int, "Of the file."]
+    usable: Annotated[bool, "Whether the model can be loaded now."]
+    why: Annotated[str, "Why not; empty if it can."]
 
-    car: str
-    model: str
-    size_bytes: int
-    usable: bool
-    why: str
+    def __str__(self) -> str:
+        size = f"{self.size_bytes / 1e6:.1f} MB"
+        return f"The car {self.car} has installed {self.model} ({size})."
 
 
 @dataclass(frozen=True)
 class CarLoad:
-    """A model that the car has loaded.
+    """A model that the car has loaded."""
 
-    Attributes:
-        car: Address of the car.
-        model: Name on the car.
-        seconds: How long it took.
-    """
+    car: Annotated[str, "Address of the car."]
+    model: Annotated[str, "Name on the car."]
+    seconds: Annotated[float, "How long it took."]
 
-    car: str
-    model: str
-    seconds: float
+    def __str__(self) -> str:
+        return f"The car {self.car} has loaded {self.model} in {self.seconds:.0f} s."
 
 
 def list_models(car: CarWeb) -> CarModels:

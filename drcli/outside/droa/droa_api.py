@@ -7,11 +7,12 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import quote, urlencode
 
 from drcli.base.errors import SettingsError, StorageError, shown
 from drcli.base.installation import lazy_imports
+from drcli.base.report import Col, second
 from drcli.outside.droa.droa_session import DroaSession, Keys
 from drcli.outside.web_request import Pause, Web
 
@@ -39,22 +40,16 @@ class NoSuchModel(SettingsError):
 class RemoteModel:
     """A model in the account; several can have the same name."""
 
-    model_id: str
-    name: str
-    status: str
-    training_status: str
-    created_at: str
+    model_id: Annotated[str, Col("model id")]
+    name: Annotated[str, Col("name")]
+    status: Annotated[str, Col("status", style={"READY": "green", "ERROR": "red"})]
+    training_status: Annotated[str, Col("training", lambda text: text or "-")]
+    created_at: Annotated[str, Col("created", second)]
     values: Mapping[str, Any]
-
-    def text(self, *path: str) -> str:
-        value: Any = self.values
-        for key in path:
-            value = value.get(key) if isinstance(value, Mapping) else None
-        return "" if value is None or isinstance(value, dict | list) else str(value)
 
     @property
     def import_error(self) -> str:
-        return self.text("importErrorMessage")
+        return text_at(self.values, "importErrorMessage")
 
 
 @dataclass(frozen=True)
@@ -63,6 +58,19 @@ class Asset:
 
     url: str
     status: str
+
+
+def value_at(values: Mapping[str, Any], *path: str) -> Any:
+    found: Any = values
+    for key in path:
+        found = found.get(key) if isinstance(found, Mapping) else None
+    return found
+
+
+def text_at(values: Mapping[str, Any], *path: str) -> str:
+    """Empty for what is no single value."""
+    value = value_at(values, *path)
+    return "" if value is None or isinstance(value, dict | list) else str(value)
 
 
 def read_model(value: Any, place: str) -> RemoteModel:

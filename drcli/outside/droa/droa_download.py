@@ -3,17 +3,20 @@
 import os
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Annotated
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.files import hand_out
 from drcli.base.installation import lazy_imports
+from drcli.base.report import View, size_text, table
 from drcli.outside.droa.droa_api import DELETABLE, AssetType, Droa, RemoteModel
 from drcli.outside.droa.droa_import import POLL_S, Progress, Waiting
+from drcli.outside.droa.droa_metrics import PhaseMeans
 from drcli.outside.web_request import ATTEMPTS, explain, polls
 
 with lazy_imports():
@@ -25,21 +28,18 @@ _PIECE_BYTES = 1 << 16
 
 @dataclass(frozen=True)
 class DownloadedAsset:
-    """The result of `droa-download-logs`.
+    """The result of `droa-download-logs`."""
 
-    Attributes:
-        site: Address of DeepRacer on AWS.
-        model_id: Id of the model.
-        asset_type: What was downloaded, such as TRAINING_LOGS.
-        file: Where it is now.
-        file_bytes: Its size.
-    """
+    site: Annotated[str, "Address of DeepRacer on AWS."]
+    model_id: Annotated[str, "Id of the model."]
+    asset_type: Annotated[str, "What was downloaded, such as TRAINING_LOGS."]
+    file: Annotated[str, "Where it is now."]
+    file_bytes: Annotated[int, "Its size."]
 
-    site: str
-    model_id: str
-    asset_type: str
-    file: str
-    file_bytes: int
+    def view(self, *, means: Sequence[PhaseMeans] | None) -> View:
+        what = f"{self.asset_type} of {self.model_id}"
+        size = size_text(self.file_bytes)
+        return [f"Downloaded {what} to {self.file}: {size}.", means and table(means)]
 
 
 def find_asset(
@@ -170,19 +170,15 @@ def _write(answer: "requests.Response", file: Path, watch: Callable[[int], None]
 
 @dataclass(frozen=True)
 class DeletedModel:
-    """The result of `droa-delete-model`.
+    """The result of `droa-delete-model`."""
 
-    Attributes:
-        site: Address of DeepRacer on AWS.
-        model_id: Id of the model.
-        name: Its name.
-        status: DELETING; the server goes on by itself.
-    """
+    site: Annotated[str, "Address of DeepRacer on AWS."]
+    model_id: Annotated[str, "Id of the model."]
+    name: Annotated[str, "Its name."]
+    status: Annotated[str, "DELETING; the server goes on by itself."] = "DELETING"
 
-    site: str
-    model_id: str
-    name: str
-    status: str = "DELETING"
+    def __str__(self) -> str:
+        return f"{self.site} is deleting {self.name} ({self.model_id})."
 
 
 def refuse_undeletable(model: RemoteModel) -> None:

@@ -7,13 +7,14 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Annotated, Any
 
 from drcli.base import errors as notices
 from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError, of_severity
 from drcli.base.installation import lazy_imports
+from drcli.base.report import counted, size_text
 from drcli.bucket.s3_errors import error_code
-from drcli.outside.droa.droa_api import Droa, RemoteModel
+from drcli.outside.droa.droa_api import Droa, RemoteModel, text_at
 from drcli.outside.droa.droa_package import is_wanted
 from drcli.outside.droa.droa_rules import check_description, check_name, package_problems
 from drcli.outside.droa.droa_session import DroaSession, aws_client, aws_failure
@@ -139,29 +140,28 @@ class ImportPlan:
 
 @dataclass(frozen=True)
 class ImportReport:
-    """The result of `droa-import-model`.
+    """The result of `droa-import-model`."""
 
-    Attributes:
-        site: Address of DeepRacer on AWS.
-        model_id: Id of the new model; empty after -d.
-        name: Its name.
-        status: READY, or IMPORTING if nobody waited; empty after -d.
-        files: How many files were uploaded.
-        uploaded_bytes: Their size.
-        folder: Where they are in the upload bucket; empty after -d.
-        dry_run: Whether -d was given, so that nothing was sent.
-        existed: Whether the same import was there already, so that nothing was sent (--once).
-    """
+    site: Annotated[str, "Address of DeepRacer on AWS."]
+    model_id: Annotated[str, "Id of the new model; empty after -d."]
+    name: Annotated[str, "Its name."]
+    status: Annotated[str, "READY, or IMPORTING if nobody waited; empty after -d."]
+    files: Annotated[int, "How many files were uploaded."]
+    uploaded_bytes: Annotated[int, "Their size."]
+    folder: Annotated[str, "Where they are in the upload bucket; empty after -d."]
+    dry_run: Annotated[bool, "Whether -d was given, so that nothing was sent."] = False
+    existed: Annotated[
+        bool, "Whether the same import was there already, so that nothing was sent (--once)."
+    ] = False
 
-    site: str
-    model_id: str
-    name: str
-    status: str
-    files: int
-    uploaded_bytes: int
-    folder: str
-    dry_run: bool = False
-    existed: bool = False
+    def __str__(self) -> str:
+        size = f"{counted(self.files, 'file')}, {size_text(self.uploaded_bytes)}"
+        if self.dry_run:
+            return f"Would import {self.name} into {self.site}: {size}."
+        if self.existed:
+            return f"{self.name} was imported into {self.site} before, as {self.model_id}."
+        state = "It is ready." if self.status == "READY" else "It is being checked there."
+        return f"Imported {self.name} into {self.site} as {self.model_id}: {size}. {state}"
 
 
 class ImportFailed(SettingsError):
@@ -212,7 +212,7 @@ def find_import(droa: Droa, plan: ImportPlan) -> ImportReport | None:
         if listed.name != plan.name or listed.status in ("ERROR", "DELETING"):
             continue
         model = droa.model(listed.model_id)
-        if model.text("description") == plan.description:
+        if text_at(model.values, "description") == plan.description:
             return ImportReport(
                 droa.place, model.model_id, plan.name, model.status, 0, 0, "", existed=True
             )

@@ -5,12 +5,13 @@ import math
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from drcli.base.archive import read_packed, unpack_readable
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.installation import lazy_imports
-from drcli.outside.droa.droa_api import Droa, RemoteModel
+from drcli.base.report import Col, View, bold, second, size_text, table
+from drcli.outside.droa.droa_api import Droa, RemoteModel, text_at, value_at
 from drcli.records.episode_metrics import is_clean
 
 with lazy_imports():
@@ -19,52 +20,40 @@ with lazy_imports():
 
 @dataclass(frozen=True)
 class PhaseMeans:
-    """Means over all episodes of a phase.
+    """Means over all episodes of a phase."""
 
-    Attributes:
-        phase: training or evaluation.
-        episodes: How many episodes there are.
-        mean_reward: Mean reward of an episode.
-        mean_progress: Mean part of the lap, percent.
-        full_laps: Episodes that completed the lap, with or without resets.
-        best_lap_s: Shortest time of a clean lap; None if there is none.
-        clean_laps: How many completed it without reset and penalty.
-    """
-
-    phase: str
-    episodes: int
-    mean_reward: float
-    mean_progress: float
-    full_laps: int
-    best_lap_s: float | None
-    clean_laps: int = 0
+    phase: Annotated[str, "training or evaluation.", Col("phase")]
+    episodes: Annotated[int, "How many episodes there are.", Col("episodes")]
+    mean_reward: Annotated[float, "Mean reward of an episode.", Col("reward", "{:.1f}")]
+    mean_progress: Annotated[float, "Mean part of the lap, percent.", Col("progress", "{:.1f} %")]
+    full_laps: Annotated[
+        int, "Episodes that completed the lap, with or without resets.", Col("finished")
+    ]
+    best_lap_s: Annotated[
+        float | None,
+        "Shortest time of a clean lap; None if there is none.",
+        Col("best lap", "{:.3f} s"),
+    ]
+    clean_laps: Annotated[
+        int, "How many completed it without reset and penalty.", Col("clean laps")
+    ] = 0
 
 
 @dataclass(frozen=True)
 class ModelReport:
-    """The result of `droa-get-model`.
+    """The result of `droa-get-model`."""
 
-    Attributes:
-        site: Address of DeepRacer on AWS.
-        model_id: Id of the model.
-        name: Its name.
-        status: Such as READY, ERROR, IMPORTING or TRAINING.
-        training_status: Such as COMPLETED; empty if unknown.
-        created_at: When it was created, ISO 8601; empty if unknown.
-        import_error: Why its import failed; empty if it did not.
-        values: Everything that the interface says, with its keys, such as metadata.
-        means: With --summary: means of its training metrics.
-    """
-
-    site: str
-    model_id: str
-    name: str
-    status: str
-    training_status: str
-    created_at: str
-    import_error: str
-    values: dict[str, Any]
-    means: list[PhaseMeans]
+    site: Annotated[str, "Address of DeepRacer on AWS."]
+    model_id: Annotated[str, "Id of the model."]
+    name: Annotated[str, "Its name."]
+    status: Annotated[str, "Such as READY, ERROR, IMPORTING or TRAINING."]
+    training_status: Annotated[str, "Such as COMPLETED; empty if unknown."]
+    created_at: Annotated[str, "When it was created, ISO 8601; empty if unknown."]
+    import_error: Annotated[str, "Why its import failed; empty if it did not."]
+    values: Annotated[
+        dict[str, Any], "Everything that the interface says, with its keys, such as metadata."
+    ]
+    means: Annotated[list[PhaseMeans], "With --summary: means of its training metrics."]
 
     @staticmethod
     def of(site: str, model: RemoteModel, means: list[PhaseMeans]) -> "ModelReport":
@@ -81,10 +70,83 @@ class ModelReport:
             means,
         )
 
+    def view(self, *, verbose: bool) -> View:
+        size, minutes = (
+            self._text("fileSizeInBytes"),
+            self._text("trainingConfig", "maxTimeInMinutes"),
+        )
+        yield {
+            "model id": self.model_id,
+            "name": self.name,
+            "description": self._text("description"),
+            "status": self.status,
+            "import error": self.import_error,
+            "training": self.training_status,
+            "created": second(self.created_at),
+            "size": size_text(int(size)) if size.isdigit() else "",
+            "packaging": self._text("packagingStatus"),
+        }
+        found = value_at(self.values, "metadata", "hyperparameters")
+        known = found if isinstance(found, dict) else {}
+        sections = {
+            "Car": {
+                "shell": self._text("carCustomization", "carShell"),
+                "colour": self._text("carCustomization", "carColor"),
+            },
+            "Training": {
+                "track": self._text("trainingConfig", "trackConfig", "trackId"),
+                "direction": self._text("trainingConfig", "trackConfig", "trackDirection"),
+                "race type": self._text("trainingConfig", "raceType"),
+                "longest time": f"{minutes} min" if minutes not in ("", "0") else "",
+            },
+            "Learning": {
+                "algorithm": self._text("metadata", "agentAlgorithm"),
+                "camera": self._text("metadata", "sensors", "camera"),
+                "lidar": self._text("metadata", "sensors", "lidar"),
+                **{name: str(value) for name, value in known.items()},  # also 0
+            },
+        }
+        if verbose:
+            sections["Actions"] = self._actions()
+            sections["Addresses"] = {
+                "metrics": self._text("trainingMetricsUrl"),
+                "video": self._text("trainingVideoStreamUrl"),
+            }
+        for title, values in sections.items():
+            if any(values.values()):
+                yield from (bold(title), [values])
+        reward = self._text("metadata", "rewardFunction")
+        if verbose and reward:
+            yield from (bold("Reward function"), reward.rstrip())
+        if self.means:
+            yield from (bold("Metrics"), table(self.means))
+
+    def _text(self, *path: str) -> str:
+        return text_at(self.values, *path)
+
+    def _actions(self) -> dict[str, str]:
+        """The interface spells `continous`."""
+        space = value_at(self.values, "metadata", "actionSpace")
+        if not isinstance(space, dict):
+            return {}
+        ranges = space.get("continous") or space.get("continuous")
+        if isinstance(ranges, dict):
+            low, high = ranges.get("lowSteeringAngle"), ranges.get("highSteeringAngle")
+            return {
+                "speed": f"{ranges.get('lowSpeed')} to {ranges.get('highSpeed')} m/s",
+                "steering": f"{low} to {high} degrees",
+            }
+        discrete = space.get("discrete")
+        return {
+            str(index): f"{each.get('steeringAngle')} degrees, {each.get('speed')} m/s"
+            for index, each in enumerate(discrete if isinstance(discrete, list) else [])
+            if isinstance(each, dict)
+        }
+
 
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
     """Of training; SettingsError without any."""
-    url = model.text("trainingMetricsUrl")
+    url = text_at(model.values, "trainingMetricsUrl")
     none = SettingsError(
         f"The model {model.name} ({model.model_id}) has no training metrics.",
         remedy="Train it there, or import it with metrics/training/training-*.json.",

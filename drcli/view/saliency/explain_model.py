@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import make_picture_folder, rewrite
+from drcli.base.report import Col, View, bold, counted, dim, table
 from drcli.config.settings import Settings
 from drcli.config.value_types import CheckpointChoice
 from drcli.model import keys
@@ -336,71 +338,77 @@ def _bars(explained: ExplainedEpisode, number: int) -> str:
 
 @dataclass(frozen=True)
 class ExplainedStep:
-    """What was found about one picture.
+    """What was found about one picture."""
 
-    Attributes:
-        step: Its number in a trace.
-        time_s: Simulated seconds since the start.
-        progress: Percent of the lap.
-        x: Where the car was, metres.
-        y: The same.
-        action: Index of the most likely action, null for continuous ones.
-        steering_deg: Requested, left positive.
-        speed_mps: Requested.
-        strongest: For each method, row and column of the map's greatest value.
-        greatest: For each method, this value.
-        ninths: For each method, shares of the picture's ninths, from the top.
-        lidar: How much each sector of the lidar matters, or null.
-        picture: File with the maps, or null.
-    """
+    step: Annotated[int, "Its number in a trace.", Col("step")]
+    time_s: Annotated[float, "Simulated seconds since the start."]
+    progress: Annotated[float, "Percent of the lap.", Col("lap", "{:.1f} %")]
+    x: Annotated[float, "Where the car was, metres."]
+    y: Annotated[float, "The same."]
+    action: Annotated[
+        int | None, "Index of the most likely action, null for continuous ones.", Col("action")
+    ]
+    steering_deg: Annotated[float, "Requested, left positive.", Col("steering", "{:+.1f}°")]
+    speed_mps: Annotated[float, "Requested.", Col("speed", "{:.2f} m/s")]
+    strongest: Annotated[
+        dict[str, tuple[int, int]], "For each method, row and column of the map's greatest value."
+    ]
+    greatest: Annotated[dict[str, float], "For each method, this value."]
+    ninths: Annotated[
+        dict[str, list[list[float]]],
+        "For each method, shares of the picture's ninths, from the top.",
+        Col("looks at", of=lambda step: step.looks_at()[0], side="left"),
+    ]
+    lidar: Annotated[list[float] | None, "How much each sector of the lidar matters, or null."]
+    picture: Annotated[str | None, "File with the maps, or null."]
 
-    step: int
-    time_s: float
-    progress: float
-    x: float
-    y: float
-    action: int | None
-    steering_deg: float
-    speed_mps: float
-    strongest: dict[str, tuple[int, int]]
-    greatest: dict[str, float]
-    ninths: dict[str, list[list[float]]]
-    lidar: list[float] | None
-    picture: str | None
+    def looks_at(self) -> tuple[str, float]:
+        """The picture's ninth that matters most, and its share."""
+        bands = next(iter(self.ninths.values()))
+        ninths = (
+            (share, -row, -column)
+            for row, band in enumerate(bands)
+            for column, share in enumerate(band)
+        )
+        most, row, column = max(ninths)
+        rows, columns = ("far", "middle", "near"), ("left", "centre", "right")
+        return f"{rows[-row]} {columns[-column]}" if most > 0 else "nothing", most
 
 
 @dataclass(frozen=True)
 class SaliencyReport:
-    """An explained episode in numbers.
+    """An explained episode in numbers."""
 
-    Attributes:
-        model: Prefix of the model, or path of the file.
-        checkpoint: Name of the checkpoint; null for a file.
-        world: The track.
-        target: What the maps explain.
-        unit: What the perturbation map counts.
-        outcome: How the episode ended.
-        progress: Percent of the lap.
-        seconds: Simulated seconds.
-        html: File of the page, or null.
-        steps: The explained pictures.
-        lap: For all steps: step, time_s, progress, steering_deg, speed_mps, and value, entropy and
-            probabilities where the policy has them.
-        notes: What a reader should know.
-    """
+    model: Annotated[str, "Prefix of the model, or path of the file."]
+    checkpoint: Annotated[str | None, "Name of the checkpoint; null for a file."]
+    world: Annotated[str, "The track."]
+    target: Annotated[str, "What the maps explain."]
+    unit: Annotated[str, "What the perturbation map counts."]
+    outcome: Annotated[str, "How the episode ended."]
+    progress: Annotated[float, "Percent of the lap."]
+    seconds: Annotated[float, "Simulated seconds."]
+    html: Annotated[str | None, "File of the page, or null."]
+    steps: Annotated[list[ExplainedStep], "The explained pictures."]
+    lap: Annotated[
+        dict[str, list[object]],
+        "For all steps: step, time_s, progress, steering_deg, speed_mps, and value, "
+        "entropy and probabilities where the policy has them.",
+    ]
+    notes: Annotated[list[str], "What a reader should know."] = field(default_factory=list)
 
-    model: str
-    checkpoint: str | None
-    world: str
-    target: str
-    unit: str
-    outcome: str
-    progress: float
-    seconds: float
-    html: str | None
-    steps: list[ExplainedStep]
-    lap: dict[str, list[object]]
-    notes: list[str] = field(default_factory=list)
+    def view(self) -> View:
+        number = "" if self.checkpoint is None else f", checkpoint {self.checkpoint}"
+        lap = f"{self.outcome}, {self.progress:.1f} % in {self.seconds:.2f} s"
+        share = Col("share", "{:.0%}", of=lambda step: step.looks_at()[1])
+        order = ("step", "progress", "action", "steering_deg", "speed_mps", "ninths", share)
+        written = [step.picture for step in self.steps if step.picture is not None]
+        return [
+            bold(f"{self.model}{number}"),
+            dim(f"on {self.world}: {lap}"),
+            table(self.steps, *order),
+            self.html and ("Page: ", bold(self.html)),
+            written and f"{counted(len(written), 'picture')}, the first is {written[0]}.",
+        ]
 
 
 def explain_checkpoint(

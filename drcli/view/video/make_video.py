@@ -5,11 +5,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.files import refuse_replacing
 from drcli.base.installation import lazy_imports
+from drcli.base.report import Col, bold, table
+from drcli.base.report import View as Shown
 from drcli.config.value_types import shell_color
 from drcli.records.iteration import counted_resets
 from drcli.records.trace import STATUS_LABELS
@@ -36,62 +38,43 @@ with lazy_imports():
 
 @dataclass(frozen=True)
 class FilmedEpisode:
-    """An episode in a video.
+    """An episode in a video."""
 
-    Attributes:
-        episode: Its number in the trace.
-        seconds: Simulated seconds.
-        progress: Percent of the lap.
-        status: How it ended, such as "Lap complete".
-        resets: How often the car left the track or crashed before its end.
-        penalty_s: In the time, simulated seconds.
-        clean: Completed without reset and penalty.
-        text: End, and time of a completed lap, for people.
-    """
-
-    episode: int
-    seconds: float
-    progress: float
-    status: str
-    resets: int
-    penalty_s: float = 0.0
-    clean: bool = False
-    text: str = ""
+    episode: Annotated[int, "Its number in the trace.", Col("episode")]
+    seconds: Annotated[float, "Simulated seconds.", Col("time", "{:.2f} s")]
+    progress: Annotated[float, "Percent of the lap.", Col("progress", "{:.1f} %")]
+    status: Annotated[str, 'How it ended, such as "Lap complete".']
+    resets: Annotated[int, "How often the car left the track or crashed before its end."]
+    penalty_s: Annotated[float, "In the time, simulated seconds."] = 0.0
+    clean: Annotated[bool, "Completed without reset and penalty."] = False
+    text: Annotated[str, "End, and time of a completed lap, for people.", Col("ended")] = ""
 
 
 @dataclass(frozen=True)
 class VideoReport:
-    """What `dr-video` made.
+    """What `dr-video` made."""
 
-    Attributes:
-        file: The video.
-        seconds: How long it plays.
-        frames: How many.
-        width: Pixels.
-        height: Pixels.
-        fps: Frames per second.
-        world: The track.
-        trace: What was filmed.
-        model: Prefix of the model that drove, or empty.
-        checkpoint: Whose probabilities are shown, or empty.
-        renderer: What made the view.
-        episodes: In the order of the film.
-        notes: What a reader should know.
-    """
+    file: Annotated[str, "The video."]
+    seconds: Annotated[float, "How long it plays."]
+    frames: Annotated[int, "How many."]
+    width: Annotated[int, "Pixels."]
+    height: Annotated[int, "Pixels."]
+    fps: Annotated[int, "Frames per second."]
+    world: Annotated[str, "The track."]
+    trace: Annotated[str, "What was filmed."]
+    model: Annotated[str, "Prefix of the model that drove, or empty."]
+    checkpoint: Annotated[str, "Whose probabilities are shown, or empty."]
+    renderer: Annotated[str, "What made the view."]
+    episodes: Annotated[list[FilmedEpisode], "In the order of the film."]
+    notes: Annotated[list[str], "What a reader should know."] = field(default_factory=list)
 
-    file: str
-    seconds: float
-    frames: int
-    width: int
-    height: int
-    fps: int
-    world: str
-    trace: str
-    model: str
-    checkpoint: str
-    renderer: str
-    episodes: list[FilmedEpisode]
-    notes: list[str] = field(default_factory=list)
+    def view(self) -> Shown:
+        size = f"{self.width}x{self.height}, {self.fps} frames per second"
+        return [
+            bold(f"{self.trace} on {self.world}"),
+            table(self.episodes),
+            (f"Video of {self.seconds:.2f} s, {size}: ", bold(self.file)),
+        ]
 
 
 RendererName = Literal["raycast", "mujoco"]

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from drcli.analysis.compare_runs import compare_means, compare_runs, comparison_rows
+from drcli.analysis.compare_runs import compare_means, compare_runs
 from drcli.analysis.read_run import read_runs
 from drcli.base.errors import SettingsError
 from simtraces import put, write_model
@@ -47,9 +47,9 @@ def test_two_trainings_stand_side_by_side(read, tmp_path):
     assert [run.complete_laps for run in found.runs] == [0, 28]
     assert [(run.evaluated_clean, run.evaluated_laps) for run in found.runs] == [(1, 2), (1, 2)]
     assert [run.evaluated_resets for run in found.runs] == [0, 0]
-    rows = {row.name: row.values for row in comparison_rows(found)}
-    assert rows["clean laps"] == [0, 28]
-    assert rows["of them clean"] == [1, 1]
+    rows = {name: cells for name, *cells in found.numbers()}
+    assert rows["clean laps"] == ["0", "28"]
+    assert rows["of them clean"] == ["1", "1"]
     [pair] = found.pairs
     assert pair.progress["beyond_chance"]
     assert "fast drives further" in pair.sentence

@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 
 from drcli.base.json_record import plain
-from drcli.cli.commands import evaluate
-from drcli.cli.views import iterations, models_view, training_view
+from drcli.cli.show import drawn
+from drcli.cli.views import iterations, training_view
 from drcli.model.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.records.iteration import Laps
 from drcli.records.stage import PHASES, PhaseMark, StageMark
@@ -30,16 +30,14 @@ def screen(rendered):
 def test_what_the_racer_typed_is_no_style():
     nothing = ModelList("bucket", "[/]", [])
 
-    assert screen(models_view.models(nothing)) == (
-        "There is no model in s3://bucket that matches [/]."
-    )
+    assert screen(drawn(nothing)) == ("There is no model in s3://bucket that matches [/].")
 
 
 def test_a_checkpoint_is_told_in_fewer_words_in_the_list_than_on_the_page():
     best = CheckpointEntry("8_Step-4000.ckpt", 1.0, "7.61 s", str(Laps(20, [7.5, 7.72])), 2)
     model = ModelEntry("m1", 9, best, None, 1, 1, "2026-01-02T03:04:05", False)
 
-    shown = screen(models_view.models(ModelList("bucket", "", [model])))
+    shown = screen(drawn(ModelList("bucket", "", [model])))
 
     assert best.text == "8: 2 of 20 laps clean, median 7.61 s, slowest 7.72 s"
     assert "8 (2 of 20 laps clean, median 7.61 s)" in " ".join(shown.split())
@@ -153,7 +151,7 @@ def test_every_number_of_the_best_checkpoint_has_its_unit(make_report, score, la
 
     assert said in screen(training_view.live(report, NOW_S))
     assert said.partition("   last")[0] in screen(training_view.run(report))
-    assert said.partition("   last")[0].removeprefix("best ") in training_view.end_text(report)
+    assert said.partition("   last")[0].removeprefix("best ") in report.end_text()
 
 
 def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
@@ -187,7 +185,7 @@ def test_a_dead_worker_catches_the_eye(make_report):
 
 
 def test_an_evaluation_is_a_table_and_a_sentence(evaluation_report):
-    shown = screen(evaluate.show_evaluation(evaluation_report))
+    shown = screen(drawn(evaluation_report))
 
     assert shown == EVALUATION
 
@@ -197,7 +195,7 @@ def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
         "model", "reinvent_base", "1_Step-9.ckpt", evaluation_report.trials[2:], "", ""
     )
 
-    assert "0 of 1 lap clean; checkpoint 1_Step-9.ckpt" in screen(evaluate.show_evaluation(lost))
+    assert "0 of 1 lap clean; checkpoint 1_Step-9.ckpt" in screen(drawn(lost))
 
 
 def test_an_iteration_fits_a_line_of_80_columns(make_record):
@@ -306,7 +304,7 @@ def test_a_race_against_a_model_shows_both_and_names_the_winner(evaluation_repor
     slower = [replace(trial, lap_s=trial.lap_s + 1.0) for trial in own.trials]
     race = replace(own, opponent=replace(own, prefix="rival", trials=slower))
 
-    shown = screen(evaluate.show_evaluation(race))
+    shown = screen(drawn(race))
 
     assert "8_Step-4000.ckpt of rival on" in shown
     assert shown.splitlines()[-1] == "model wins, 2.00 s ahead of rival."
@@ -318,10 +316,7 @@ def test_more_laps_win_against_a_faster_time(evaluation_report):
         opponent=replace(evaluation_report, prefix="rival", trials=evaluation_report.trials[:1]),
     )
 
-    assert (
-        screen(evaluate.show_evaluation(race)).splitlines()[-1]
-        == "model wins with more finished laps."
-    )
+    assert screen(drawn(race)).splitlines()[-1] == "model wins with more finished laps."
 
 
 def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):
@@ -330,7 +325,7 @@ def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):
         trials=[replace(trial, status="Off track") for trial in evaluation_report.trials],
     )
 
-    assert "Nobody wins." in screen(evaluate.show_evaluation(replace(lost, opponent=lost)))
+    assert "Nobody wins." in screen(drawn(replace(lost, opponent=lost)))
 
 
 def test_a_collapse_is_told_in_every_display(make_report):
@@ -365,7 +360,7 @@ def test_the_phase_of_a_training_with_a_teacher_fits_into_one_line(make_report, 
     assert lines[-1].endswith("checkpoints are evaluated from the next phase on")
     assert iterations.line(history[0]).endswith("eval -  phase teacher")
     assert "phase 1 of 3" in screen(training_view.run(report)).casefold()
-    assert "It ended in the phase teacher" in training_view.end_text(report)
+    assert "It ended in the phase teacher" in report.end_text()
     assert [command for command, _ in training_view.next_commands(report, report.prefix)] == [
         "dr-start-training --resume"
     ]
@@ -391,6 +386,6 @@ def test_an_evaluation_says_how_far_the_best_lap_is_from_the_limit(evaluation_re
     lost = ["waypoints 20 to 26: 0.31 s (0.93 s, the line 0.62 s)", "waypoints 3 to 9: 0.20 s"]
     report = replace(evaluation_report, limit=limit, lost=lost)
 
-    shown = " ".join(screen(evaluate.show_evaluation(report)).split())
+    shown = " ".join(screen(drawn(report)).split())
 
     assert f"{limit}. Most time is lost at {'; '.join(lost)}." in shown

@@ -7,7 +7,7 @@ import re
 import pytest
 from rich.console import Console
 
-from drcli.cli.views import race_view
+from drcli.cli.show import drawn
 from drcli.model import race_keys
 from drcli.races.organise import show_race
 from drcli.races.race_export import COLUMNS, csv_of, race_page, videos_of
@@ -103,7 +103,7 @@ def test_no_place_shows_a_lap_with_a_reset_as_if_it_were_clean(home, ranking):
     report = home.run()
     shown = {row.racer: row for row in report.leaderboard}
     moments = moments_of(read_race(home.bucket, RACE), NOBODY)
-    table = screen(race_view.race(report))
+    table = screen(drawn(report))
     page = race_page(report, {})
 
     ann, bob = shown["Ann"], shown["Bob"]

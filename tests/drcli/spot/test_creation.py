@@ -10,7 +10,6 @@ import boto3
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.cli.views import spot_view
 from drcli.config.loading import load_settings
 from drcli.model import keys, lease
 from drcli.model.model_store import ModelStore
@@ -303,7 +302,7 @@ def test_a_checkpoint_of_the_reference_is_not_said_to_be_whole(amazon, stack, mo
     report = stack_end.remove_training(amazon, stack, stack_end.verified_checkpoint(amazon, stack))
 
     assert (report.checkpoint, report.whole) == ("3_Step-30.ckpt", False)
-    assert "checkpoint, 3_Step-30.ckpt, was not checked." in str(spot_view.stopped(report))
+    assert "checkpoint, 3_Step-30.ckpt, was not checked." in str(report)
 
 
 def test_a_policy_in_the_bucket_gets_the_command_that_makes_it_a_model_there(

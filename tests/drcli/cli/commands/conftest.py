@@ -49,7 +49,7 @@ from drcli.records.evaluation_task import CarTrial, CarTrials, RobustCell, Robus
 from drcli.records.job import Job
 from drcli.records.run_record import log_file
 from drcli.records.training_record import Pretrained
-from drcli.rewards.check import DriverReport, Extreme, ParameterReport, TimeReport
+from drcli.rewards.check import DriverReport, Extreme, ParameterReport, RewardReport, TimeReport
 from drcli.rewards.compare import ComparisonReport, DriverComparison, PlaceComparison
 from drcli.rewards.pictures import PlotReport
 from drcli.run.evaluation_loop import BestLap, LoopReport
@@ -710,6 +710,7 @@ def _answer_as_amazon(
         estimate=Estimate(0.61, 0.72, 0.008, 12.0),
         resumes="8_Step-4000.ckpt",
         notes=("The model is there already; the training goes on.",),
+        files={},
     )
     answer("outside.aws.racer_files.find_source", plan.source)
     # Its checks would find what stands here for the report of `dr validate`.
@@ -860,10 +861,9 @@ def _settings():
     return load_settings(Path.cwd(), flags=remote)
 
 
-def _reward_report() -> SimpleNamespace:
+def _reward_report() -> RewardReport:
     remark = Problem("works", "error", "reward_function.py", 3, "It fails. " * 9, "Correct it.")
-    return SimpleNamespace(
-        works=False,
+    return RewardReport(
         others=[],
         **{"file": "custom_files/reward_function.py", "world": TRACK, "race_type": "TIME_TRIAL"},
         **{"reversed": True, "calls": 2666, "returns": ["float"], "mean": 0.5},

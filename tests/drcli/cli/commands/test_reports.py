@@ -302,8 +302,7 @@ def test_another_terminal_gets_colours(printed, environment):
     assert "\x1b[" in "".join(printed("status", 80))
 
 
-# What stands here for the report of `reward check` has no fields to become keys.
-@pytest.mark.parametrize("words", [words for words in CALLS if words != "reward check"])
+@pytest.mark.parametrize("words", CALLS)
 def test_a_program_gets_the_documented_keys(paper_reports, dr, capsys, words):
     dr(*words.split(), "--json")
 

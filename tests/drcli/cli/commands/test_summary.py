@@ -10,7 +10,7 @@ from rich.console import Console
 
 from drcli.base.errors import StorageError
 from drcli.bucket.endpoint import Endpoint
-from drcli.cli.views import summary_view
+from drcli.cli.show import drawn
 from drcli.run import summary
 from drcli.run.summary import BucketState, Running, Summary
 from own_run import own_run
@@ -45,7 +45,7 @@ def report():
 def shown(report, width):
     screen = Console(width=width, color_system=None, file=io.StringIO())
     with screen.capture() as captured:
-        screen.print(summary_view.summary(report))
+        screen.print(drawn(report))
     return captured.get().splitlines()
 
 
@@ -60,13 +60,6 @@ def test_a_page_fits_the_terminal_and_tells_everything(report, width):
     assert "is trained up to 9_Step-17.ckpt" in text
     assert "run 3, s3://bucket/team/model-17 on reinvent_base" in text
     assert "NVIDIA H200, which the installed torch cannot use" in text
-
-
-def test_a_wide_terminal_shows_two_columns(report):
-    narrow, wide = shown(report, 80), shown(report, 160)
-
-    assert len(wide) < len(narrow)
-    assert any("Model" in line and "Running" in line for line in wide)
 
 
 def test_a_new_folder_is_described_without_starting_a_server(dr, working_folder, capsys):

@@ -130,7 +130,7 @@ def test_a_damaged_record_is_a_warning(dr, history, capsys):
 def test_a_training_is_shown_whole(dr, history, capsys):
     assert dr("history", "show", "team/two") == 0
 
-    out = printed(capsys)
+    out = " ".join(printed(capsys).split())
     assert "Training 000002ff of team/two (failed)" in out
     assert "began with team/one, 5_Step-500.ckpt (training 000001ab)" in out
     assert "lr 0.0005" in out
