@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from drcli.learn.algorithms import ALGORITHMS
+
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS = {
@@ -184,8 +186,9 @@ def test_no_modules_import_each_other_in_a_circle():
 
 
 def test_every_module_is_imported_or_started_by_name():
-    """But for the files in cli/commands, which the table of commands names."""
+    """But for the files in cli/commands and the learners, which tables name."""
     imported = set().union(*(ours(name) - {name} for name in modules()))
+    imported |= {each.learner.partition(":")[0] for each in ALGORITHMS.values()}
 
     unused = {
         name

@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 
 from drcli.config.run_config import RaceConfig
-from drcli.learn.update_result import DistillationStats, PPOStats, Stats
+from drcli.learn.update_result import Stats
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.records.trace import Episode, log_lines
@@ -108,23 +108,10 @@ def evaluation_lines(
 
 
 def epoch_line(stats: Stats) -> str:
-    """One epoch of PPO's update, as in the reference, or a part of SAC's.
-
-    SAC has no surrogate loss and KL divergence; a taught student has its own line.
-    """
-    if isinstance(stats, DistillationStats):
-        return (
-            f"Distillation> Imitation loss={stats.imitation_loss}, "
-            f"training epoch={stats.epoch}, learning_rate={stats.learning_rate}"
-        )
-    if isinstance(stats, PPOStats):
-        losses = f"Surrogate loss={stats.policy_loss}, KL divergence={stats.approx_kl}"
-    else:
-        losses = f"Actor loss={stats.actor_loss}, Critic loss={stats.qf_loss}"
-        losses += f", Alpha={stats.alpha}"
+    """One epoch of an update, as in the reference."""
     return (
-        f"Policy training> {losses}, Entropy={stats.entropy}, "
-        f"training epoch={stats.epoch}, learning_rate={stats.learning_rate}"
+        f"{stats.title}> {stats.losses()}, training epoch={stats.epoch}, "
+        f"learning_rate={stats.learning_rate}"
     )
 
 

@@ -9,13 +9,14 @@ from torch import Tensor
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
-from drcli.learn.actor_critic import PolicyAndValue
+from drcli.learn.actor_critic import ActorCritic, PolicyAndValue
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import explained_variance, gae, normalized
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.cuda import CapturedStep, ReusedMemory
 from drcli.learn.data_parallel import DataParallel, GradientGroup
+from drcli.learn.policy import PolicySpec
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
     NonFiniteLossError,
@@ -39,9 +40,8 @@ class PPO:
     """A network, its optimizer, and the update that improves the network.
 
     Attributes:
-        lr_factor: Share of the learning rate.
-        critic_warmup: Most updates that still improve the critic alone. A critic that guesses
-            would change the shared body, and a policy would forget.
+        critic_warmup: A critic that guesses would change the shared body, and a policy would
+            forget.
     """
 
     memory_steps = 0
@@ -76,14 +76,16 @@ class PPO:
         self._memory = ReusedMemory(compute.device) if captures else None
         self._step = CapturedStep(self._take_step, compute.device, enabled=captures)
 
+    @staticmethod
+    def network(spec: PolicySpec, config: PPOConfig) -> ActorCritic:
+        return ActorCritic(spec)
+
     @property
     def capture_failure(self) -> str | None:
-        """Why a GPU unexpectedly gets each operation by itself."""
         return self._step.failure
 
     @property
     def most_samples(self) -> int | None:
-        """Samples that fit into the GPU's memory at once; None as long as all do."""
         return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
@@ -97,19 +99,7 @@ class PPO:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[PPOStats]:
-        """Improve the policy on one iteration of driving.
-
-        Args:
-            rollout: Driven with the present weights.
-            seed: Decides the order of the minibatches.
-            on_epoch: Called after each epoch.
-            should_stop: Asked after each minibatch; ends the update early, which is sound.
-            steps_before: Environment steps so far, for the schedules.
-
-        Raises:
-            NonFiniteLossError: A return, a loss or a weight is NaN or infinite.
-            LearnerLostError: Another process of the group has ended.
-        """
+        """See `Learner.update`."""
         config = self.config
         history: list[PPOStats] = []
         learned = torch.from_numpy(np.flatnonzero(rollout.learned))

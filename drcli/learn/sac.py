@@ -11,11 +11,11 @@ from torch.nn import functional
 
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import gae
-from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
+from drcli.learn.algorithms import UPDATES_PER_STEP, SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.cuda import CapturedStep
 from drcli.learn.data_parallel import DataParallel, GradientGroup
-from drcli.learn.policy import Observation
+from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac_networks import SACAgent, squash
@@ -82,6 +82,10 @@ class SAC:
         captures = compute.graphs and group is None
         self._step = CapturedStep(self._take_step, compute.device, enabled=captures)
 
+    @staticmethod
+    def network(spec: PolicySpec, config: SACConfig) -> SACAgent:
+        return SACAgent(spec, config.sac_alpha)
+
     @property
     def capture_failure(self) -> str | None:
         return self._step.failure
@@ -112,7 +116,7 @@ class SAC:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[SACStats]:
-        """As `PPO.update`, but any weights may have driven the rollout, and an epoch is a part."""
+        """See `Learner.update`; any weights may have driven the rollout, and an epoch is a part."""
         self._follow_returns(rollout)
         self.remember(rollout)
         own = self.replay.transitions

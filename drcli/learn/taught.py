@@ -14,11 +14,11 @@ from torch.nn import functional
 
 from drcli.learn.actor_critic import FIRST_LOG_STD, ActorCritic, Teacher
 from drcli.learn.adam import Adam
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
 from drcli.learn.phases import FINE_LR, FINE_LR_OF_CHOICES, Phase
-from drcli.learn.policy import Float32s, Observation
+from drcli.learn.policy import Float32s, Observation, PolicySpec
 from drcli.learn.ppo import PPO
 from drcli.learn.replay_buffer import ReplayBuffer
 from drcli.learn.rollout_buffer import Rollout
@@ -78,6 +78,10 @@ class TaughtLearner:
         self.phase: Phase = "teacher"
         self._learner: PPO | _Distillation
         self.begin("teacher")
+
+    @staticmethod
+    def network(spec: PolicySpec, config: PPOConfig) -> ActorCritic:
+        return ActorCritic(spec)
 
     def begin(self, phase: Phase) -> None:
         """Go on with a phase and a fresh optimizer."""
@@ -143,7 +147,7 @@ class TaughtLearner:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[Stats]:
-        """See `PPO.update`; `steps_before` are those of this phase."""
+        """See `Learner.update`; `steps_before` are those of this phase."""
         self._learner.lr_factor = self.lr_factor
         threads = torch.get_num_threads()
         if self.phase == "teacher":  # its operations are shorter than to wake a thread

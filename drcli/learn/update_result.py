@@ -3,15 +3,23 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import ClassVar
 
 import torch
 from torch import nn
 
 
 @dataclass(frozen=True)
-class _Statistics:
+class Stats:
+    """Of an epoch, or of another part of an update."""
+
+    title: ClassVar[str] = "Policy training"
     epoch: int
     learning_rate: float
+
+    def losses(self) -> str:
+        """For the log."""
+        raise NotImplementedError
 
     def metrics(self) -> dict[str, float]:
         numbers = asdict(self)
@@ -21,7 +29,7 @@ class _Statistics:
 
 
 @dataclass(frozen=True)
-class PPOStats(_Statistics):
+class PPOStats(Stats):
     """Means over an epoch's minibatches.
 
     `approx_kl` is from the policy that drove, `clipfrac` the share of steps outside the clip
@@ -35,9 +43,14 @@ class PPOStats(_Statistics):
     clipfrac: float
     explained_variance: float
 
+    def losses(self) -> str:
+        """As in the reference."""
+        divergence = f"KL divergence={self.approx_kl}"
+        return f"Surrogate loss={self.policy_loss}, {divergence}, Entropy={self.entropy}"
+
 
 @dataclass(frozen=True)
-class SACStats(_Statistics):
+class SACStats(Stats):
     """Means over a part of an update; `alpha_loss` is NaN if alpha is fixed."""
 
     actor_loss: float
@@ -53,18 +66,23 @@ class SACStats(_Statistics):
     def qf_loss(self) -> float:
         return (self.qf1_loss + self.qf2_loss) / 2.0
 
+    def losses(self) -> str:
+        losses = f"Actor loss={self.actor_loss}, Critic loss={self.qf_loss}"
+        return f"{losses}, Alpha={self.alpha}, Entropy={self.entropy}"
+
     def metrics(self) -> dict[str, float]:
         return super().metrics() | {"losses/qf_loss": self.qf_loss}
 
 
 @dataclass(frozen=True)
-class DistillationStats(_Statistics):
+class DistillationStats(Stats):
     """How far the student's actions are from the teacher's."""
 
+    title: ClassVar[str] = "Distillation"
     imitation_loss: float
 
-
-Stats = PPOStats | SACStats | DistillationStats
+    def losses(self) -> str:
+        return f"Imitation loss={self.imitation_loss}"
 
 
 class NonFiniteLossError(ArithmeticError):

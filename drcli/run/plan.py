@@ -269,8 +269,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         warnings += _steps_too_large(bucket, before_this, design)
     if files != found_files and kept is not None:
         warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this))
-    if resumes is not None and design.metadata.training_algorithm == "sac":
-        warnings += _replay_lost(store, CheckpointName.parse(resumes))
+    if resumes is not None and design.metadata.algorithm.replay:
+        warnings += _replay_lost(design, store, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
     if source is not None:
@@ -388,7 +388,7 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
     )
 
 
-def _replay_lost(model: ModelStore, newest: CheckpointName | None) -> list[str]:
+def _replay_lost(design: Design, model: ModelStore, newest: CheckpointName | None) -> list[str]:
     listed = (
         keys.rollout_key(model.prefix, info.key)
         for info in model.bucket.list(keys.rollouts_folder(model.prefix))
@@ -397,9 +397,9 @@ def _replay_lost(model: ModelStore, newest: CheckpointName | None) -> list[str]:
     if not learned or any(each is not None and each.iteration in learned for each in listed):
         return []
     return [
-        "SAC starts with an empty replay buffer, because the steps of earlier iterations are not "
-        "in the bucket: a copy of a model has none. It learns from new steps only, which costs "
-        "some iterations."
+        f"{design.metadata.algorithm.label} starts with an empty replay buffer, because the steps "
+        "of earlier iterations are not in the bucket: a copy of a model has none. It learns from "
+        "new steps only, which costs some iterations."
     ]
 
 

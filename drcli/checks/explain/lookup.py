@@ -178,13 +178,15 @@ def _details(*pairs: tuple[str, str]) -> Iterator[Detail]:
 
 def value_if_left_out(key: str) -> str:
     """What a training takes for a hyperparameter, "off" if nothing."""
-    from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
+    from drcli.learn.algorithms import ALGORITHMS, UPDATES_PER_STEP
     from drcli.model.files.hyperparameters import Hyperparameters
 
     if key == "sac_updates_per_step":
         return f"{UPDATES_PER_STEP['cpu']:g}, or {UPDATES_PER_STEP['cuda']:g} on a GPU"
     default = Hyperparameters.model_fields[key].default
-    return _value(getattr(SACConfig(), key, None) if default is None else default) or "off"
+    own = (getattr(each.config(), key, None) for each in ALGORITHMS.values())
+    found = (value for value in (default, *own) if value is not None)
+    return _value(next(found, None)) or "off"
 
 
 def shipped_value(key: str) -> str:

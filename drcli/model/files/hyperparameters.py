@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from drcli.base.errors import Problem, ProblemsError, SettingsError, closest, refuse, shown
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.config.new_folder import FolderPlan
+from drcli.learn.algorithms import ALGORITHMS, Algorithm, algorithm_named
 from drcli.model import keys
 from drcli.model.files.custom_files import InputFile
 from drcli.model.files.data_file import (
@@ -131,33 +132,21 @@ class Hyperparameters(BaseModel):
 
         Has the algorithm's keys (13 of clipped_ppo, 12 of sac), and ours with an effect.
         """
-        foreign = {"sac_alpha"}
-        if training_algorithm == "sac":
-            foreign = {"beta_entropy", "num_epochs"}
+        dropped = algorithm_named(training_algorithm).drops
         ours = self.model_dump(include=set(OWN_KEYS), exclude_defaults=True)
-        values = self.model_dump(include=set(REFERENCE_KEYS) - foreign) | ours
+        values = self.model_dump(include=set(REFERENCE_KEYS) - dropped) | ours
         return json.dumps(values, indent=2, sort_keys=True)
 
-    def conflict(self, algorithm: str, *, continuous: bool) -> str | None:
+    def conflict(self, algorithm: Algorithm, *, continuous: bool) -> str | None:
         """Why it does not fit a model, or None."""
-        if self.taught and algorithm == "sac":
+        if self.taught and not algorithm.teachable:
             return (
                 "training_method=teacher goes on with clipped_ppo, but model_metadata.json has "
-                "training_algorithm=sac."
+                f"training_algorithm={algorithm.name}."
             )
-        match self.exploration_type, algorithm:
-            case "e-greedy", "sac":
-                reason = "chooses from a list of actions, but sac needs ranges; use additive_noise"
-            case "e-greedy", "clipped_ppo" if continuous:
-                reason = (
-                    "chooses from a list of actions; this model has ranges, which clipped_ppo "
-                    "explores with categorical"
-                )
-            case "additive_noise", "clipped_ppo":
-                reason = "belongs to sac; clipped_ppo explores with categorical"
-            case _:
-                return None
-        return f"exploration_type={self.exploration_type} {reason}."
+        refused = {**algorithm.refuses, **(algorithm.refuses_with_ranges if continuous else {})}
+        reason = refused.get(self.exploration_type)
+        return None if reason is None else f"exploration_type={self.exploration_type} {reason}."
 
 
 KEYS = tuple(name for name in Hyperparameters.model_fields if name != "problems")
@@ -270,7 +259,7 @@ def with_method(data: bytes, method: TrainingMethod, *, own_line: bool = False) 
 
 
 def plan_with_method(plan: FolderPlan, teacher: bool) -> FolderPlan:
-    """Raises SettingsError without hyperparameters.json, or with sac."""
+    """Raises SettingsError without hyperparameters.json, or if the algorithm takes no teacher."""
     at = {PurePosixPath(file.name).name: file for file in plan.files}
     file, metadata = at.get(keys.HYPERPARAMETERS_FILE), at.get(keys.MODEL_METADATA_FILE)
     if file is None:
@@ -278,20 +267,18 @@ def plan_with_method(plan: FolderPlan, teacher: bool) -> FolderPlan:
             f"--teacher: there is no {keys.HYPERPARAMETERS_FILE} to write training_method into.",
             remedy="Start with `dr-start-training --teacher` instead.",
         )
-    if teacher and metadata is not None and is_sac(metadata.data):
+    algorithm = ALGORITHMS["clipped_ppo"]
+    if metadata is not None:
+        with suppress(ProblemsError):
+            algorithm = ModelMetadata.from_bytes(metadata.data).algorithm
+    if teacher and metadata is not None and not algorithm.teachable:
         raise SettingsError(
             "--teacher: training_method=teacher goes on with clipped_ppo, but "
-            f"{metadata.name} has training_algorithm=sac.",
+            f"{metadata.name} has training_algorithm={algorithm.name}.",
             remedy="Leave out --teacher, or choose another --preset.",
         )
     changed = replace(file, data=with_method(file.data, method_of(teacher), own_line=True))
     return replace(plan, files=tuple(changed if each is file else each for each in plan.files))
-
-
-def is_sac(metadata: bytes) -> bool:
-    with suppress(ProblemsError):
-        return ModelMetadata.from_bytes(metadata).training_algorithm == "sac"
-    return False
 
 
 def chosen_method(

@@ -20,8 +20,8 @@ from drcli.convert.runtimes import policy_of_file
 from drcli.convert.stored_checkpoint import driving_graph, load_checkpoint
 from drcli.drive.build_race import actions_of, sensors_of_model
 from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.network import Network
 from drcli.learn.policy import Observation, Policy
-from drcli.learn.sac_networks import SACAgent
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
@@ -68,9 +68,9 @@ class ExplainedPolicy:
         return sensors_of_model(self.metadata)
 
     @property
-    def network(self) -> ActorCritic | SACAgent | None:
+    def network(self) -> Network | None:
         """None without gradients."""
-        return self.policy if isinstance(self.policy, ActorCritic | SACAgent) else None
+        return self.policy if isinstance(self.policy, Network) else None
 
     @property
     def sees_value(self) -> bool:
@@ -84,9 +84,9 @@ class Heads:
 
     Attributes:
         logits: Discrete. Shape (n, num_actions).
-        mean: Continuous, -1 to 1; PPO's may exceed it. Shape (n, 2).
+        mean: Continuous, nominally -1 to 1. Shape (n, 2).
         std: Of `raw_mean`. Shape (n, 2).
-        raw_mean: Before the tanh of SAC. Shape (n, 2).
+        raw_mean: Before `Network.squash`. Shape (n, 2).
         value: In reward. Shape (n,).
     """
 
@@ -137,35 +137,17 @@ def heads_of(subject: ExplainedPolicy, seen: Observation) -> Heads:
     policy = subject.policy
     continuous = policy.spec.continuous
     judges = subject.is_complete and (not policy.spec.state_dims or seen.state.shape[1] > 0)
-    if isinstance(policy, ActorCritic):
-        return _of_ppo(policy, seen, judges=judges, spreads=subject.is_complete)
-    if isinstance(policy, SACAgent):
-        features = policy.features(seen)
-        raw, log_std = policy(features)
-        value = None
-        if judges:
-            judged = policy.critics(policy.critic_input(features, seen), torch.tanh(raw)).amin(0)
-            value = policy.returns(judged)
-        return Heads(None, torch.tanh(raw), log_std.exp(), raw, value)
+    if isinstance(policy, Network):
+        raw, std, value = policy.head(seen, judged=judges)
+        if not continuous:
+            return Heads(raw, None, None, None, value)
+        return Heads(None, policy.squash(raw), std if subject.is_complete else None, raw, value)
     if isinstance(policy, GraphPolicy):
         values = torch.from_numpy(policy.outputs(seen.frames.numpy(), seen.scan.numpy()))
         if continuous:
             return Heads(None, values, None, values, None)
         return Heads(values.clamp(min=1e-30).log(), None, None, None, None)
     raise NotExplainable(f"A policy of the class {type(policy).__name__} cannot be explained.")
-
-
-def _of_ppo(policy: ActorCritic, seen: Observation, *, judges: bool, spreads: bool) -> Heads:
-    features = policy.body(seen).to(policy.policy_head.weight.dtype)
-    value = None
-    if judges:
-        judged = policy.value_head(seen.state if policy.spec.state_dims else features)
-        value = policy.returns(judged.squeeze(-1))
-    output = policy.policy_head(features)
-    if not policy.spec.continuous:
-        return Heads(output, None, None, None, value)
-    std = policy.log_std_bounded().exp().expand_as(output) if spreads else None
-    return Heads(None, output, std, output, value)
 
 
 def outputs_of(subject: ExplainedPolicy, seen: Observation) -> PolicyOutputs:
@@ -194,7 +176,8 @@ def outputs_of(subject: ExplainedPolicy, seen: Observation) -> PolicyOutputs:
     steering_deg, speed_mps = subject.actions.requests(heads.mean.numpy())
     expected, low, high = _requests(subject, heads.mean), None, None
     if heads.std is not None:
-        squash = torch.tanh if isinstance(subject.policy, SACAgent) else torch.Tensor.clone
+        assert subject.network is not None
+        squash = subject.network.squash
         low = _requests(subject, squash(heads.raw_mean - heads.std))
         high = _requests(subject, squash(heads.raw_mean + heads.std))
         draws = [_requests(subject, squash(heads.raw_mean + heads.std * share)) for share in _DRAWS]
