@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -27,6 +27,7 @@ from drcli.cli.views import iterations, training_view
 from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings
 from drcli.model.model_store import ModelStore
+from drcli.train.goals import OPTIONS
 
 if TYPE_CHECKING:
     from drcli.config.run_config import RunConfig
@@ -162,15 +163,23 @@ def _reports(config: "RunConfig", stop: threading.Event | None = None) -> "Itera
 
 _LONGEST_MINUTES = 10_000_000
 
-_LONGEST_LAP_S = 10_000.0
-"""Finite, for the workers' JSON."""
-
 
 def _a_number(minutes: float | None) -> float | None:
     """NaN passes comparisons with limits."""
     if minutes is not None and math.isnan(minutes):
         raise typer.BadParameter("nan is not a number of minutes.")
     return minutes
+
+
+def _goal(key: str) -> Any:
+    option = OPTIONS[key]
+    return typer.Option(
+        min=option.low,
+        max=option.high,
+        callback=None if option.whole else _a_number,
+        metavar=option.metavar,
+        help=option.help,
+    )
 
 
 def start_training(
@@ -222,27 +231,8 @@ def start_training(
             help="Stop after M minutes.",
         ),
     ] = None,
-    until_laps: Annotated[
-        int | None,
-        typer.Option(
-            "--until-laps",
-            min=1,
-            metavar="N",
-            help="Stop when all evaluation laps of a checkpoint are clean, N or more, and then 38 "
-            "of 40 from other starts.",
-        ),
-    ] = None,
-    until_lap_time: Annotated[
-        float | None,
-        typer.Option(
-            "--until-lap-time",
-            min=0.1,
-            max=_LONGEST_LAP_S,
-            callback=_a_number,
-            metavar="S",
-            help="Stop when each of these laps takes S seconds or less.",
-        ),
-    ] = None,
+    until_laps: Annotated[int | None, _goal("until_laps")] = None,
+    until_lap_time: Annotated[float | None, _goal("until_lap_time_s")] = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -317,13 +307,13 @@ def start_training(
     bring_tracks(loaded)
     if wipe and not (resume or resume_or_start) and not force and prompts.may_ask():
         _agree_to_wipe(loaded)
+    asked = {"until_laps": until_laps, "until_lap_time_s": until_lap_time}
     options = StartOptions(
         wipe,
         resume,
         max_minutes,
-        until_laps,
         seed,
-        until_lap_time_s=until_lap_time,
+        goals={key: value for key, value in asked.items() if value is not None},
         method=None if teacher is None else method_of(teacher),
     )
     how = _How(quiet, verbose, foreground, as_json, followed)

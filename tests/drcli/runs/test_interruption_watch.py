@@ -53,7 +53,7 @@ def watch(tmp_path, monkeypatch):
 
     def start(**settings: str) -> SimpleNamespace:
         config = settings_of(tmp_path, settings)
-        job = Job(config, "a", 1, None, None, tmp_path, 1)
+        job = Job(config, "a", 1, None, tmp_path, 1)
         duty = InterruptionWatch(tmp_path)
         duty.start(SimpleNamespace(job=job, journal=journal))
         return SimpleNamespace(duty=duty, clock=clock, journal=journal, laid=Laid)

@@ -55,7 +55,7 @@ def test_the_template_of_sac_is_taken_without_a_warning_and_says_what_it_relies_
     read = ModelMetadata.from_bytes((SAC_PRESET / "model_metadata.json").read_bytes())
 
     assert (parameters.problems, read.problems) == ((), ())
-    assert parameters.conflict("sac", continuous=read.action_space.continuous) is None
+    assert parameters.conflict(read.algorithm, continuous=read.action_space.continuous) is None
     assert policy_spec(read, parameters).state_dims == STATE_DIMS
     config = algorithm_config(SACConfig, parameters)
     assert config.sac_auto_alpha

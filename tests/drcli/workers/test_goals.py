@@ -26,6 +26,7 @@ def goals(tmp_path):
     def make(
         *lines: str,
         until_laps=None,
+        lap_time_s=None,
         max_minutes=None,
         clock=lambda: 0.0,
         before_s=0.0,
@@ -35,14 +36,15 @@ def goals(tmp_path):
     ):
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
+        asked = {"until_laps": until_laps, "until_lap_time_s": lap_time_s}
         job = Job(
             config=load_settings(tmp_path, environ={}).run,
             session="s",
             seed=1,
-            until_laps=until_laps,
             max_minutes=max_minutes,
             folder=Path(),
             launcher_pid=1,
+            goals={key: each for key, each in asked.items() if each is not None},
             **job_changes,
         )
         return Goals(job, Hyperparameters(**parameters), clock, before_s=before_s, now=now)
@@ -122,7 +124,7 @@ def test_laps_are_reached_when_a_checkpoint_completes_them_all_and_38_of_40_othe
 def test_a_lap_time_is_reached_when_all_laps_and_38_of_40_others_are_fast_enough(
     goals, until_laps, laps
 ):
-    limited = goals(until_laps=until_laps, job_changes={"until_lap_time_s": 8.0})
+    limited = goals(until_laps=until_laps, lap_time_s=8.0)
 
     def after(*times: float, again: Sequence[float] = [7.0] * 40) -> str | None:
         return limited.reached([driven(0, *times, again=again)])

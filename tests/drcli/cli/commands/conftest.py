@@ -199,7 +199,7 @@ class PaperRun:
         self.options = options
         if self.refusal is not None:
             raise self.refusal
-        job = Job(settings.run, "abc", 7, None, None, settings.directory / "data", 1)
+        job = Job(settings.run, "abc", 7, None, settings.directory / "data", 1)
         names = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
         files = (InputFile(name, b"", f"custom_files/{name}") for name in names)
         return RunPlan(job, Inputs(*files), self.warnings, None, "Ends some day.", wiped=self.wiped)
