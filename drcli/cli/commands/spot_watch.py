@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from types import FrameType
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -17,7 +17,9 @@ from drcli.base.errors import Absent, SettingsError
 from drcli.base.processes import STOPS, handle, is_alive, restore, started_s
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.outside.notices.notice_watch import Announced, Notice, NoticeWatch, soonest
+from drcli.clouds.cloud import Notice
+from drcli.clouds.registry import CLOUDS
+from drcli.outside.notices.notice_watch import Announced, NoticeWatch, soonest
 from drcli.run.interruption_watch import MARGIN_S, SAVE_S, due
 from drcli.run.outcome import INTERRUPTED
 
@@ -26,6 +28,7 @@ from drcli.run.outcome import INTERRUPTED
 
 POLL_S = 0.2
 
+_CLOUDS = ("auto", *CLOUDS)
 TERM_GRACE_S = 30.0
 """Of Kubernetes and Slurm before SIGKILL."""
 
@@ -218,6 +221,12 @@ def _ended(name: str, code: int) -> WatchReport:
     return WatchReport(None, None, None, None, f"{name} ended with exit code {shown}.", shown)
 
 
+def _known_cloud(name: str) -> str:
+    if name not in _CLOUDS:
+        raise typer.BadParameter(f"{name!r} is not one of {', '.join(map(repr, _CLOUDS))}.")
+    return name
+
+
 def watch(
     command: Annotated[
         list[str] | None,
@@ -251,8 +260,13 @@ def watch(
         bool, typer.Option("--once", help="Ask once, and exit 1 if there is no notice.")
     ] = False,
     cloud: Annotated[
-        Literal["auto", "aws", "gcp", "azure"],
-        typer.Option("--cloud", help="Whose metadata service to ask."),
+        str,
+        typer.Option(
+            "--cloud",
+            metavar=f"[{'|'.join(_CLOUDS)}]",
+            callback=_known_cloud,
+            help="Whose metadata service to ask.",
+        ),
     ] = "auto",
     hook: Annotated[
         str,
@@ -270,12 +284,8 @@ def watch(
 
     Example: dr-spot watch --on-notice ./save.sh -- python train.py
     """
-    from drcli.outside.notices.notice_watch import (
-        NoticeWatch,
-        cloud_of_machine,
-        command_words,
-        source_of,
-    )
+    from drcli.clouds.registry import cloud_of_machine, source_of
+    from drcli.outside.notices.notice_watch import NoticeWatch, command_words
 
     if command and pid is not None:
         raise typer.BadParameter("Give a program or --pid, not both.")

@@ -35,7 +35,14 @@ def job(working_folder) -> Job:
     )
     config = load_settings(working_folder, environ={}).run
     return Job(
-        config, "abc", 7, 1.5, working_folder / "data", os.getpid(), term=2, goals={"until_laps": 3.0}
+        config,
+        "abc",
+        7,
+        1.5,
+        working_folder / "data",
+        os.getpid(),
+        term=2,
+        goals={"until_laps": 3.0},
     )
 
 

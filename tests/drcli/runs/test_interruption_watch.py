@@ -5,9 +5,10 @@ from typing import ClassVar
 
 import pytest
 
+from drcli.clouds.cloud import Notice
 from drcli.config.loading import load_settings
 from drcli.model.model_store import ModelStore
-from drcli.outside.notices.notice_watch import Announced, Notice
+from drcli.outside.notices.notice_watch import Announced
 from drcli.records.job import Job
 from drcli.run import interruption_watch
 from drcli.run.interruption_watch import InterruptionWatch, chosen_source

@@ -2,7 +2,8 @@
 
 import pytest
 
-from drcli.outside.notices.notice_watch import AZURE_ASSET_TAG, cloud_of_machine
+from drcli.clouds.providers.microsoft import AZURE_ASSET_TAG
+from drcli.clouds.registry import cloud_of_machine
 
 
 @pytest.mark.parametrize(

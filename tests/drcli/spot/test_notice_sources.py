@@ -8,8 +8,11 @@ from email.utils import format_datetime
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.outside.notices.metadata_service import Ec2Metadata, MetadataService, MetadataSilent
-from drcli.outside.notices.notice_watch import AzureNotices, Ec2Notices, GoogleNotices, source_of
+from drcli.clouds.metadata_service import MetadataService, MetadataSilent
+from drcli.clouds.providers.amazon import Ec2Metadata, Ec2Notices
+from drcli.clouds.providers.google import GoogleNotices
+from drcli.clouds.providers.microsoft import AzureNotices
+from drcli.clouds.registry import source_of
 from metadata_server import MetadataServer
 
 SPOT = "/latest/meta-data/spot/instance-action"

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.clouds.cloud import Notice
+from drcli.clouds.metadata_service import MetadataSilent
 from drcli.outside.notices import notice_watch
-from drcli.outside.notices.metadata_service import MetadataSilent
 from drcli.outside.notices.notice_watch import (
     Announced,
-    Notice,
     NoticeWatch,
     command_words,
     notice_of_command,

@@ -550,7 +550,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("races.queue_process.stop_queue", QueueStopped("cup", 4242))
     text = "EC2 announces that it will terminate this instance in 120 s."
     notice = WatchReport("aws", "interruption", "terminate", 120.0, text, 0)
-    answer("outside.notices.notice_watch.cloud_of_machine", "aws")
+    answer("clouds.registry.cloud_of_machine", "aws")
     answer("cli.commands.spot_watch.ForeignWatch.once", notice)
     answer("run.worker_processes.simulations", [worker])
     answer("run.worker_processes.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))

@@ -1,11 +1,9 @@
-"""Asks the metadata service of a cloud machine, and reads EC2's.
+"""Asks the metadata service of a cloud machine.
 
 Its address is link-local: no proxy, and an answer takes milliseconds or does not come.
 """
 
 import json
-import math
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,13 +14,6 @@ TIMEOUT_S = 1.0
 """As EC2's own libraries."""
 
 LARGEST_ANSWER = 1 << 20
-
-EC2_IPV4, EC2_IPV6 = "http://169.254.169.254", "http://[fd00:ec2::254]"
-
-TOKEN_S = 21_600
-"""The longest life of an EC2 token."""
-
-TOKEN_RENEW_S = 0.5 * TOKEN_S
 
 
 class MetadataSilent(StorageError):
@@ -119,53 +110,3 @@ def checked_address(address: str) -> str:
             "AWS_EC2_METADATA_SERVICE_ENDPOINT, GCE_METADATA_HOST and DR_METADATA_SERVICE_URL.",
         )
     return stripped
-
-
-class Ec2Metadata:
-    """Reads with IMDSv2."""
-
-    def __init__(self, service: MetadataService) -> None:
-        self._service = service
-        self._token = ""
-        self._token_s = -math.inf
-
-    def read(self, path: str) -> Answer | None:
-        """What is below `latest/meta-data/`, or None.
-
-        Raises:
-            MetadataSilent: No usable answer in time.
-        """
-        answer = self._with_token(path)
-        if answer.status == 401:  # the token has expired, or belongs to an earlier boot
-            self._token_s = -math.inf
-            answer = self._with_token(path)
-        if answer.status == 404:
-            return None
-        if answer.status != 200:
-            raise silent(f"of EC2 answers {answer.status} for {path}")
-        return answer
-
-    def _with_token(self, path: str) -> Answer:
-        if time.monotonic() - self._token_s > TOKEN_RENEW_S:
-            ttl = {"X-aws-ec2-metadata-token-ttl-seconds": str(TOKEN_S)}
-            answer = self._service.ask("latest/api/token", ttl, "PUT")
-            if answer.status not in (200, 404, 405):  # those two: a service of the first version
-                raise silent(f"of EC2 gives no token (it answers {answer.status})")
-            self._token = answer.text if answer.status == 200 else ""
-            self._token_s = time.monotonic()
-        headers = {"X-aws-ec2-metadata-token": self._token} if self._token else {}
-        return self._service.ask(f"latest/meta-data/{path}", headers)
-
-
-def ec2_metadata(environment: Mapping[str, str], address: str = "") -> Ec2Metadata | None:
-    """None if Amazon's variables forbid it; an empty address means theirs, or the usual one.
-
-    Raises:
-        SettingsError: The address is wrong.
-    """
-    if environment.get("AWS_EC2_METADATA_DISABLED", "").strip().casefold() == "true":
-        return None
-    mode = environment.get("AWS_EC2_METADATA_SERVICE_ENDPOINT_MODE", "").strip().casefold()
-    usual = EC2_IPV6 if mode == "ipv6" else EC2_IPV4
-    named = environment.get("AWS_EC2_METADATA_SERVICE_ENDPOINT", "").strip()
-    return Ec2Metadata(MetadataService(address or named or usual))
