@@ -37,6 +37,13 @@ class NoticeSource(Protocol):
             MetadataSilent: No usable answer.
         """
 
+    def is_spot(self) -> bool:
+        """Whether this machine may be taken away.
+
+        Raises:
+            MetadataSilent: No usable answer.
+        """
+
 
 @dataclass(frozen=True)
 class Cloud:

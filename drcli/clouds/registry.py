@@ -6,7 +6,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 
 from drcli.clouds import providers
-from drcli.clouds.cloud import Cloud, NoticeSource
+from drcli.clouds.cloud import Cloud
 
 DMI_FOLDER = Path("/sys/class/dmi/id")
 _DMI = ("sys_vendor", "product_name", "chassis_asset_tag", "bios_version")
@@ -28,15 +28,6 @@ def cloud_of_machine(environment: Mapping[str, str], dmi: Path = DMI_FOLDER) -> 
             return cloud.name
     texts = {name: _text(dmi / name) for name in _DMI}
     return next((cloud.name for cloud in CLOUDS.values() if cloud.owns(texts)), None)
-
-
-def source_of(cloud: str, environment: Mapping[str, str], address: str = "") -> NoticeSource | None:
-    """None if the environment forbids asking; an empty address means its own or the usual one.
-
-    Raises:
-        SettingsError: The address is wrong.
-    """
-    return CLOUDS[cloud].source(environment, address)
 
 
 def _text(path: Path) -> str:

@@ -2,61 +2,60 @@
 
 from collections.abc import Callable, Sequence
 from pkgutil import resolve_name
-from typing import Any, Protocol
+from typing import Any
 
+from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.adam import Adam
 from drcli.learn.algorithms import Algorithm, AlgorithmConfig
 from drcli.learn.compute import Compute
-from drcli.learn.data_parallel import GradientGroup
+from drcli.learn.cuda import CapturedStep
+from drcli.learn.data_parallel import DataParallel, GradientGroup
 from drcli.learn.network import Network
 from drcli.learn.policy import PolicySpec
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.update_result import Stats
 
 
-class Learner(Protocol):
+class Learner:
     """A network, its optimizer, and the update that improves the network.
 
     Attributes:
         lr_factor: Share of the learning rate.
-        critic_warmup: Most updates that still improve a new critic alone.
+        critic_warmup: Most updates that still improve a new critic alone: one that guesses would
+            change the shared body, and a policy would forget.
+        memory_steps: Steps of earlier iterations that it learns from; a resumed one gets them
+            again.
     """
 
-    lr_factor: float
-    critic_warmup: int
+    lr_factor = 1.0
+    critic_warmup = 0
+    memory_steps = 0
+    optimizer: Adam
+    _parallel: DataParallel[Any]
+    _step: CapturedStep
 
     def __init__(
         self, model: Any, config: Any, compute: Compute, group: GradientGroup | None = None
     ) -> None:
         """`model` and `config` are of the algorithm's own classes."""
+        self.model: Network = model.to(compute.device)
+        self.config: AlgorithmConfig = config
+        self.compute = compute
 
     @staticmethod
     def network(spec: PolicySpec, config: Any) -> Network:
-        """A network with fresh weights."""
-
-    @property
-    def model(self) -> Network: ...
-
-    @property
-    def config(self) -> AlgorithmConfig: ...
-
-    @property
-    def compute(self) -> Compute: ...
-
-    @property
-    def optimizer(self) -> Adam: ...
-
-    @property
-    def memory_steps(self) -> int:
-        """Steps of earlier iterations that it learns from; a resumed one gets them again."""
+        """With fresh weights."""
+        return ActorCritic(spec)
 
     @property
     def capture_failure(self) -> str | None:
         """Why a GPU unexpectedly gets each operation by itself."""
+        return self._step.failure
 
     @property
     def most_samples(self) -> int | None:
         """Samples that fit into the GPU's memory at once; None as long as all do."""
+        return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
         """Take a rollout of an earlier iteration, without learning from it."""
@@ -65,9 +64,9 @@ class Learner(Protocol):
         self,
         rollout: Rollout,
         seed: int,
-        on_epoch: Callable[[Any], None] = ...,
-        should_stop: Callable[[], bool] = ...,
-        steps_before: int = ...,
+        on_epoch: Callable[[Any], None] = lambda stats: None,
+        should_stop: Callable[[], bool] = lambda: False,
+        steps_before: int = 0,
     ) -> Sequence[Stats]:
         """Improve the policy on one iteration of driving.
 
@@ -82,6 +81,7 @@ class Learner(Protocol):
             NonFiniteLossError: A return, a loss or a weight is NaN or infinite.
             LearnerLostError: Another process of the group has ended.
         """
+        raise NotImplementedError
 
 
 def learner_of(algorithm: Algorithm) -> type[Learner]:

@@ -9,14 +9,14 @@ from torch import Tensor
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
-from drcli.learn.actor_critic import ActorCritic, PolicyAndValue
+from drcli.learn.actor_critic import PolicyAndValue
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import explained_variance, gae, normalized
 from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.cuda import CapturedStep, ReusedMemory
 from drcli.learn.data_parallel import DataParallel, GradientGroup
-from drcli.learn.policy import PolicySpec
+from drcli.learn.learner import Learner
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
     NonFiniteLossError,
@@ -36,15 +36,11 @@ NUM_STATISTICS = 5
 LOSSES = ("surrogate", "value", "entropy")
 
 
-class PPO:
-    """A network, its optimizer, and the update that improves the network.
+class PPO(Learner):
+    """It cannot learn from rollouts of other weights."""
 
-    Attributes:
-        critic_warmup: A critic that guesses would change the shared body, and a policy would
-            forget.
-    """
-
-    memory_steps = 0
+    model: PolicyAndValue
+    config: PPOConfig
 
     def __init__(
         self,
@@ -54,11 +50,7 @@ class PPO:
         group: GradientGroup | None = None,
     ) -> None:
         """Every process of a `group` makes the same updates of the same rollouts."""
-        self.model = model.to(compute.device)
-        self.config = config
-        self.compute = compute
-        self.critic_warmup = 0
-        self.lr_factor = 1.0
+        super().__init__(model, config, compute)
         self.optimizer = Adam(model.parameters(), config.lr, config.adam_eps)
         self._parallel = DataParallel(
             self.model,
@@ -75,21 +67,6 @@ class PPO:
         captures = compute.graphs and group is None
         self._memory = ReusedMemory(compute.device) if captures else None
         self._step = CapturedStep(self._take_step, compute.device, enabled=captures)
-
-    @staticmethod
-    def network(spec: PolicySpec, config: PPOConfig) -> ActorCritic:
-        return ActorCritic(spec)
-
-    @property
-    def capture_failure(self) -> str | None:
-        return self._step.failure
-
-    @property
-    def most_samples(self) -> int | None:
-        return self._parallel.most_samples
-
-    def remember(self, rollout: Rollout) -> None:
-        """Do nothing: PPO cannot learn from rollouts of other weights."""
 
     def update(
         self,

@@ -15,6 +15,7 @@ from drcli.learn.algorithms import UPDATES_PER_STEP, SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.cuda import CapturedStep
 from drcli.learn.data_parallel import DataParallel, GradientGroup
+from drcli.learn.learner import Learner
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout
@@ -37,12 +38,11 @@ RANK_STRIDE = 7_919
 """Separates the random numbers of processes."""
 
 
-class SAC:
-    """An agent, its replay buffer, its optimizer, and the update that improves it.
+class SAC(Learner):
+    """With a replay buffer. Every update begins with the critics, so none has to warm up."""
 
-    Attributes:
-        critic_warmup: 0, because every update begins with the critics.
-    """
+    model: SACAgent
+    config: SACConfig
 
     def __init__(
         self,
@@ -52,11 +52,8 @@ class SAC:
         group: GradientGroup | None = None,
     ) -> None:
         """Each process of a `group` keeps some of the episodes, and draws from those."""
-        self.model = model.to(compute.device)
-        self.config = config
-        self.compute = compute
-        self.critic_warmup = 0
-        self.lr_factor = 1.0
+        super().__init__(model, config, compute)
+        self.memory_steps = config.sac_replay_steps
         self.updates_per_step = config.sac_updates_per_step or UPDATES_PER_STEP[compute.device.type]
         self._group = group
         self._rank, size = (0, 1) if group is None else (group.rank, group.size)
@@ -85,18 +82,6 @@ class SAC:
     @staticmethod
     def network(spec: PolicySpec, config: SACConfig) -> SACAgent:
         return SACAgent(spec, config.sac_alpha)
-
-    @property
-    def capture_failure(self) -> str | None:
-        return self._step.failure
-
-    @property
-    def memory_steps(self) -> int:
-        return self.config.sac_replay_steps
-
-    @property
-    def most_samples(self) -> int | None:
-        return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
         """Add a rollout of an earlier iteration without learning from it."""

@@ -17,8 +17,9 @@ from drcli.learn.adam import Adam
 from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
+from drcli.learn.learner import Learner
 from drcli.learn.phases import FINE_LR, FINE_LR_OF_CHOICES, Phase
-from drcli.learn.policy import Float32s, Observation, PolicySpec
+from drcli.learn.policy import Float32s, Observation
 from drcli.learn.ppo import PPO
 from drcli.learn.replay_buffer import ReplayBuffer
 from drcli.learn.rollout_buffer import Rollout
@@ -68,20 +69,18 @@ LARGEST_LABEL = 1.2
 """Beyond 1, means say how sure the teacher is, but would move a student's other actions."""
 
 
-class TaughtLearner:
+class TaughtLearner(Learner):
+    """Hands on to the learner of the present phase."""
+
+    model: ActorCritic
+    config: PPOConfig
+
     def __init__(self, model: ActorCritic, config: PPOConfig, compute: Compute) -> None:
-        self.model = model.to(compute.device)
-        self.config = config
-        self.compute = compute
-        self.lr_factor = 1.0
+        super().__init__(model, config, compute)
         self.teacher = Teacher(model)
         self.phase: Phase = "teacher"
-        self._learner: PPO | _Distillation
+        self._learner: Learner
         self.begin("teacher")
-
-    @staticmethod
-    def network(spec: PolicySpec, config: PPOConfig) -> ActorCritic:
-        return ActorCritic(spec)
 
     def begin(self, phase: Phase) -> None:
         """Go on with a phase and a fresh optimizer."""
@@ -117,16 +116,15 @@ class TaughtLearner:
 
     @property
     def critic_warmup(self) -> int:
-        return self._learner.critic_warmup if isinstance(self._learner, PPO) else 0
+        return self._learner.critic_warmup
 
     @critic_warmup.setter
     def critic_warmup(self, updates: int) -> None:
-        if isinstance(self._learner, PPO):
-            self._learner.critic_warmup = updates
+        self._learner.critic_warmup = updates
 
     @property
     def capture_failure(self) -> str | None:
-        return self._learner.capture_failure if isinstance(self._learner, PPO) else None
+        return self._learner.capture_failure
 
     @property
     def most_samples(self) -> int | None:
@@ -158,24 +156,20 @@ class TaughtLearner:
             torch.set_num_threads(threads)
 
 
-class _Distillation:
+class _Distillation(Learner):
     """Imitates the teacher wherever one of them has driven."""
 
     memory_steps = REMEMBERED_STEPS
+    capture_failure = None
 
     def __init__(self, student: ActorCritic, teacher: Teacher, compute: Compute) -> None:
+        super().__init__(student, STUDENT, compute)
         self._student, self._teacher = student, teacher
-        self.compute = compute
-        self.lr_factor = 1.0
         self.optimizer = Adam([*student.body.parameters(), *student.policy_head.parameters()], 0.0)
         self._parallel = DataParallel(
             student, compute.parts, compute.threads, bf16=compute.bf16, num_statistics=1
         )
         self._driven = ReplayBuffer(student.spec, REMEMBERED_STEPS)
-
-    @property
-    def most_samples(self) -> int | None:
-        return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
         if rollout.frames.size:  # nothing was drawn for a teacher

@@ -3,6 +3,7 @@
 from drcli.base.log import get_logger, plain
 from drcli.config.run_config import TrainConfig
 from drcli.convert.build_network import policy_spec
+from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithms import PPOConfig, algorithm_config
 from drcli.learn.compute import Compute, choose_compute
 from drcli.learn.data_parallel import GradientGroup
@@ -26,7 +27,7 @@ def build_learner(
     spec = policy_spec(metadata, parameters)
     if parameters.taught:
         config = algorithm_config(PPOConfig, parameters)
-        return TaughtLearner(TaughtLearner.network(spec, config), config, compute)
+        return TaughtLearner(ActorCritic(spec), config, compute)
     algorithm = metadata.algorithm
     learner, own = learner_of(algorithm), algorithm_config(algorithm.config, parameters)
     return learner(learner.network(spec, own), own, compute, group)

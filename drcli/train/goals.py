@@ -357,9 +357,9 @@ class Goals:
             return f"Training is complete: {done} done, {name} is {most}."
         for goal in GOALS:
             if goal.limit is not None and (value := goal.value(job)) is not None:
-                why = goal.limit(value, episodes, steps)
-                if why is not None:
-                    return f"Training is complete: {why}."
+                over = goal.limit(value, episodes, steps)
+                if over is not None:
+                    return f"Training is complete: {over}."
         return None
 
     def _target(self, records: Sequence[IterationRecord]) -> str | None:

@@ -284,7 +284,7 @@ def watch(
 
     Example: dr-spot watch --on-notice ./save.sh -- python train.py
     """
-    from drcli.clouds.registry import cloud_of_machine, source_of
+    from drcli.clouds.registry import cloud_of_machine
     from drcli.outside.notices.notice_watch import NoticeWatch, command_words
 
     if command and pid is not None:
@@ -302,7 +302,7 @@ def watch(
     words = command_words(hook, "--hook")
     found = cloud_of_machine(os.environ) if cloud == "auto" else cloud
     address = os.environ.get("DR_METADATA_SERVICE_URL", "")
-    source = None if found is None else source_of(found, os.environ, address)
+    source = None if found is None else CLOUDS[found].source(os.environ, address)
     if source is None and not words:
         what = "This machine belongs to no cloud whose notices could be read."
         if not command and pid is None:

@@ -93,6 +93,10 @@ class Ec2Notices:
             found.append(Notice("aws", "rebalance", "rebalance", None, text))
         return found
 
+    def is_spot(self) -> bool:
+        found = self._metadata.read("instance-life-cycle")
+        return found is not None and found.text == "spot"
+
     def _interruption(self, answer: Answer) -> Notice:
         values = answer.object()
         action = str(values.get("action") or "terminate")

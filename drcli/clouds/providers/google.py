@@ -29,6 +29,9 @@ class GoogleNotices:
             found.append(Notice("gcp", "interruption", "terminate", GOOGLE_MAINTENANCE_S, text))
         return found
 
+    def is_spot(self) -> bool:
+        return self._read("instance/scheduling/preemptible") == "TRUE"
+
     def _read(self, path: str) -> str:
         answer = self._service.ask(f"computeMetadata/v1/{path}", {"Metadata-Flavor": "Google"})
         if answer.status == 404:

@@ -38,6 +38,10 @@ class AzureNotices:
                 found.append(notice)
         return found
 
+    def is_spot(self) -> bool:
+        path = "metadata/instance/compute/priority?api-version=2021-02-01&format=text"
+        return self._read(path).text == "Spot"
+
     def _notice(self, event: Mapping[str, Any], answer: Answer) -> Notice | None:
         kind = str(event.get("EventType"))
         if kind not in AZURE_EVENTS or not self._concerns_this_machine(event.get("Resources")):

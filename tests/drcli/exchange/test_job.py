@@ -16,7 +16,7 @@ EXIT = WorkerExit("The bucket is gone.", "Start it.", 4)
 
 READS = """
 from drcli.base.errors import SettingsError
-from drcli.exchange.job import THREAD_VARIABLES, Job
+from drcli.records.job import THREAD_VARIABLES, Job
 try:
     print(repr(Job.received()))
 except SettingsError as error:
