@@ -103,16 +103,13 @@ class TaughtLearner(Learner):
             fine = replace(self.config, lr=lr, target_kl=target_kl)
             self._learner = PPO(self.model, fine, self.compute)
             self._learner.critic_warmup = CRITIC_WARMUP
+        self.optimizer, self.memory_steps = self._learner.optimizer, self._learner.memory_steps
 
     def _calm(self, log_std: float) -> None:
         if self.model.spec.continuous:
             with torch.no_grad():
                 self.model.log_std.fill_(log_std)
                 self.model.teacher.log_std.fill_(log_std)
-
-    @property
-    def optimizer(self) -> Adam:
-        return self._learner.optimizer
 
     @property
     def critic_warmup(self) -> int:
@@ -129,10 +126,6 @@ class TaughtLearner(Learner):
     @property
     def most_samples(self) -> int | None:
         return self._learner.most_samples
-
-    @property
-    def memory_steps(self) -> int:
-        return self._learner.memory_steps
 
     def remember(self, rollout: Rollout) -> None:
         self._learner.remember(rollout)
@@ -179,9 +172,9 @@ class _Distillation(Learner):
         self,
         rollout: Rollout,
         seed: int,
-        on_epoch: Callable[[DistillationStats], None],
-        should_stop: Callable[[], bool],
-        steps_before: int,
+        on_epoch: Callable[[DistillationStats], None] = lambda stats: None,
+        should_stop: Callable[[], bool] = lambda: False,
+        steps_before: int = 0,
     ) -> list[DistillationStats]:
         self.remember(rollout)
         draw = torch.Generator().manual_seed(seed)

@@ -10,7 +10,6 @@ from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import Problem, ProblemsError
 from drcli.checks.explain.lookup import shipped_value, value_if_left_out
-from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
 from drcli.checks.parameter_rules import review_parameters
 from drcli.config.settings import Settings
 from drcli.learn.algorithms import ALGORITHMS
@@ -18,7 +17,7 @@ from drcli.model.files.action_choice import grid
 from drcli.model.files.action_space import MANY_ACTIONS, USUAL
 from drcli.model.files.custom_files import InputFile
 from drcli.model.files.data_file import read_json_object
-from drcli.model.files.hyperparameters import KEYS, OWN_KEYS, Hyperparameters
+from drcli.model.files.hyperparameters import KEYS, OWN_KEYS, TEXTS, Hyperparameters
 from drcli.model.files.model_metadata import (
     CAMERAS,
     LIDARS,
@@ -57,7 +56,7 @@ def _keys() -> list[dict[str, Any]]:
     properties = Hyperparameters.model_json_schema()["properties"]
     found = []
     for key in KEYS:
-        text = HYPERPARAMETER_TEXTS[key]
+        text = TEXTS[key]
         found.append(
             {
                 "key": key,

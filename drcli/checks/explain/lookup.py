@@ -15,8 +15,8 @@ from drcli.checks.explain.explain_texts import (
     TRACE_COLUMNS,
     ErrorText,
 )
-from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
 from drcli.config.settings import catalogue
+from drcli.model.files.hyperparameters import TEXTS
 from drcli.records.trace import CSV_HEADER
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 
@@ -98,7 +98,7 @@ def explain(question: str) -> list[Entry]:
 
 def every_entry() -> tuple[Entry, ...]:
     return (
-        *map(_hyperparameter, _keys()),
+        *map(_hyperparameter, TEXTS),
         *(Entry("term", name, text, page="glossary.md") for name, text in GLOSSARY.items()),
         *map(_parameter, REWARD_PARAMETERS),
         *(
@@ -156,14 +156,8 @@ def _letters(text: str) -> str:
     return " ".join(re.sub(r"[^\w/]+", " ", text.casefold()).split())
 
 
-def _keys() -> list[str]:
-    from drcli.model.files.hyperparameters import KEYS
-
-    return [key for key in HYPERPARAMETER_TEXTS if key in KEYS]
-
-
 def _hyperparameter(key: str) -> Entry:
-    text = HYPERPARAMETER_TEXTS[key]
+    text = TEXTS[key]
     details = [
         *_details(("Higher" if text.lower else "Effect", text.higher), ("Lower", text.lower)),
         *_details(("Advice", text.advice), ("Shipped value", shipped_value(key))),
