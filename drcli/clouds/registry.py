@@ -12,13 +12,13 @@ DMI_FOLDER = Path("/sys/class/dmi/id")
 _DMI = ("sys_vendor", "product_name", "chassis_asset_tag", "bios_version")
 
 
-def _found() -> dict[str, Cloud]:
+def find_clouds() -> dict[str, Cloud]:
     names = sorted(module.name for module in iter_modules(providers.__path__))
     clouds = (import_module(f"{providers.__name__}.{name}").CLOUD for name in names)
     return {cloud.name: cloud for cloud in clouds}
 
 
-CLOUDS: Mapping[str, Cloud] = _found()
+CLOUDS: Mapping[str, Cloud] = find_clouds()
 
 
 def cloud_of_machine(environment: Mapping[str, str], dmi: Path = DMI_FOLDER) -> str | None:

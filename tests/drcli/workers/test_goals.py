@@ -11,8 +11,9 @@ from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.history import collapse
 from drcli.records.iteration import IterationRecord
 from drcli.records.job import Job
+from drcli.train import goals as table
 from drcli.train.episode_share import EvaluationBudget
-from drcli.train.goals import Goals, mean_score
+from drcli.train.goals import Goal, Goals, Target, ending, mean_score
 from iterations import iteration_record
 
 
@@ -27,6 +28,7 @@ def goals(tmp_path):
         *lines: str,
         until_laps=None,
         lap_time_s=None,
+        asked=MappingProxyType({}),
         max_minutes=None,
         clock=lambda: 0.0,
         before_s=0.0,
@@ -36,7 +38,7 @@ def goals(tmp_path):
     ):
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
-        asked = {"until_laps": until_laps, "until_lap_time_s": lap_time_s}
+        wanted = {"until_laps": until_laps, "until_lap_time_s": lap_time_s, **asked}
         job = Job(
             config=load_settings(tmp_path, environ={}).run,
             session="s",
@@ -44,7 +46,7 @@ def goals(tmp_path):
             max_minutes=max_minutes,
             folder=Path(),
             launcher_pid=1,
-            goals={key: each for key, each in asked.items() if each is not None},
+            goals={key: each for key, each in wanted.items() if each is not None},
             **job_changes,
         )
         return Goals(job, Hyperparameters(**parameters), clock, before_s=before_s, now=now)
@@ -318,3 +320,19 @@ def test_what_a_teacher_drives_reaches_no_mean_reward(goals):
     assert watched.reached(taught) is None
     assert watched.reached([*taught, own[0]]) is None
     assert "the mean reward of the last 40 episodes is 10.0" in watched.reached([*taught, *own])
+
+
+def test_a_row_of_the_table_is_all_that_a_goal_needs(goals, monkeypatch):
+    share = Goal(
+        "--until-progress",
+        lambda job: job.goals.get("until_progress"),
+        lambda job, least: f"at {least:g} % in one evaluation",
+        target=lambda name, job, least: Target(name, progress=least),
+    )
+    monkeypatch.setattr(table, "GOALS", (*table.GOALS, share))
+    limited = goals(asked={"until_progress": 90.0})
+
+    job = limited._job
+    assert "at 90 % in one evaluation (--until-progress)" in ending(job, Hyperparameters())
+    assert limited.reached([driven(0, *[8.0] * 4, of=9, again=[8.0] * 40)]) is not None
+    assert limited.reached([driven(0, *[8.0] * 4, of=9, again=[8.0] * 31)]) is None
