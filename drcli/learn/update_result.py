@@ -11,15 +11,11 @@ from torch import nn
 
 @dataclass(frozen=True)
 class Stats:
-    """Of an epoch, or of another part of an update."""
+    """Of an epoch, or of another part of an update; `line` is for the log."""
 
-    title: ClassVar[str] = "Policy training"
+    line: ClassVar[str]
     epoch: int
     learning_rate: float
-
-    def losses(self) -> str:
-        """For the log."""
-        raise NotImplementedError
 
     def metrics(self) -> dict[str, float]:
         numbers = asdict(self)
@@ -33,9 +29,13 @@ class PPOStats(Stats):
     """Means over an epoch's minibatches.
 
     `approx_kl` is from the policy that drove, `clipfrac` the share of steps outside the clip
-    range.
+    range. The line is as in the reference.
     """
 
+    line = (
+        "Policy training> Surrogate loss={0.policy_loss}, KL divergence={0.approx_kl}, "
+        "Entropy={0.entropy}"
+    )
     policy_loss: float
     value_loss: float
     entropy: float
@@ -43,16 +43,15 @@ class PPOStats(Stats):
     clipfrac: float
     explained_variance: float
 
-    def losses(self) -> str:
-        """As in the reference."""
-        divergence = f"KL divergence={self.approx_kl}"
-        return f"Surrogate loss={self.policy_loss}, {divergence}, Entropy={self.entropy}"
-
 
 @dataclass(frozen=True)
 class SACStats(Stats):
     """Means over a part of an update; `alpha_loss` is NaN if alpha is fixed."""
 
+    line = (
+        "Policy training> Actor loss={0.actor_loss}, Critic loss={0.qf_loss}, Alpha={0.alpha}, "
+        "Entropy={0.entropy}"
+    )
     actor_loss: float
     qf1_values: float
     qf2_values: float
@@ -66,10 +65,6 @@ class SACStats(Stats):
     def qf_loss(self) -> float:
         return (self.qf1_loss + self.qf2_loss) / 2.0
 
-    def losses(self) -> str:
-        losses = f"Actor loss={self.actor_loss}, Critic loss={self.qf_loss}"
-        return f"{losses}, Alpha={self.alpha}, Entropy={self.entropy}"
-
     def metrics(self) -> dict[str, float]:
         return super().metrics() | {"losses/qf_loss": self.qf_loss}
 
@@ -78,11 +73,8 @@ class SACStats(Stats):
 class DistillationStats(Stats):
     """How far the student's actions are from the teacher's."""
 
-    title: ClassVar[str] = "Distillation"
+    line = "Distillation> Imitation loss={0.imitation_loss}"
     imitation_loss: float
-
-    def losses(self) -> str:
-        return f"Imitation loss={self.imitation_loss}"
 
 
 class NonFiniteLossError(ArithmeticError):

@@ -4,8 +4,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 
-from drcli.clouds.cloud import LEAVING_S, Cloud, Notice, moment
-from drcli.clouds.metadata_service import Answer, MetadataService, silent
+from drcli.clouds.cloud import LEAVING_S, Answer, Cloud, MetadataService, Notice, moment, silent
 
 EC2_IPV4, EC2_IPV6 = "http://169.254.169.254", "http://[fd00:ec2::254]"
 

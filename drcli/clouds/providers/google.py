@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 
-from drcli.clouds.cloud import Cloud, Notice
-from drcli.clouds.metadata_service import MetadataService, silent
+from drcli.clouds.cloud import Cloud, MetadataService, Notice, silent
 
 GOOGLE_HOST = "metadata.google.internal"
 

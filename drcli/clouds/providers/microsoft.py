@@ -5,8 +5,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from drcli.clouds.cloud import Cloud, Notice, moment
-from drcli.clouds.metadata_service import Answer, MetadataService, silent
+from drcli.clouds.cloud import Answer, Cloud, MetadataService, Notice, moment, silent
 
 AZURE_ADDRESS = "http://169.254.169.254"
 AZURE_ASSET_TAG = "7783-7084-3265-9085-8269-3286-77"

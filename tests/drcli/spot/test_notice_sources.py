@@ -8,7 +8,7 @@ from email.utils import format_datetime
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.clouds.metadata_service import MetadataService, MetadataSilent
+from drcli.clouds.cloud import MetadataService, MetadataSilent
 from drcli.clouds.providers.amazon import Ec2Metadata, Ec2Notices
 from drcli.clouds.providers.google import GoogleNotices
 from drcli.clouds.providers.microsoft import AzureNotices

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.clouds.cloud import Notice
-from drcli.clouds.metadata_service import MetadataSilent
+from drcli.clouds.cloud import MetadataSilent, Notice
 from drcli.outside.notices import notice_watch
 from drcli.outside.notices.notice_watch import (
     Announced,

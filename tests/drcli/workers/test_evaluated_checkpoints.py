@@ -15,9 +15,7 @@ from training_in_memory import PREFIX, TrainingInMemory
 ITERATIONS = 4
 
 
-@pytest.mark.parametrize(
-    "options", [{}, {"goals": {"until_laps": 1}}, {"goals": {"until_lap_time_s": 3.0}}]
-)
+@pytest.mark.parametrize("goals", [{}, {"until_laps": 1}, {"until_lap_time_s": 3.0}])
 def test_evaluations_keep_to_their_share_whatever_ends_the_training(
     working_folder, monkeypatch, goals
 ):
