@@ -109,9 +109,8 @@ def evaluation_lines(
 
 def epoch_line(stats: Stats) -> str:
     """One epoch of an update, as in the reference."""
-    return f"{stats.line}, training epoch={{0.epoch}}, learning_rate={{0.learning_rate}}".format(
-        stats
-    )
+    end = ", training epoch={0.epoch}, learning_rate={0.learning_rate}"
+    return (stats.line + end).format(stats)
 
 
 def _action_space(metadata: ModelMetadata) -> object:
