@@ -44,7 +44,6 @@ PROCESS_TUNING = {
 }
 """The user's own environment comes first."""
 
-FAST_LAPS = 5
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -77,9 +76,6 @@ class Job:
     Attributes:
         session: Unique name; rollouts of another start have another one.
         seed: All random numbers are derived from it.
-        until_laps: Finish when an evaluation completes all its laps, at least so many.
-        until_lap_time_s: Each of these (without `until_laps`: `FAST_LAPS`) must take at most so
-            long, simulated seconds.
         max_minutes: Of this start, or of all if `whole_run`.
         launcher_pid: The workers end with it.
         term: Of the supervisor's lease; 0 before.
@@ -93,13 +89,13 @@ class Job:
             may write.
         ends_with: Process whose end interrupts the training; 0: none.
         began_s: Monotonic, on its machine; 0 elsewhere.
+        goals: What this start asks for, by the keys of `train.goals.OPTIONS`.
         inputs: The start's files by name; the model's are those of its newest checkpoint.
     """
 
     config: RunConfig
     session: str
     seed: int
-    until_laps: int | None
     max_minutes: float | None
     folder: Path
     launcher_pid: int
@@ -113,17 +109,13 @@ class Job:
     stages: tuple[Stage, ...] = ()
     tasks: tuple[EvaluationTask, ...] = ()
     training: str = ""
-    until_lap_time_s: float | None = None
     ray_workers: int = 0
     ray_trainer: bool = False
     trainer: int | None = None
     ends_with: int = 0
     began_s: float = 0.0
+    goals: Mapping[str, float] = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def wanted_laps(self) -> int:
-        return self.until_laps or (FAST_LAPS if self.until_lap_time_s is not None else 0)
 
     @property
     def files_sha256(self) -> str:

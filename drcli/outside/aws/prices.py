@@ -13,10 +13,10 @@ from drcli.base.errors import DrError, StorageError
 from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError, parse_json
 from drcli.bucket.endpoint import session_of
+from drcli.clouds.providers.amazon import ec2_metadata
 from drcli.config import secret_environment
 from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
 from drcli.outside.aws.instance_types import InstanceType
-from drcli.outside.notices.metadata_service import ec2_metadata
 
 with lazy_imports():
     import requests

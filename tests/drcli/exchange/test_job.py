@@ -34,7 +34,16 @@ def job(working_folder) -> Job:
         "DR_RACE_TYPE=OBJECT_AVOIDANCE\nDR_OA_OBJECT_POSITIONS=0.25,-1;0.5,1\n"
     )
     config = load_settings(working_folder, environ={}).run
-    return Job(config, "abc", 7, 3, 1.5, working_folder / "data", os.getpid(), term=2)
+    return Job(
+        config,
+        "abc",
+        7,
+        1.5,
+        working_folder / "data",
+        os.getpid(),
+        term=2,
+        goals={"until_laps": 3.0},
+    )
 
 
 def read(job: Job) -> str:
