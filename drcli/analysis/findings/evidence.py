@@ -43,7 +43,7 @@ from drcli.analysis.findings.steering import (
     wheels_off,
 )
 from drcli.analysis.run import Run
-from drcli.base.json_record import RecordError, parse_json
+from drcli.base.json_record import RecordError, decode_json
 from drcli.model.alarms import ENTROPY_NEAR, ENTROPY_RISE, ENTROPY_SINCE, ENTROPY_WINDOW
 from drcli.model.files.action_space import ActionSpace
 from drcli.model.keys import MODEL_METADATA_FILE
@@ -394,8 +394,9 @@ def is_sac(run: Run) -> bool:
     sac_alpha does not tell: the reference ships it with hyperparameters of PPO.
     """
     with suppress(RecordError):
-        metadata = parse_json(run.files.get(MODEL_METADATA_FILE, "{}").encode())
-        if isinstance(metadata, dict) and "training_algorithm" in metadata:
+        text = run.files.get(MODEL_METADATA_FILE, "{}")
+        metadata = decode_json(dict[str, object], text.encode())
+        if "training_algorithm" in metadata:
             return bool(metadata["training_algorithm"] == "sac")
     return run.hyperparameters.get("exploration_type") == "additive_noise"
 

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, StorageError
-from drcli.base.json_record import RecordError, parse_json
+from drcli.base.json_record import RecordError, decode_json
 from drcli.bucket.endpoint import session_of
 from drcli.config import secret_environment
 from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
@@ -52,7 +52,7 @@ def read_advisor() -> Advisor:
         with requests.get(address, timeout=_TIMEOUT_S, stream=True) as answer:
             answer.raise_for_status()
             data = answer.raw.read(_MOST_BYTES, decode_content=True)
-        return advisor_of(parse_json(data))
+        return advisor_of(decode_json(object, data))
     except (requests.RequestException, RecordError, OSError, ValueError) as error:
         raise StorageError(
             f"How often machines are interrupted is not known: {address} cannot be read "
