@@ -168,10 +168,10 @@ def write_private_json(path: Path, value: object) -> None:
     write_private(path, json.dumps(value, indent=2).encode())
 
 
-def read_json(path: Path) -> Any:
+def read_json(path: Path) -> dict[str, Any] | None:
     """None if missing or damaged, as by a power failure."""
     try:
-        return decode_json(object, read_regular(path))
+        return decode_json(dict[str, Any], read_regular(path))
     except (OSError, RecordError):
         return None
 

@@ -291,6 +291,10 @@ class LiveScene(JsonRecord):
     shown: ShownCar | None
     finished: list[FinishedEpisode] = field(default_factory=list)
 
+    def encode(self) -> bytes:
+        """Without `asdict`'s copies: it is made often."""
+        return json.dumps(vars(self), default=vars, allow_nan=False).encode()
+
 
 # How live pictures travel between a worker and a viewer: proof of the key, then messages.
 #

@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.base.json_record import plain_json
+from drcli.base.json_record import json_default
 from drcli.bucket.endpoint import lend_to_refreshes, session_of
 from drcli.config import secret_environment
 from drcli.config.groups.train_settings import MessageSettings
@@ -305,4 +305,7 @@ def _to_topic(topic: str, profile: str | None, message: Message) -> None:
 
 def _body(message: Message) -> dict[str, Any]:
     """For Slack and Mattermost, and Discord."""
-    return body_of(message.event, message.subject, message.text, plain_json(message.facts))
+    import json
+
+    facts = json.loads(json.dumps(message.facts, default=json_default))
+    return body_of(message.event, message.subject, message.text, facts)

@@ -2,14 +2,14 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from drcli.base.json_record import JsonRecord, SafeInt, Seconds, decode_json, plain_json
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds, decode_json
 from drcli.records.episode_metrics import TrialMetrics
 
 # What drives a racer of an evaluation, and which engine.
@@ -84,7 +84,7 @@ class _File:
 
 
 def encode_trials(trials: Sequence[CarTrial]) -> bytes:
-    return json.dumps({"cars": plain_json(trials)}, allow_nan=False).encode()
+    return json.dumps({"cars": list(map(asdict, trials))}, allow_nan=False).encode()
 
 
 def decode_trials(data: bytes) -> list[CarTrial]:

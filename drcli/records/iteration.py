@@ -238,8 +238,8 @@ class IterationRecord(JsonRecord):
     imitation_loss: float | None = None
 
     def __post_init__(self) -> None:
-        values = vars(self)
-        values.update((name, math.nan) for name in _MAYBE_NAN if values[name] is None)
+        unknown = [name for name in _MAYBE_NAN if getattr(self, name) is None]
+        vars(self).update(dict.fromkeys(unknown, math.nan))
 
     def compares_with(self, other: "IterationRecord") -> bool:
         """Same stage and track, as far as known."""

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +21,7 @@ from drcli.base.json_record import (
     SafeInt,
     Seconds,
     decode_json,
-    plain_json,
+    json_default,
 )
 from drcli.config import secret_environment
 from drcli.config.run_config import RunConfig
@@ -155,7 +155,8 @@ class Job:
         }
         secrets = secrets if with_secrets else {}
         job = self if private else self.without_addresses()
-        data = json.dumps(plain_json(_Sent(VERSION, job, secrets)), allow_nan=False).encode()
+        sent = asdict(_Sent(VERSION, job, secrets))
+        data = json.dumps(sent, default=json_default, allow_nan=False).encode()
         process = subprocess.Popen(command, stdin=subprocess.PIPE, **options)
         assert process.stdin is not None
         with suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended already

@@ -10,16 +10,15 @@ import json
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import zstandard
-from msgspec import Meta
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from drcli.base.json_record import Fingerprint, JsonRecord, RecordError, SafeInt, Seconds
+from drcli.base.json_record import Amount, Fingerprint, JsonRecord, RecordError, SafeInt
 from drcli.learn.rollout_buffer import Rollout
 from drcli.records.checkpoint import NameText
 
@@ -264,7 +263,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Driving:
-    drive_s: Annotated[Seconds, Meta(ge=0.0)] = 0.0
+    drive_s: Amount = 0.0
     evaluates: SafeInt | None = None
     reward_errors: SafeInt = 0
     discarded: SafeInt = 0

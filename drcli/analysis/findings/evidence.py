@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -395,7 +395,7 @@ def is_sac(run: Run) -> bool:
     """
     with suppress(RecordError):
         text = run.files.get(MODEL_METADATA_FILE, "{}")
-        metadata = decode_json(dict[str, object], text.encode())
+        metadata = decode_json(dict[str, Any], text.encode())
         if "training_algorithm" in metadata:
             return bool(metadata["training_algorithm"] == "sac")
     return run.hyperparameters.get("exploration_type") == "additive_noise"

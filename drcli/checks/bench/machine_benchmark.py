@@ -8,16 +8,16 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import psutil
 
 from drcli.base.errors import ProblemsError, SettingsError, WorkerDied
 from drcli.base.installation import installation_error
-from drcli.base.json_record import RecordError, decode_json, from_json, plain_json
+from drcli.base.json_record import RecordError, decode_json, from_json, json_default
 from drcli.base.memory import read_memory
 from drcli.checks.bench.bucket_speed import BucketSpeed, bucket_to_measure, measure_bucket
 from drcli.checks.bench.work_order import Rates, Ready, WorkOrder
@@ -422,7 +422,7 @@ def _ask(order: WorkOrder, most_s: float) -> tuple[Ready, Rates]:
     )
     gpus = order.train.sagemaker_cuda_devices
     chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
-    data = json.dumps(plain_json(order)).encode()
+    data = json.dumps(asdict(order), default=json_default).encode()
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "drcli.checks.bench.measure_process"],
         stdin=subprocess.PIPE,
@@ -444,7 +444,7 @@ def _ask(order: WorkOrder, most_s: float) -> tuple[Ready, Rates]:
     answers: dict[str, object] = {}
     with suppress(RecordError):
         for line in out.splitlines():
-            answers |= decode_json(dict[str, object], line)
+            answers |= decode_json(dict[str, Any], line)
     try:
         return from_json(Ready, answers["Ready"]), from_json(Rates, answers["Rates"])
     except (KeyError, RecordError):

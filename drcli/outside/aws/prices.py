@@ -52,7 +52,7 @@ def read_advisor() -> Advisor:
         with requests.get(address, timeout=_TIMEOUT_S, stream=True) as answer:
             answer.raise_for_status()
             data = answer.raw.read(_MOST_BYTES, decode_content=True)
-        return advisor_of(decode_json(object, data))
+        return advisor_of(decode_json(dict[str, Any], data))
     except (requests.RequestException, RecordError, OSError, ValueError) as error:
         raise StorageError(
             f"How often machines are interrupted is not known: {address} cannot be read "

@@ -4,7 +4,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -79,10 +79,10 @@ def test_what_is_whole_comes_back_with_its_types():
         ({"pid": -1}, "Expected `int` >= 1"),
         ({"pid": 2**31}, "Expected `int` <= 2147483647"),
         ({"pid": 10**400}, "Expected `int` <= 2147483647"),
-        ({"elapsed_s": 1e300}, r"Expected `float` <= 1e11 - at `\$\.elapsed_s`"),
+        ({"elapsed_s": 1e300}, r"Expected `float` <= 100000000000.0 - at `\$\.elapsed_s`"),
         ({"loss": float("nan")}, "JSON is malformed"),
         ({"loss": float("inf")}, "JSON is malformed"),
-        ({"inner": [1]}, r"Expected `object`, got `array` - at `\$\.inner`"),
+        ({"inner": []}, r"got `array` - at `\$\.inner`"),
         ({"inner": {"sizes": ["x"]}}, r"at `\$\.inner\.sizes\[0\]`"),
         ({"inner": {"sizes": [2**53 + 1]}}, r"at `\$\.inner\.sizes\[0\]`"),
         ({"inner": {}}, r"missing required field `sizes` - at `\$\.inner`"),
@@ -137,7 +137,7 @@ def test_a_later_version_is_written_and_read():
 )
 def test_what_is_not_json_is_refused_with_a_reason(data):
     with pytest.raises(RecordError, match=r"."):
-        decode_json(object, data)
+        decode_json(dict[str, Any], data)
 
 
 def test_nan_is_never_written():
@@ -155,7 +155,7 @@ def test_paths_and_nested_records_become_plain():
         "pid": 7,
         "elapsed_s": 3.0,
         "loss": 0.0,
-        "inner": {"sizes": (1,)},
+        "inner": {"sizes": [1]},
         "notes": {},
         "pair": None,
         "folder": "x",
