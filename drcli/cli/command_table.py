@@ -129,7 +129,7 @@ COMMANDS: tuple[Command, ...] = (
             "import_model",
             "import_model",
         ),
-        Command("upload-car-zip", "Upload an archive for the physical car.", "export_car"),
+        Command("upload-car-zip", "Upload an archive for the physical car.", "export"),
         Command("list-models", "List the models in the bucket."),
         Command("list-checkpoints", "List the checkpoints of a model, with their laps."),
         Command("note", "Write notes about a model.", function="app"),
