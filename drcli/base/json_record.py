@@ -86,6 +86,8 @@ def decode_json(kind: type[T], data: bytes) -> T:
     Raises:
         RecordError: It is not JSON, or a key is missing or wrong.
     """
+    if b"\\ud" in data:  # half a pair, as in a path that is not UTF-8, is refused by msgspec
+        return _checked(lambda: msgspec.convert(json.loads(data), kind, dec_hook=_read))
     return _checked(lambda: msgspec.json.decode(data, type=kind, dec_hook=_read))
 
 
@@ -107,7 +109,7 @@ def json_default(value: Any) -> Any:
 def _checked(read: Callable[[], T]) -> T:
     try:
         return read()
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
+    except (msgspec.DecodeError, ValueError, RecursionError) as e:
         raise RecordError(str(e)) from e
 
 

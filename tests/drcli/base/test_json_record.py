@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -160,3 +160,12 @@ def test_paths_and_nested_records_become_plain():
         "pair": None,
         "folder": "x",
     }
+
+
+@pytest.mark.parametrize("folder", ["caf\udce9", "caf\u00e9", "\U0001f3ce"])
+def test_a_path_that_is_not_utf_8_comes_back(folder):
+    data = json.dumps(plain_json(replace(EXPECTED, folder=Path(folder)))).encode()
+
+    assert decode_json(Outer, data).folder == Path(folder)
+    with pytest.raises(RecordError):
+        decode_json(Outer, data[:-1])
