@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from drcli.analysis.findings.steering import (
     wheels_off,
 )
 from drcli.analysis.run import Run
-from drcli.base.json_record import RecordError, parse_json
+from drcli.base.json_record import RecordError, decode_json
 from drcli.learn.algorithms import ALGORITHMS, Algorithm, algorithm_named
 from drcli.model.alarms import ENTROPY_NEAR, ENTROPY_RISE, ENTROPY_SINCE, ENTROPY_WINDOW
 from drcli.model.files.action_space import ActionSpace
@@ -394,8 +394,9 @@ def algorithm_of(run: Run) -> Algorithm:
     sac_alpha does not tell: the reference ships it with hyperparameters of PPO.
     """
     with suppress(RecordError):
-        metadata = parse_json(run.files.get(MODEL_METADATA_FILE, "{}").encode())
-        if isinstance(metadata, dict) and "training_algorithm" in metadata:
+        text = run.files.get(MODEL_METADATA_FILE, "{}")
+        metadata = decode_json(dict[str, Any], text.encode())
+        if "training_algorithm" in metadata:
             return algorithm_named(metadata["training_algorithm"])
     explores = run.hyperparameters.get("exploration_type")
     known = (each for each in ALGORITHMS.values() if each.explores == explores)

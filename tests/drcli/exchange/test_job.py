@@ -65,7 +65,7 @@ def test_a_job_of_another_version_is_refused_with_a_reason(job, monkeypatch):
 
     told = read(job)
 
-    assert "not written in version 1" in told
+    assert "Invalid enum value 2 - at `$.version`" in told
     assert "start it again" in told
 
 
@@ -88,8 +88,8 @@ def test_a_process_without_a_job_that_fits_says_so_in_one_line(job, monkeypatch,
 
     assert process.returncode == 3
     assert told == (
-        "This process cannot read its job: it is not written in version 1. Stop the run and start "
-        "it again; drcli may have been updated in the meantime.\n"
+        "This process cannot read its job: Invalid enum value 2 - at `$.version`. Stop the run and "
+        "start it again; drcli may have been updated in the meantime.\n"
     )
 
 
