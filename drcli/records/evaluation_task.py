@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
+from msgspec import Meta
+
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds, decode_json
 from drcli.base.report import Col, View, bold, table
 from drcli.records.episode_metrics import TrialMetrics
 
@@ -46,14 +48,14 @@ class CarTrial:
 
     car: Annotated[str, "Name of the set, a value of DR_SIM_CAR.", Col("car")]
     laps: Annotated[
-        int,
+        SafeInt,
         "Starts that completed a full lap.",
         Col("clean laps", of=lambda each: f"{each.laps} of {each.starts}"),
     ]
-    starts: Annotated[int, "All starts."]
+    starts: Annotated[SafeInt, "All starts."]
     mean_progress: Annotated[float, "Percent of the lap.", Col("progress", "{:.1f} %")]
     lap_times_s: Annotated[
-        list[float],
+        list[Seconds],
         "Of the full laps, simulated seconds.",
         Col("fastest s", "{:.2f}", of=lambda each: min(each.lap_times_s, default=None)),
     ]
@@ -89,19 +91,15 @@ class CarTrials:
 
 @dataclass(frozen=True)
 class _File:
-    cars: list[CarTrial]
+    cars: Annotated[list[CarTrial], Meta(min_length=1)]
 
 
 def encode_trials(trials: Sequence[CarTrial]) -> bytes:
-    cars: list[dict[str, Any]] = [asdict(trial) for trial in trials]
-    return json.dumps({"cars": cars}, allow_nan=False).encode()
+    return json.dumps({"cars": list(map(asdict, trials))}, allow_nan=False).encode()
 
 
 def decode_trials(data: bytes) -> list[CarTrial]:
-    found = from_json(_File, parse_json(data)).cars
-    if not found:
-        raise RecordError("it has no cars")
-    return found
+    return decode_json(_File, data).cars
 
 
 # How a model drives under each disturbance, and one number.
@@ -126,10 +124,10 @@ class RobustCell(JsonRecord):
 
     axis: str
     level: str
-    trials: int
-    completed: int
+    trials: SafeInt
+    completed: SafeInt
     progress: float
-    lap_s: float | None
+    lap_s: Seconds | None
     ended_by: str = ""
 
 
@@ -159,7 +157,7 @@ class RobustResult(JsonRecord):
     prefix: str
     checkpoint: str
     world: str
-    seed: int
+    seed: SafeInt
     cells: list[RobustCell]
     seconds: float
 
@@ -226,7 +224,7 @@ class EvaluationTask:
         fresh_laps: Laps from fresh starts instead; 0: none.
     """
 
-    number: int
+    number: SafeInt
     prefix: str
     metrics_prefix: str
     checkpoint: str
@@ -234,7 +232,7 @@ class EvaluationTask:
     stamp: str
     source: PolicySource = field(default_factory=PolicySource)
     robust: bool = False
-    fresh_laps: int = 0
+    fresh_laps: SafeInt = 0
 
     @property
     def outcome_file(self) -> str:
@@ -250,7 +248,7 @@ class TaskOutcome(JsonRecord):
     notes: list[str] = field(default_factory=list)
     reason: str = ""
     remedy: str = ""
-    code: int = 0
+    code: SafeInt = 0
 
 
 # What a trace does not tell about an evaluation, to film it later.
@@ -265,7 +263,7 @@ class RecordedObjects(JsonRecord):
             nothing moved.
     """
 
-    episode: int
+    episode: SafeInt
     poses: list[list[list[float]]]
 
 
@@ -283,5 +281,5 @@ class RaceRecording(JsonRecord):
     shapes: list[str] = field(default_factory=list)
     episodes: list[RecordedObjects] = field(default_factory=list)
     other_color: str = ""
-    off_track_penalty_s: float | None = None
-    collision_penalty_s: float | None = None
+    off_track_penalty_s: Seconds | None = None
+    collision_penalty_s: Seconds | None = None

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 from drcli.base.errors import DrError
-from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.json_record import JsonRecord, RecordError, SafeInt, Seconds
 from drcli.base.processes import Stopped, started_s
 from drcli.base.report import Col, View, bold, counted, table
 from drcli.bucket.bucket import Bucket, ObjectMissing
@@ -52,15 +52,15 @@ class BestLap(JsonRecord):
 
     world: str
     checkpoint: str
-    best_lap_s: float
-    best_average_s: float | None
-    completed: int
-    trials: int
+    best_lap_s: Seconds
+    best_average_s: Seconds | None
+    completed: SafeInt
+    trials: SafeInt
     driven_at: str
     stamp: str
-    clean: int | None = None
-    penalty_s: float | None = None
-    resets: int | None = None
+    clean: SafeInt | None = None
+    penalty_s: Seconds | None = None
+    resets: SafeInt | None = None
 
     @property
     def rank(self) -> tuple[bool, float, str]:

@@ -14,6 +14,7 @@ from typing import Annotated
 from drcli.base.clock import wait_until
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.files import load_record, save_record
+from drcli.base.json_record import Pid, SafeInt, Seconds
 from drcli.base.processes import is_alive, started_s
 from drcli.base.report import Col, View, bold, counted, dim, table
 from drcli.bucket.bucket import Bucket
@@ -41,9 +42,9 @@ _RECORD = "server.json"
 
 @dataclass(frozen=True)
 class ServerRecord:
-    pid: int
-    began_s: float
-    port: int
+    pid: Pid
+    began_s: Seconds
+    port: SafeInt
 
 
 @dataclass(frozen=True)

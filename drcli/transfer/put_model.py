@@ -48,7 +48,7 @@ class TransferReport:
         default_factory=list
     )
     dry_run: Annotated[bool, "Whether -d was given, so that nothing was changed."] = False
-    replay_bytes: Annotated[int, "Size of SAC's replay buffer, which is not copied."] = field(
+    replay_bytes: Annotated[int, "Size of the replay buffer, which is not copied."] = field(
         default=0, kw_only=True
     )
 
@@ -69,10 +69,10 @@ class TransferReport:
 
 
 def replay_bytes(model: ModelStore) -> int:
-    """Size of the rollouts that SAC learns from again; 0 if unknown."""
+    """Size of the rollouts that the model learns from again; 0 if unknown."""
     with suppress(DrError):
         metadata = ModelMetadata.from_bytes(model.bucket.get(keys.model_metadata(model.prefix)), "")
-        if metadata.training_algorithm == "sac":
+        if metadata.algorithm.replay:
             listed = model.bucket.list(keys.rollouts_folder(model.prefix))
             own = (info for info in listed if keys.rollout_key(model.prefix, info.key) is not None)
             return sum(info.size_bytes for info in own)
