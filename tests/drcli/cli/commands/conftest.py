@@ -550,7 +550,9 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("transfer.training_list.known_trainings", known)
     races = race_bucket()
     answer("bucket.connect.open_running_bucket", races)
+    answer("cli.race_access.open_running_bucket", races)
     answer("bucket.connect.open_bucket", races)
+    answer("cli.race_access.open_bucket", races)
     answer(
         "races.submissions.submit",
         SubmissionReport("cup", "000000aa", TRACK, MODEL, "8_Step-4000.ckpt", 2, 1, queue=False),
@@ -562,7 +564,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("races.queue_process.stop_queue", QueueStopped("cup", 4242))
     text = "EC2 announces that it will terminate this instance in 120 s."
     notice = WatchReport("aws", "interruption", "terminate", 120.0, text, 0)
-    answer("clouds.registry.cloud_of_machine", "aws")
+    answer("cli.commands.spot_watch.cloud_of_machine", "aws")
     answer("cli.commands.spot_watch.ForeignWatch.once", notice)
     answer("run.worker_processes.simulations", [worker])
     answer("run.worker_processes.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
@@ -600,7 +602,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("transfer.export_car.upload_names", files)
     answer("transfer.export_car.write_archive", archive)
     answer("transfer.export_car.upload_archive", archive)
-    answer("tracks.track_list.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
+    answer("cli.commands.tracks.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
     answer("tracks.tracks_folder.add_track", facts)
     answer("tracks.community.fetch_track", facts)
     broken = Problem(
@@ -696,10 +698,10 @@ def _answer_as_amazon(
     answer("cli.commands.spot.account", ours)
     tags = {"drcli:kind": "training", "drcli:model": MODEL, "drcli:bucket": bucket}
     stack = Stack("my-run", "CREATE_COMPLETE", 1.79e9, tags, {"Topic": topic})
-    answer("outside.aws.stacks.need_stack", stack)
-    answer("outside.aws.stacks.refuse_existing", None)
+    answer("cli.commands.spot.need_stack", stack)
+    answer("cli.commands.spot.refuse_existing", None)
     made = SimpleNamespace(bucket=bucket, outputs={"Topic": topic})
-    answer("outside.aws.stacks.create_stack", made)
+    answer("cli.commands.spot.create_stack", made)
     kinds = ("c7i-flex.12xlarge", "m6id.metal")
     plan = SimpleNamespace(
         wishes=Wishes("my-run", bucket, kinds),
@@ -712,7 +714,7 @@ def _answer_as_amazon(
         notes=("The model is there already; the training goes on.",),
         files={},
     )
-    answer("outside.aws.racer_files.find_source", plan.source)
+    answer("cli.commands.spot.find_source", plan.source)
     # Its checks would find what stands here for the report of `dr validate`.
     monkeypatch.setattr("drcli.cli.commands.spot._checked", lambda *given: given[-1])
     answer("outside.aws.creation.prepare", plan)
@@ -732,17 +734,17 @@ def _answer_as_amazon(
     base = StackReport(
         *("racing", "base", "CREATE_COMPLETE", "ready", "", "", bucket, "", (), None, 1.78e9, 0)
     )
-    answer("outside.aws.stacks.our_stacks", [stack, stack])
+    answer("cli.commands.spot.our_stacks", [stack, stack])
     reports = iter((StackReport("my-run", *state, MODEL, bucket, *running), base))
     monkeypatch.setattr("drcli.outside.aws.stack_report.report_on", lambda *_: next(reports))
     answer("outside.aws.prices.read_advisor", None)
-    answer("outside.aws.instance_types.find_types", [])
+    answer("cli.commands.spot.find_types", [])
     offers = [
         Offer(kinds[0], region, f"{region}a", 0.6123, 14, "<5%"),
         Offer(kinds[1], region, f"{region}b", 12.3456, 40),
     ]
     answer("outside.aws.prices.offers_of", offers)
-    answer("outside.aws.machine_marks.read_marks", [])
+    answer("cli.commands.spot.read_marks", [])
     answer("outside.aws.machines.machines_of", machines)
     costs = [
         MachineCost(names[0], kinds[0], f"{region}a", "spot", 2.0, 0.62, 1.24),
@@ -842,7 +844,7 @@ def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "cli.commands.droa.Connection.refuse_no_site": lambda _: None,
         "cli.commands.droa.Connection.session": lambda _: session,
         "cli.commands.droa.Connection.droa": lambda _: droa,
-        "outside.droa.droa_package.read_package": lambda path: {},
+        "cli.commands.droa.read_package": lambda path: {},
         "outside.droa.droa_metrics.metrics_summary": lambda *_: means,
         "outside.droa.droa_import.plan_import": lambda *_, **__: None,
         "outside.droa.droa_import.import_files": lambda *_, **__: imported,
