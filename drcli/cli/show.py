@@ -1,8 +1,9 @@
 """Shows reports: for people in the width of the terminal, or as JSON."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec
+from itertools import pairwise
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.measure import Measurement
@@ -13,8 +14,6 @@ from rich.text import Text
 from drcli.base.report import Curve, Log, Rows, dim
 from drcli.cli import console
 from drcli.cli.console import BOUNDLESS
-from drcli.cli.views import iterations
-from drcli.cli.views.iterations import CURVE_COLUMNS, LEAST_CURVE_COLUMNS
 
 INDENT = 2
 BESIDE_COLUMNS = 80
@@ -22,6 +21,7 @@ BESIDE_COLUMNS = 80
 _LEAST_NAME = 24
 
 P = ParamSpec("P")
+T = TypeVar("T")
 
 
 def show(report: Any, *, folded: bool = True, **wishes: Any) -> None:
@@ -66,7 +66,7 @@ def _curve(found: Curve) -> RenderableType:
         name = f"{found.name:9}"
         room = columns - len(name) - len(found.said) - 2
         width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, room))
-        heights = iterations.curve(found.values, width, top=found.top)
+        heights = curve(found.values, width, top=found.top)
         drawn = (f"{heights:{width}}", found.style)
         return Text.assemble((name, "dim"), drawn, f"  {found.said}")
 
@@ -174,3 +174,49 @@ def fitted(draw: Callable[Concatenate[int, P], RenderableType]) -> Callable[P, F
 
 def indented(found: RenderableType, columns: int = INDENT) -> RenderableType:
     return Padding.indent(_text(found) if isinstance(found, str) else found, columns)
+
+
+# Curves one line high, made of block characters.
+
+
+BLOCKS = "▁▂▃▄▅▆▇█"
+
+CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
+NONE, SOME, ALL = "·", "◦", "●"
+
+
+def curve(values: Sequence[float], width: int, *, top: float | None = None) -> str:
+    """Numbers as heights, averaged down to `width` characters.
+
+    From zero, or the least value if that is negative, to `top`, by default the greatest.
+    """
+    if not values:
+        return ""
+    means = [sum(part) / len(part) for part in _parts(values, width)]
+    low = min(0.0, *means)
+    span = (max(means) if top is None else top) - low
+    if span <= 0:
+        return BLOCKS[0] * len(means)
+    last = len(BLOCKS) - 1
+    heights = (round((mean - low) / span * last) for mean in means)
+    return "".join(BLOCKS[max(0, min(last, height))] for height in heights)
+
+
+def marks(completed: Sequence[float | None], width: int) -> str:
+    """Marks of evaluations below a curve; the best of several is shown."""
+    return "".join(_mark(part) for part in _parts(completed, width))
+
+
+def _mark(completed: Sequence[float | None]) -> str:
+    best = max((share for share in completed if share is not None), default=None)
+    if best is None:
+        return " "
+    if best == 0:
+        return NONE
+    return ALL if best == 1 else SOME
+
+
+def _parts(values: Sequence[T], width: int) -> list[Sequence[T]]:
+    count = min(len(values), width)
+    edges = [round(i * len(values) / count) for i in range(count + 1)] if count else []
+    return [values[start:end] for start, end in pairwise(edges)]

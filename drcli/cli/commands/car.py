@@ -105,10 +105,8 @@ def login(
         )
     if insecure:
         console.warn("Any machine at this address can pose as the car and read the password.")
-    web = CarWeb(address, trusted)
-    web.log_in(_password(address, password_file))
-    report = CarLoginReport(address.place, trusted.trust, trusted.fingerprint)
-    show(report)
+    CarWeb(address, trusted).log_in(_password(address, password_file))
+    show(CarLoginReport(address.place, trusted.trust, trusted.fingerprint))
     console.suggest([("dr-car list", "list the models on the car")])
 
 
@@ -119,8 +117,7 @@ def logout(car: _Car = None) -> None:
     Example: dr-car logout
     """
     address = _address(car)
-    report = CarLogoutReport(address.place, forget_login(address))
-    show(report)
+    show(CarLogoutReport(address.place, forget_login(address)))
 
 
 @app.command()
@@ -222,8 +219,7 @@ def stop(car: _Car = None) -> None:
 
     Example: dr-car stop
     """
-    report = car_driving.stop(_open(car))
-    show(report)
+    show(car_driving.stop(_open(car)))
 
 
 @app.command()
@@ -246,8 +242,7 @@ def status(car: _Car = None) -> None:
 
     Example: dr-car status --json
     """
-    report = car_driving.read_status(_open(car))
-    show(report)
+    show(car_driving.read_status(_open(car)))
 
 
 def _open(car: str | None) -> "CarWeb":

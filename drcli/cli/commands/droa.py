@@ -139,7 +139,7 @@ class Connection:
         Raises:
             DrError: A setting is missing or wrong, or env.js cannot be read.
         """
-        return self._connect().session
+        return self.droa().session
 
     def droa(self) -> "Droa":
         """The interface, as this user.
@@ -147,9 +147,6 @@ class Connection:
         Raises:
             DrError: As for `session`.
         """
-        return self._connect()
-
-    def _connect(self) -> "Droa":
         config = settings().droa
         web = Web(
             "--url" if self._given["url"] else URL_SETTING,
@@ -305,8 +302,7 @@ def droa_login(connection: Connection) -> None:
     session = connection.session()
     with console.waiting(f"Signing in to {session.site.place} ..."):
         keys = session.renew()
-    report = SignedIn(session.site.place, session.username, keys.expires.isoformat())
-    show(report)
+    show(SignedIn(session.site.place, session.username, keys.expires.isoformat()))
 
 
 @app.command("logout")
@@ -319,8 +315,7 @@ def droa_logout(connection: Connection) -> None:
     Example: dr-droa logout
     """
     session = connection.session()
-    report = SignedOut(session.site.place, session.username, session.forget())
-    show(report)
+    show(SignedOut(session.site.place, session.username, session.forget()))
 
 
 @app.command("list")
@@ -333,8 +328,7 @@ def droa_list_models(connection: Connection) -> None:
     Example: dr-droa list
     """
     droa = connection.droa()
-    report = RemoteModels(droa.place, [dict(model.values) for model in droa.models()])
-    show(report)
+    show(RemoteModels(droa.place, [dict(model.values) for model in droa.models()]))
 
 
 @app.command("show")
@@ -519,8 +513,7 @@ def droa_delete_model(connection: Connection, model: _Model, force: _Yes = False
         yes=force,
         words=[found.name],
     )
-    report = droa_download.delete_model(droa, found)
-    show(report)
+    show(droa_download.delete_model(droa, found))
 
 
 def _stem(source: Path) -> str:

@@ -1,9 +1,8 @@
 """`dr evaluate`, also `dr-start-evaluation`."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import Annotated, get_args
 
 import typer
 
@@ -17,9 +16,6 @@ from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 from drcli.records.evaluation_task import PolicySource, Runtime
 
-if TYPE_CHECKING:
-    from drcli.config.settings import Settings
-
 with lazy_imports():
     from drcli.run import (
         evaluation,
@@ -28,81 +24,6 @@ with lazy_imports():
         many_evaluations,
         stopping,
     )
-
-
-# Modes of `dr evaluate` with more than one evaluation.
-
-
-@dataclass(frozen=True)
-class Many:
-    """What the options ask for.
-
-    Attributes:
-        models: Prefixes or wildcards; empty: the settings', as with `worlds`.
-        robust: Drive the grid of disturbances.
-        fresh_laps: Laps from fresh starts instead of the trials.
-        against: As `Rival.parse` reads it.
-    """
-
-    models: list[str]
-    worlds: list[str]
-    robust: bool
-    seed: int | None
-    own: PolicySource
-    fresh_laps: int = 0
-    against: str = ""
-
-
-def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool) -> None:
-    """Drive all models on all tracks, and show the table.
-
-    Raises:
-        typer.BadParameter: The other side of a comparison cannot be read.
-    """
-    try:
-        rival = many_evaluations.Rival.parse(asked.against) if asked.against else None
-    except BadValue as error:
-        raise typer.BadParameter(
-            f"--against {shown(asked.against)} {error.reason}. {error.remedy}"
-        ) from None
-    for world in asked.worlds or [settings.world_name]:
-        bring_tracks(many_evaluations.on_world(settings, world))
-    say = _say(quiet=quiet)
-    plan = many_evaluations.prepare_many(
-        settings,
-        models=asked.models,
-        worlds=asked.worlds,
-        robust=asked.robust,
-        fresh_laps=asked.fresh_laps,
-        rival=rival,
-        seed=asked.seed,
-        own=asked.own,
-        on_progress=say,
-    )
-    report = many_evaluations.run_many(plan, say)
-    console.warn(*report.notes)
-    if asked.robust and len(report.rows) == 1 and report.robust:
-        show(report.robust[0])
-        return
-    if len(report.laps) == 1 and not any(row.reason for row in report.rows):
-        show(report.laps[0])
-        return
-    show(report)
-    if all(row.reason for row in report.rows):
-        raise WorkerDied(
-            "None of these models could be evaluated.", remedy="Read the reasons in the table."
-        )
-
-
-def evaluate_in_a_loop(settings: "Settings", seed: int | None, *, quiet: bool) -> None:
-    say = _say(quiet=quiet)
-    say("Evaluating each new checkpoint until Ctrl-C or dr-stop-evaluation.")
-    report = evaluation_loop.run_loop(settings, seed=seed, on_progress=say, on_failure=console.warn)
-    show(report)
-
-
-def _say(*, quiet: bool) -> Callable[[str], None]:
-    return (lambda text: None) if quiet else console.say
 
 
 STARTER = "start-evaluation"
@@ -284,21 +205,29 @@ def evaluate(
         DR_EVAL_AVERAGE_LAPS=average_laps,
         DR_EVAL_SAVE_MP4=video,
     )
+    say = (lambda text: None) if quiet else console.say
     if many:
-        asked = Many(
-            options.listed(models),
-            options.listed(worlds),
-            robust,
-            seed,
-            own,
-            laps or 0,
-            against or "",
+        rival = _rival(against)
+        tracks = options.listed(worlds)
+        for world in tracks or [loaded.world_name]:
+            bring_tracks(many_evaluations.on_world(loaded, world))
+        table = many_evaluations.prepare_many(
+            loaded,
+            models=options.listed(models),
+            worlds=tracks,
+            robust=robust,
+            fresh_laps=laps or 0,
+            rival=rival,
+            seed=seed,
+            own=own,
+            on_progress=say,
         )
-        evaluate_many(loaded, asked, quiet=quiet)
+        _show_many(many_evaluations.run_many(table, say), robust=robust)
         return
     bring_tracks(loaded)
     if loop:
-        evaluate_in_a_loop(loaded, seed, quiet=quiet)
+        say("Evaluating each new checkpoint until Ctrl-C or dr-stop-evaluation.")
+        show(evaluation_loop.run_loop(loaded, seed=seed, on_progress=say, on_failure=console.warn))
         return
     if quiet and context.info_name == STARTER:
         plan = evaluation_plan.prepare_evaluation(
@@ -308,7 +237,6 @@ def evaluate(
         started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
         console.emit(started, None)
         return
-    say = (lambda text: None) if quiet else console.say
     report = evaluation.evaluate(
         loaded, clone=clone, seed=seed, on_progress=say, own=own, opponent=opponent
     )
@@ -318,6 +246,29 @@ def evaluate(
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
         more_laps = _more_laps(loaded.race_type, own, checkpoint)
         console.suggest([*more_laps, LOG, *resume, STATUS])
+
+
+def _rival(against: str | None) -> "many_evaluations.Rival | None":
+    try:
+        return many_evaluations.Rival.parse(against) if against else None
+    except BadValue as error:
+        raise typer.BadParameter(
+            f"--against {shown(against or '')} {error.reason}. {error.remedy}"
+        ) from None
+
+
+def _show_many(report: "many_evaluations.TableReport", *, robust: bool) -> None:
+    console.warn(*report.notes)
+    if robust and len(report.rows) == 1 and report.robust:
+        show(report.robust[0])
+    elif len(report.laps) == 1 and not any(row.reason for row in report.rows):
+        show(report.laps[0])
+    else:
+        show(report)
+        if all(row.reason for row in report.rows):
+            raise WorkerDied(
+                "None of these models could be evaluated.", remedy="Read the reasons in the table."
+            )
 
 
 def _more_laps(race_type: str, own: PolicySource, checkpoint: str | None) -> list[tuple[str, str]]:

@@ -38,7 +38,10 @@ with lazy_imports():
     from drcli.transfer import export_droa, export_forms, export_model, upload
 
 
-# Shows archives for the physical car.
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Write a model in the form of other systems.\n\nExample: dr-export car -b",
+)
 
 
 # Options that the exports of a checkpoint share.
@@ -65,6 +68,7 @@ _Best = Annotated[bool, best_option("Take")]
 _Number = Annotated[str | None, checkpoint_option("Take")]
 
 
+@app.command("car")
 def export_car(
     best: _Best = False,
     number: _Number = None,
@@ -196,6 +200,7 @@ _Out = Annotated[
 ]
 
 
+@app.command()
 def pb(
     out: _Out = None,
     best: ExportBest = False,
@@ -214,6 +219,7 @@ def pb(
     _export("pb", out, best, number, prefix, force)
 
 
+@app.command()
 def onnx(
     out: _Out = None,
     best: ExportBest = False,
@@ -233,6 +239,7 @@ def onnx(
     _export("onnx", out, best, number, prefix, force)
 
 
+@app.command()
 def tflite(
     out: _Out = None,
     best: ExportBest = False,
@@ -251,6 +258,7 @@ def tflite(
     _export("tflite", out, best, number, prefix, force)
 
 
+@app.command()
 def openvino(
     out: _Out = None,
     fp16: Annotated[
@@ -298,6 +306,7 @@ _Local = Annotated[
 ]
 
 
+@app.command("tf-checkpoint")
 def tf_checkpoint(
     out: Annotated[
         str | None,
@@ -332,6 +341,7 @@ def tf_checkpoint(
     show(report)
 
 
+@app.command()
 def droa(
     out: Annotated[
         str | None,
@@ -376,15 +386,3 @@ def droa(
     if target is not None and target.folder is not None:
         import_it = f"dr-droa import --from {shlex.quote(place)}"
         console.suggest([(import_it, "import it into DeepRacer on AWS")])
-
-
-app = typer.Typer(
-    no_args_is_help=True,
-    help="Write a model in the form of other systems.\n\nExample: dr-export car -b",
-)
-
-app.command("car")(export_car)
-app.command("tf-checkpoint")(tf_checkpoint)
-app.command()(droa)
-for _command in (pb, onnx, tflite, openvino):
-    app.command()(_command)

@@ -42,6 +42,15 @@ with lazy_imports():
     )
 
 
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Race models of the bucket against each other, on a leaderboard or in pairs.\n\n"
+    "Somebody makes a race, racers submit checkpoints, and `dr-race run` evaluates them one after "
+    "the other. RACE is the id or the name of a race.\n\n"
+    'Example: dr-race create "Friday Cup" --laps 3',
+)
+
+
 # Options of `dr race create`.
 
 
@@ -163,6 +172,7 @@ def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None
 # `dr race create` and `dr race edit`.
 
 
+@app.command()
 def create(
     name: Annotated[str, typer.Argument(metavar="NAME", help="What the race is called.")],
     world: World = None,
@@ -223,6 +233,7 @@ def create(
     )
 
 
+@app.command()
 def edit(
     race: Race,
     name: Annotated[str | None, typer.Option("--name", metavar="NAME", help="Call it so.")] = None,
@@ -276,14 +287,6 @@ def edit(
     print_race(organise.change_rules(loaded, bucket, found, wish))
 
 
-app = typer.Typer(
-    no_args_is_help=True,
-    help="Race models of the bucket against each other, on a leaderboard or in pairs.\n\n"
-    "Somebody makes a race, racers submit checkpoints, and `dr-race run` evaluates them one after "
-    "the other. RACE is the id or the name of a race.\n\n"
-    'Example: dr-race create "Friday Cup" --laps 3',
-)
-
 _Submission = Annotated[
     str, typer.Argument(metavar="SUBMISSION", help="Its id, or the beginning of it.")
 ]
@@ -293,8 +296,6 @@ _Video = Annotated[
         "--video/--no-video", help="Film every run; without this option, if the encoder is there."
     ),
 ]
-app.command()(create)
-app.command()(edit)
 
 
 @app.command("list")
@@ -476,8 +477,7 @@ def export(
     if page is not None:
         refuse_replacing(page, force=force)
     films = race_export.videos_of(report, bucket) if videos else {}
-    written = race_export.export_race(report, csv_path=csv, html_path=page, videos=films)
-    present(written)
+    present(race_export.export_race(report, csv_path=csv, html_path=page, videos=films))
 
 
 @app.command()
@@ -503,8 +503,7 @@ def drive(race: str, *, quiet: bool, video: bool | None, limit: int) -> None:
     if quiet:
         if limit:
             raise typer.BadParameter("-n limits what is driven here; leave out -q.")
-        started = queue_process.launch_queue(loaded, bucket, found, video=video)
-        present(started)
+        present(queue_process.launch_queue(loaded, bucket, found, video=video))
         return
     report = race_queue.run_queue(
         loaded, bucket, found, video=video, limit=limit, on_progress=console.say

@@ -105,8 +105,7 @@ def get_robomaker_stats(replica: _Replica = 1) -> None:
     found = wanted.find()
     if not found:
         raise wanted.absent()
-    report = worker_processes.speed_of(found[0], settings().run)
-    show(report)
+    show(worker_processes.speed_of(found[0], settings().run))
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,13 @@ with lazy_imports():
     from drcli.transfer import copy_custom_files
 
 
-# `dr-spot create`, base stacks, access and subscriptions.
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Train on spot machines of Amazon.\n\nExample: dr-spot prices",
+)
+
+
+# `dr-spot create` and base stacks.
 
 
 _Processor = Literal["x86", "arm", "any"]
@@ -76,6 +82,7 @@ class AccessReport:
     added: Annotated[str, "The address that may reach the machines, or that gets the messages."]
 
 
+@app.command("create-base")
 def create_base(
     stack: StackName,
     yes: Yes = False,
@@ -98,11 +105,11 @@ def create_base(
     tags = {STACK_TAG: stack, KIND_TAG: "base"}
     with console.waiting(f"Making the stack {stack} ..."):
         made = create_stack(ours, stack, base_template(stack), tags, roles=False)
-    report = BaseReport(stack, ours.region, made.bucket, made.outputs["Topic"])
-    show(report)
+    show(BaseReport(stack, ours.region, made.bucket, made.outputs["Topic"]))
     console.suggest([(f"dr-spot create NAME --base {stack}", "start a training")])
 
 
+@app.command()
 def create(
     stack: StackName,
     base: Annotated[
@@ -252,42 +259,6 @@ def create(
     )
 
 
-def add_access(
-    stack: StackName,
-    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Your public IP address.")],
-    region: Region = None,
-    profile: Profile = None,
-) -> None:
-    """Open port 22 of a stack's machines for one address.
-
-    SSH also needs a key pair (`dr-spot create --key-name`). `dr-spot ssh` needs neither.
-
-    Example: dr-spot add-access my-run 203.0.113.7
-    """
-    ours = account(region, profile)
-    added = stacks.add_access(ours, need_stack(ours, stack, "training"), address)
-    report = AccessReport(stack, added)
-    console.emit(report, f"{added} may reach port 22 of the machines of {stack}.")
-
-
-def subscribe(
-    stack: StackName,
-    email: Annotated[str, typer.Argument(metavar="MAIL", help="Your mail address.")],
-    region: Region = None,
-    profile: Profile = None,
-) -> None:
-    """Send the messages of a stack to a mail address, which must agree first.
-
-    Example: dr-spot subscribe my-run me@example.com
-    """
-    ours = account(region, profile)
-    found = need_stack(ours, stack)
-    stacks.subscribe(ours, found.outputs["Topic"], email)
-    report = AccessReport(stack, email)
-    said = f"Amazon has sent a mail to {email}; messages come after a click on its link."
-    console.emit(report, said)
-
-
 @contextmanager
 def _folder(files: Path | None) -> Iterator[Path]:
     if files is None:
@@ -336,114 +307,13 @@ def _checked(
     return loaded
 
 
-# `dr-spot stop` and `dr-spot delete`.
-
-
-@dataclass(frozen=True)
-class DeletedBase:
-    """A base stack that was deleted."""
-
-    stack: Annotated[str, "Name of the stack."]
-    bucket: Annotated[str, "Name of the bucket."]
-    objects: Annotated[int, "Number of objects that were deleted with the bucket."]
-    bucket_kept: Annotated[bool, "Whether the bucket stays."]
-
-    def __str__(self) -> str:
-        objects = counted(self.objects, "object")
-        rest = "; its bucket stays" if self.bucket_kept else f" with {objects} in its bucket"
-        return f"Removed {self.stack}{rest}."
-
-
-def stop(
-    stack: StackName,
-    now: Annotated[
-        bool,
-        typer.Option("--now", help="End the machine at once; what is not in the bucket is lost."),
-    ] = False,
-    patience: Annotated[
-        int,
-        typer.Option("--wait", metavar="SECONDS", min=10, help="How long the stop may take."),
-    ] = 600,
-    region: Region = None,
-    profile: Profile = None,
-) -> None:
-    """Stop the training of a stack, check that the model is in the bucket, and remove the stack.
-
-    Nothing is deleted until the model has been checked; what the bucket holds of it stays.
-
-    Example: dr-spot stop my-run
-    """
-    ours = account(region, profile)
-    found = need_stack(ours, stack, "training")
-    checkpoint = ""
-    if not now:
-        with console.waiting(f"Stopping the training of {stack}; waiting until it is saved ..."):
-            stack_end.stop_training_there(ours, found, patience_s=patience)
-        checkpoint = stack_end.verified_checkpoint(ours, found)
-    with console.waiting(f"Removing the stack {stack} ..."):
-        report = stack_end.remove_training(ours, found, checkpoint)
-    show(report)
-
-
-def delete(
-    stack: StackName,
-    keep_bucket: Annotated[
-        bool, typer.Option("--keep-bucket", help="Of a base stack: keep the bucket.")
-    ] = False,
-    yes: Yes = False,
-    region: Region = None,
-    profile: Profile = None,
-) -> None:
-    """Delete a stack and everything that it has made.
-
-    Models stay in the bucket; only a base stack is deleted with its bucket, and with the models in
-    it. Asks before.
-
-    Example: dr-spot delete my-run
-    """
-    ours = account(region, profile)
-    found = need_stack(ours, stack)
-    if found.kind == "base":
-        content = stack_end.content_of_bucket(ours, found)
-        keep = keep_bucket or content is None
-        if keep:
-            prompts.agree(f"Delete the stack {stack}? Its bucket stays.", yes=yes, words=[stack])
-        elif content is not None:
-            console.say(str(content))
-            prompts.agree(
-                f"Delete the stack {stack}, and its bucket {content.bucket} with everything in it? "
-                "It cannot be restored.",
-                yes=yes,
-                words=[stack],
-            )
-        with console.waiting(f"Deleting the stack {stack} ..."):
-            stack_end.remove_base(ours, found, keep_bucket=keep)
-        gone = 0 if keep or content is None else content.objects
-        show(DeletedBase(stack, found.bucket, gone, keep))
-        return
-    if keep_bucket:
-        raise SettingsError(
-            f"{stack} is a training; its bucket is never deleted with it.",
-            remedy="Leave --keep-bucket out.",
-        )
-    prompts.agree(
-        f"Delete the stack {stack} and its machines? A running training loses what it has done "
-        f"since its last checkpoint; `dr-spot stop {stack}` saves it first. What the "
-        f"bucket holds of the model {found.model} stays.",
-        yes=yes,
-        words=[stack],
-    )
-    with console.waiting(f"Deleting the stack {stack} ..."):
-        done = stack_end.remove_training(ours, found, "")
-    show(done)
-
-
-# `dr-spot list`, `prices`, `cost`, `logs` and `ssh`.
+# `dr-spot list`, `prices`, `cost`, `logs`, `ssh`, access and subscriptions.
 
 
 _EVERY = "all"
 
 
+@app.command("list")
 def list_all(region: Region = None, profile: Profile = None) -> None:
     """List the stacks, their machines and trainings, and what they have cost.
 
@@ -459,6 +329,7 @@ def list_all(region: Region = None, profile: Profile = None) -> None:
     show(found)
 
 
+@app.command()
 def prices(
     types: Annotated[
         list[str] | None,
@@ -527,6 +398,7 @@ def prices(
     show(found)
 
 
+@app.command()
 def cost(
     stack: StackName,
     region: Region = None,
@@ -544,6 +416,7 @@ def cost(
     show(report)
 
 
+@app.command()
 @text_only
 def logs(
     stack: StackName,
@@ -584,6 +457,7 @@ def logs(
     console.write("".join(f"{line}\n" for line in text[-lines:]))
 
 
+@app.command()
 @text_only
 def ssh(stack: StackName, region: Region = None, profile: Profile = None) -> None:
     """Open a shell on the machine of a stack, without an open port.
@@ -618,6 +492,44 @@ def ssh(stack: StackName, region: Region = None, profile: Profile = None) -> Non
     os.execvp(command[0], command)
 
 
+@app.command("add-access")
+def add_access(
+    stack: StackName,
+    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Your public IP address.")],
+    region: Region = None,
+    profile: Profile = None,
+) -> None:
+    """Open port 22 of a stack's machines for one address.
+
+    SSH also needs a key pair (`dr-spot create --key-name`). `dr-spot ssh` needs neither.
+
+    Example: dr-spot add-access my-run 203.0.113.7
+    """
+    ours = account(region, profile)
+    added = stacks.add_access(ours, need_stack(ours, stack, "training"), address)
+    report = AccessReport(stack, added)
+    console.emit(report, f"{added} may reach port 22 of the machines of {stack}.")
+
+
+@app.command()
+def subscribe(
+    stack: StackName,
+    email: Annotated[str, typer.Argument(metavar="MAIL", help="Your mail address.")],
+    region: Region = None,
+    profile: Profile = None,
+) -> None:
+    """Send the messages of a stack to a mail address, which must agree first.
+
+    Example: dr-spot subscribe my-run me@example.com
+    """
+    ours = account(region, profile)
+    found = need_stack(ours, stack)
+    stacks.subscribe(ours, found.outputs["Topic"], email)
+    report = AccessReport(stack, email)
+    said = f"Amazon has sent a mail to {email}; messages come after a click on its link."
+    console.emit(report, said)
+
+
 def _classes(given: list[str]) -> set[str] | None:
     words = [word for text in given for word in text.replace(",", " ").split()]
     if wrong := [word for word in words if word not in aws_prices.CLASSES]:
@@ -637,20 +549,108 @@ def _regions(names: list[str], profile: str | None) -> "list[Account]":
     return [account(entry["RegionName"], profile) for entry in found]
 
 
-app = typer.Typer(
-    no_args_is_help=True,
-    help="Train on spot machines of Amazon.\n\nExample: dr-spot prices",
-)
+# `dr-spot stop` and `dr-spot delete`.
 
-app.command("create-base")(create_base)
-app.command()(create)
-app.command("list")(list_all)
-app.command()(prices)
-app.command()(cost)
-app.command()(logs)
-app.command()(ssh)
-app.command("add-access")(add_access)
-app.command()(subscribe)
-app.command()(stop)
-app.command()(delete)
+
+@dataclass(frozen=True)
+class DeletedBase:
+    """A base stack that was deleted."""
+
+    stack: Annotated[str, "Name of the stack."]
+    bucket: Annotated[str, "Name of the bucket."]
+    objects: Annotated[int, "Number of objects that were deleted with the bucket."]
+    bucket_kept: Annotated[bool, "Whether the bucket stays."]
+
+    def __str__(self) -> str:
+        objects = counted(self.objects, "object")
+        rest = "; its bucket stays" if self.bucket_kept else f" with {objects} in its bucket"
+        return f"Removed {self.stack}{rest}."
+
+
+@app.command()
+def stop(
+    stack: StackName,
+    now: Annotated[
+        bool,
+        typer.Option("--now", help="End the machine at once; what is not in the bucket is lost."),
+    ] = False,
+    patience: Annotated[
+        int,
+        typer.Option("--wait", metavar="SECONDS", min=10, help="How long the stop may take."),
+    ] = 600,
+    region: Region = None,
+    profile: Profile = None,
+) -> None:
+    """Stop the training of a stack, check that the model is in the bucket, and remove the stack.
+
+    Nothing is deleted until the model has been checked; what the bucket holds of it stays.
+
+    Example: dr-spot stop my-run
+    """
+    ours = account(region, profile)
+    found = need_stack(ours, stack, "training")
+    checkpoint = ""
+    if not now:
+        with console.waiting(f"Stopping the training of {stack}; waiting until it is saved ..."):
+            stack_end.stop_training_there(ours, found, patience_s=patience)
+        checkpoint = stack_end.verified_checkpoint(ours, found)
+    with console.waiting(f"Removing the stack {stack} ..."):
+        report = stack_end.remove_training(ours, found, checkpoint)
+    show(report)
+
+
+@app.command()
+def delete(
+    stack: StackName,
+    keep_bucket: Annotated[
+        bool, typer.Option("--keep-bucket", help="Of a base stack: keep the bucket.")
+    ] = False,
+    yes: Yes = False,
+    region: Region = None,
+    profile: Profile = None,
+) -> None:
+    """Delete a stack and everything that it has made.
+
+    Models stay in the bucket; only a base stack is deleted with its bucket, and with the models in
+    it. Asks before.
+
+    Example: dr-spot delete my-run
+    """
+    ours = account(region, profile)
+    found = need_stack(ours, stack)
+    if found.kind == "base":
+        content = stack_end.content_of_bucket(ours, found)
+        keep = keep_bucket or content is None
+        if keep:
+            prompts.agree(f"Delete the stack {stack}? Its bucket stays.", yes=yes, words=[stack])
+        elif content is not None:
+            console.say(str(content))
+            prompts.agree(
+                f"Delete the stack {stack}, and its bucket {content.bucket} with everything in it? "
+                "It cannot be restored.",
+                yes=yes,
+                words=[stack],
+            )
+        with console.waiting(f"Deleting the stack {stack} ..."):
+            stack_end.remove_base(ours, found, keep_bucket=keep)
+        gone = 0 if keep or content is None else content.objects
+        show(DeletedBase(stack, found.bucket, gone, keep))
+        return
+    if keep_bucket:
+        raise SettingsError(
+            f"{stack} is a training; its bucket is never deleted with it.",
+            remedy="Leave --keep-bucket out.",
+        )
+    prompts.agree(
+        f"Delete the stack {stack} and its machines? A running training loses what it has done "
+        f"since its last checkpoint; `dr-spot stop {stack}` saves it first. What the "
+        f"bucket holds of the model {found.model} stays.",
+        yes=yes,
+        words=[stack],
+    )
+    with console.waiting(f"Deleting the stack {stack} ..."):
+        done = stack_end.remove_training(ours, found, "")
+    show(done)
+
+
 app.command()(watch)

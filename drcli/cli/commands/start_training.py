@@ -14,7 +14,7 @@ from rich.live import Live
 
 from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
-from drcli.cli import console, prompts
+from drcli.cli import console, prompts, training_display
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.log_tail import Tail
 from drcli.cli.options import (
@@ -24,8 +24,6 @@ from drcli.cli.options import (
     prefix_option,
     wipe_option,
 )
-from drcli.cli.views import iterations, training_view
-from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings
 from drcli.model.model_store import ModelStore
 from drcli.train.goals import OPTIONS
@@ -97,7 +95,7 @@ def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
 def live(*, verbose: bool) -> Iterator[Show]:
     with Live(console=console.err, auto_refresh=False) as screen:
         yield lambda report: screen.update(
-            training_view.live(report, time.time(), verbose=verbose), refresh=True
+            training_display.live(report, time.time(), verbose=verbose), refresh=True
         )
 
 
@@ -114,7 +112,7 @@ def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
         for record in ready:
             if (record.iteration, record.elapsed_s) not in printed:
                 printed.add((record.iteration, record.elapsed_s))
-                console.say(iterations.line(record, verbose=verbose))
+                console.say(training_display.line(record, verbose=verbose))
         if report.warning and not warned:
             console.warn(f"{report.warning}.")
         warned = bool(report.warning)
@@ -394,9 +392,9 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
     if not quiet:
         if isinstance(planned, plan.RunPlan):
             console.warn(*planned.warnings)
-            console.say(views.start_text(planned))
+            console.say(training_display.start_text(planned))
         else:
-            console.say(views.end_work_text(planned))
+            console.say(training_display.end_work_text(planned))
 
     if quiet:
         display = nothing()
@@ -463,7 +461,7 @@ def _end(report: "RunReport", prefix: str) -> int:
     console.emit(report, None)
     if report.state in ("stopped", "interrupted") or report.exit_code == 0:
         console.say(report.end_text())
-        if commands := views.next_commands(report, prefix):
+        if commands := training_display.next_commands(report, prefix):
             console.suggest(commands)
     else:
         console.fail(report.message, report.remedy)

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import console, training_display
 from drcli.cli.show import show
-from drcli.cli.views import training_view
 from drcli.cli.working_folder import settings
 
 with lazy_imports():
@@ -26,8 +25,8 @@ def status() -> None:
     report = run_status.inspect(config)
     report = replace(report, notes=run_status.notes_of_run(config, report))
     console.warn(*report.damaged)
-    console.emit(report, training_view.run(report))
-    if commands := training_view.next_commands(report, loaded.model_prefix):
+    console.emit(report, training_display.run(report))
+    if commands := training_display.next_commands(report, loaded.model_prefix):
         console.suggest(commands)
     if report.state == "lost" or report.dead:
         raise WorkerDied(

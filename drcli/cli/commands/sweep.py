@@ -148,8 +148,7 @@ def show(
         raise SettingsError(
             f"s3://{bucket.name} has no sweep {name}.", remedy="List them with `dr-sweep list`."
         )
-    report = sweep_report.report_of(record, bucket.name)
-    present(report)
+    present(sweep_report.report_of(record, bucket.name))
 
 
 @app.command()

@@ -97,8 +97,7 @@ def line(name: _Name, reverse: _Reverse = False, car: _Car = None) -> None:
 
     Example: dr-tracks line reinvent_base > line.py
     """
-    found = racer_limit.fastest_line_of(_asked(name, car, reverse=reverse))
-    present(found, points=True)
+    present(racer_limit.fastest_line_of(_asked(name, car, reverse=reverse)), points=True)
 
 
 @app.command()
@@ -110,8 +109,7 @@ def limit(name: _Name, reverse: _Reverse = False, car: _Car = None) -> None:
 
     Example: dr-tracks limit my_track
     """
-    found = racer_limit.computed_line_of(_asked(name, car, reverse=reverse))
-    present(found, points=False)
+    present(racer_limit.computed_line_of(_asked(name, car, reverse=reverse)), points=False)
 
 
 def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":

@@ -184,8 +184,7 @@ def show(
     Example: dr-history show team/model-1 --save old-files
     """
     bucket, known = _known()
-    found = training_details.details_of(bucket, known, training, save=save, force=force)
-    present(found)
+    present(training_details.details_of(bucket, known, training, save=save, force=force))
 
 
 @app.command()
@@ -206,8 +205,7 @@ def compare(
     """
     bucket, known = _known()
     one, other = (training_details.compared(bucket, known, name) for name in (before, after))
-    found = training_details.compare(one, other)
-    present(found)
+    present(training_details.compare(one, other))
 
 
 @app.command()

@@ -5,7 +5,7 @@ import io
 import pytest
 
 from drcli.cli import app
-from drcli.cli.views.iterations import ALL, BLOCKS, NONE, SOME
+from drcli.cli.show import ALL, BLOCKS, NONE, SOME
 
 
 @pytest.fixture

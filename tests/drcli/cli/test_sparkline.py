@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.cli.views.iterations import curve, marks
+from drcli.cli.show import curve, marks
 
 
 def test_a_curve_rises_from_zero_to_its_greatest_value():

@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 
 from drcli.base.json_record import plain
+from drcli.cli import training_display
 from drcli.cli.show import drawn
-from drcli.cli.views import iterations, training_view
 from drcli.model.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.records.iteration import Laps
 from drcli.records.stage import PHASES, PhaseMark, StageMark
@@ -45,7 +45,7 @@ def test_a_checkpoint_is_told_in_fewer_words_in_the_list_than_on_the_page():
 
 
 def test_the_live_display_of_a_training_under_way(make_report):
-    shown = screen(training_view.live(make_report("running", 9), NOW_S))
+    shown = screen(training_display.live(make_report("running", 9), NOW_S))
 
     assert shown == UNDER_WAY
 
@@ -57,15 +57,15 @@ def test_a_training_with_stages_and_a_second_track_shows_both(make_report, make_
     budget = DayBudget("2026-05-01", 3.2, 0.0, 8.0)
     report = make_report("running", history=history, stage=stage, budget=budget)
 
-    shown = screen(training_view.run(report))
+    shown = screen(training_display.run(report))
 
     assert "on reinvent_base  stage 2 of 3 (base)" in shown
     assert "Stage 2 of 3: base, on willow, 1 iteration so far; it ends after 9" in shown
     assert "On willow, checkpoint 1 drove 75 % 1/2 clean 14.00 s." in shown
     assert "Budget of 2026-05-01: 3.20 of 8 hours." in shown
-    line = iterations.line(history[1])
+    line = training_display.line(history[1])
     assert line.endswith("on willow 75 % 1/2 clean 14.00 s  stage base")
-    assert "stage" not in screen(iterations.table(history[:1], 1, 200))
+    assert "stage" not in screen(training_display.table(history[:1], 1, 200))
 
 
 def test_workers_of_other_machines_have_a_line_with_their_part(make_report):
@@ -75,21 +75,23 @@ def test_workers_of_other_machines_have_a_line_with_their_part(make_report):
     ]
     report = replace(make_report("running", 9), joined=joined)
 
-    page = screen(training_view.run(report))
+    page = screen(training_display.run(report))
     assert "  sim-1 on attic: drives iteration 9 (4 episodes)" in page
     assert "  sim-2 on cellar: drives iteration 4 (no episodes now, silent)" in page
-    assert "2 joined   trainer waits" in screen(training_view.live(report, NOW_S))
-    assert "sim-2 on cellar" in screen(training_view.live(report, NOW_S, verbose=True))
+    assert "2 joined   trainer waits" in screen(training_display.live(report, NOW_S))
+    assert "sim-2 on cellar" in screen(training_display.live(report, NOW_S, verbose=True))
 
 
 def test_the_live_display_before_the_first_iteration(make_report):
-    shown = screen(training_view.live(make_report("running"), NOW_S))
+    shown = screen(training_display.live(make_report("running"), NOW_S))
 
     assert shown == BEFORE_THE_FIRST
 
 
 def test_the_verbose_display_has_a_line_for_each_worker_and_for_the_time(make_report):
-    lines = screen(training_view.live(make_report("running", 9), NOW_S, verbose=True)).splitlines()
+    lines = screen(
+        training_display.live(make_report("running", 9), NOW_S, verbose=True)
+    ).splitlines()
 
     assert lines[2:5] == [
         "trainer: waits for rollouts of iteration 9",
@@ -107,7 +109,7 @@ def test_the_height_of_the_live_display_never_changes(make_report, verbose):
         make_report("finished", 300),
     ]
 
-    screens = [screen(training_view.live(look, NOW_S, verbose=verbose)) for look in looks]
+    screens = [screen(training_display.live(look, NOW_S, verbose=verbose)) for look in looks]
 
     heights = {len(shown.split("\n")) for shown in screens}
     assert len(heights) == 1
@@ -116,20 +118,20 @@ def test_the_height_of_the_live_display_never_changes(make_report, verbose):
 
 
 def test_a_display_that_has_ended_no_longer_speaks_of_ctrl_c(make_report):
-    shown = screen(training_view.live(make_report("finished", 9), NOW_S))
+    shown = screen(training_display.live(make_report("finished", 9), NOW_S))
 
     assert "Ctrl-C" not in shown
     assert shown.startswith("finished")
 
 
 def test_status_of_a_training_under_way(make_report):
-    shown = screen(training_view.run(make_report("running", 9)))
+    shown = screen(training_display.run(make_report("running", 9)))
 
     assert shown == STATUS
 
 
 def test_status_of_an_ended_training_tells_why_and_leaves_the_workers_out(make_report):
-    lines = screen(training_view.run(make_report("finished", 9))).splitlines()
+    lines = screen(training_display.run(make_report("finished", 9))).splitlines()
 
     assert lines[0] == "Run 0: finished  s3://bucket/model  on reinvent_base"
     assert lines[1] == "All 3 evaluation laps are complete."
@@ -149,8 +151,8 @@ def test_every_number_of_the_best_checkpoint_has_its_unit(make_report, score, la
     told = ("", 0) if laps is None else (str(laps), laps.clean)
     report = make_report("finished", 9, best=CheckpointEntry("8_Step-4000.ckpt", 1.0, score, *told))
 
-    assert said in screen(training_view.live(report, NOW_S))
-    assert said.partition("   last")[0] in screen(training_view.run(report))
+    assert said in screen(training_display.live(report, NOW_S))
+    assert said.partition("   last")[0] in screen(training_display.run(report))
     assert said.partition("   last")[0].removeprefix("best ") in report.end_text()
 
 
@@ -158,7 +160,7 @@ def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
     def commands(state="finished", *lap_s):
         laps = CheckpointLaps.of(8, Laps(20, lap_s))
         report = make_report(state, 9, best_laps=laps)
-        return [command for command, _ in training_view.next_commands(report, "model")]
+        return [command for command, _ in training_display.next_commands(report, "model")]
 
     assert commands("finished", 7.6)[0] == "dr-evaluate --checkpoint best --laps 40"
     assert commands("stopped", 7.6)[-1] == "dr-export car --best"
@@ -170,7 +172,7 @@ def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
 def test_status_of_a_failed_training_tells_what_to_do(make_report):
     report = make_report("failed", 1, message="The loss is NaN.", remedy="Lower lr.", exit_code=6)
 
-    lines = screen(training_view.run(report)).splitlines()
+    lines = screen(training_display.run(report)).splitlines()
 
     assert lines[1:3] == ["The loss is NaN.", "  Try: Lower lr."]
 
@@ -179,7 +181,7 @@ def test_a_dead_worker_catches_the_eye(make_report):
     report = make_report("running")
     dead = report.workers[1].__class__("sim-0", 7, False, 2, "drives iteration 0", "x.log")
 
-    shown = screen(training_view.run(make_report("running", workers=[dead])))
+    shown = screen(training_display.run(make_report("running", workers=[dead])))
 
     assert "sim-0 (DEAD, process 7, restarted 2 x): drives iteration 0" in shown
 
@@ -201,7 +203,7 @@ def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
 def test_an_iteration_fits_a_line_of_80_columns(make_record):
     laps = {"evaluation_progress": [100.0] * 20, "evaluation_lap_s": [14.5] * 20}
 
-    line = iterations.line(make_record(8, **laps))
+    line = training_display.line(make_record(8, **laps))
 
     assert line == (
         "   0:12 iter   8  reward   42.0  progress  34 %  eval 100 % 20/20 clean 14.50 s"
@@ -210,7 +212,7 @@ def test_an_iteration_fits_a_line_of_80_columns(make_record):
 
 
 def test_an_iteration_without_its_evaluation_says_so(make_record):
-    line = iterations.line(make_record(8, evaluation_progress=[], evaluation_lap_s=[]))
+    line = training_display.line(make_record(8, evaluation_progress=[], evaluation_lap_s=[]))
 
     assert line.endswith("eval ...")
 
@@ -219,7 +221,7 @@ def test_a_sac_training_shows_its_own_losses_and_no_divergence(make_record):
     unknown = dict.fromkeys(("surrogate_loss", "value_loss", "kl"), math.nan)
     record = make_record(8, **unknown, actor_loss=-1.5, critic_loss=0.25, alpha=0.2)
 
-    line = iterations.line(record, verbose=True)
+    line = training_display.line(record, verbose=True)
 
     assert "actor loss -1.5000  critic loss 0.2500  alpha 0.2000" in line
     assert "KL" not in line
@@ -229,7 +231,7 @@ def test_a_sac_training_shows_its_own_losses_and_no_divergence(make_record):
 def test_what_is_unknown_before_anything_is_learned_is_a_dash(make_record):
     unknown = dict.fromkeys(("entropy", "surrogate_loss", "value_loss", "kl"), math.nan)
 
-    line = iterations.line(make_record(0, **unknown), verbose=True)
+    line = training_display.line(make_record(0, **unknown), verbose=True)
 
     assert "entropy -  policy loss -  value loss -  KL -  " in line
 
@@ -332,13 +334,13 @@ def test_a_collapse_is_told_in_every_display(make_report):
     told = "Warning: completion fell from 98 % to 41 %; best is 37"
     collapsed = make_report("running", 9, warning=told.removeprefix("Warning: "))
 
-    assert told in screen(training_view.run(collapsed))
-    assert told in screen(training_view.live(collapsed, NOW_S))
+    assert told in screen(training_display.run(collapsed))
+    assert told in screen(training_display.live(collapsed, NOW_S))
 
 
 @pytest.mark.parametrize("columns", [1, 10, 24, 40])
 def test_curves_are_drawn_in_any_window(make_record, columns):
-    drawn = iterations.curves([make_record(1), make_record(2)], columns)
+    drawn = training_display.curves([make_record(1), make_record(2)], columns)
 
     assert [line.plain.split()[0] for line in drawn] == ["progress", "eval", "reward"]
 
@@ -352,16 +354,16 @@ def test_the_phase_of_a_training_with_a_teacher_fits_into_one_line(make_report, 
         make_report("stopped", history=history), phase=phase, best=best, last=best, best_laps=None
     )
 
-    lines = screen(training_view.live(report, NOW_S)).splitlines()
+    lines = screen(training_display.live(report, NOW_S)).splitlines()
 
     assert "Phase 1 of 3, teacher (sees the track, no camera): 64 of 64 laps, best 15.87 s" in lines
     assert len(lines) <= 24
     assert not any(line.endswith("…") for line in lines)
     assert lines[-1].endswith("checkpoints are evaluated from the next phase on")
-    assert iterations.line(history[0]).endswith("eval -  phase teacher")
-    assert "phase 1 of 3" in screen(training_view.run(report)).casefold()
+    assert training_display.line(history[0]).endswith("eval -  phase teacher")
+    assert "phase 1 of 3" in screen(training_display.run(report)).casefold()
     assert "It ended in the phase teacher" in report.end_text()
-    assert [command for command, _ in training_view.next_commands(report, report.prefix)] == [
+    assert [command for command, _ in training_display.next_commands(report, report.prefix)] == [
         "dr-start-training --resume"
     ]
 
@@ -378,7 +380,7 @@ def test_each_phase_has_a_line_that_fits(make_record):
 def test_the_distance_of_a_student_from_its_teacher_stands_where_losses_stand(make_record):
     record = make_record(0, phase="distillation", imitation_loss=0.0123)
 
-    assert "imitation loss 0.0123" in iterations.line(record, verbose=True)
+    assert "imitation loss 0.0123" in training_display.line(record, verbose=True)
 
 
 def test_an_evaluation_says_how_far_the_best_lap_is_from_the_limit(evaluation_report):

@@ -1,67 +1,167 @@
-"""Shows iterations in lines, tables and curves."""
+"""Shows a training live, its state, start and end."""
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from drcli.base.report import clock
+from drcli.base.report import clock, counted
+from drcli.cli.show import CURVE_COLUMNS, LEAST_CURVE_COLUMNS, curve, fitted, group, marks
 from drcli.records.iteration import Laps
 
 if TYPE_CHECKING:
     from drcli.records.iteration import IterationRecord
+    from drcli.run.plan import EndWorkPlan, RunPlan
+    from drcli.run.status import RunReport
 
-# Curves one line high, made of block characters.
-
-
-T = TypeVar("T")
-
-BLOCKS = "▁▂▃▄▅▆▇█"
-
-NONE, SOME, ALL = "·", "◦", "●"
+LIVE_ROWS = 6
+STATUS_ROWS = 10
+_FIRST, _SILENT = "driving the first iteration", "the bucket does not answer"
+FOOTER = "Ctrl-C leaves this display; dr-stop-training stops the training."
 
 
-def curve(values: Sequence[float], width: int, *, top: float | None = None) -> str:
-    """Numbers as heights, averaged down to `width` characters.
+@fitted
+def live(
+    columns: int, report: "RunReport", now_s: float, *, verbose: bool = False
+) -> RenderableType:
+    """The display that follows a training; `now_s` is in Unix seconds.
 
-    From zero, or the least value if that is negative, to `top`, by default the greatest.
+    Long lines are cut, and missing ones left empty, so that the height stays the same, but for a
+    teacher's line from its first checkpoint on.
     """
-    if not values:
+    parts: list[RenderableType] = [Text.assemble(*report.state_text()), Text(_pace(report, now_s))]
+    if report.phase is not None:
+        parts.append(Text(_phase(report), style="cyan"))
+    if verbose:
+        parts += [Text(f"{worker.name}: {worker.activity}") for worker in report.workers]
+        parts += [Text(str(worker)) for worker in report.joined]
+        parts.append(Text(_time_split(report)))
+    else:
+        activities = [f"{w.name} {w.activity}" for w in report.workers if w.activity]
+        if report.joined:  # first, because the end of the line may be cut
+            activities.insert(0, f"{len(report.joined)} joined")
+        parts.append(Text("   ".join(activities), style="dim"))
+    parts += [
+        table(report.history[-LIVE_ROWS:], LIVE_ROWS, columns),
+        *curves(report.history, columns),
+    ]
+    # A warning names the best checkpoint too, so it replaces the line about checkpoints.
+    warning = Text(f"Warning: {report.warning}", style="bold yellow")
+    parts.append(warning if report.warning else Text(report.checkpoints_text()))
+    if report.limit:
+        parts.append(Text(f"best lap {report.limit}"))
+    parts.append(Text(FOOTER if report.state in ("starting", "running") else "", style="dim"))
+    for part in parts:
+        if isinstance(part, Text):
+            part.no_wrap, part.overflow = True, "ellipsis"
+    return Group(*parts)
+
+
+def _phase(report: "RunReport") -> str:
+    text = "" if report.phase is None else report.phase.text
+    return f"{text[:1].upper()}{text[1:]}"
+
+
+def _second_world(report: "RunReport") -> str:
+    evaluated = [record for record in report.history if record.second_progress]
+    if not evaluated:
         return ""
-    means = [sum(part) / len(part) for part in _parts(values, width)]
-    low = min(0.0, *means)
-    span = (max(means) if top is None else top) - low
-    if span <= 0:
-        return BLOCKS[0] * len(means)
-    last = len(BLOCKS) - 1
-    heights = (round((mean - low) / span * last) for mean in means)
-    return "".join(BLOCKS[max(0, min(last, height))] for height in heights)
+    last = evaluated[-1]
+    return f"On {last.second_world}, checkpoint {last.iteration} drove {second_evaluation(last)}."
 
 
-def marks(completed: Sequence[float | None], width: int) -> str:
-    """Marks of evaluations below a curve; the best of several is shown."""
-    return "".join(_mark(part) for part in _parts(completed, width))
+@fitted
+def run(columns: int, report: "RunReport") -> RenderableType:
+    if report.state == "none":
+        return report.nothing_here()
+    parts = [group(report.before_history()), Text(_second_world(report))]
+    if report.history:
+        parts += [
+            table(report.history[-STATUS_ROWS:], 0, columns),
+            *curves(report.history, columns),
+        ]
+    return Group(*(each for each in [*parts, group(report.after_history())] if each))
 
 
-def _mark(completed: Sequence[float | None]) -> str:
-    best = max((share for share in completed if share is not None), default=None)
-    if best is None:
-        return " "
-    if best == 0:
-        return NONE
-    return ALL if best == 1 else SOME
+def start_text(plan: "RunPlan") -> str:
+    config, inputs = plan.job.config, plan.inputs
+    workers = counted(config.train.workers or plan.job.ray_workers, "worker")
+    begin = f", resuming from {plan.resumes}" if plan.resumes else ""
+    if plan.pretrained is not None:
+        begin = f", with the weights of {plan.pretrained.source()}"
+    model = f"s3://{config.storage.bucket}/{config.model.prefix}"
+    lines = [f"Wiping path {model}"] if plan.wiped else []
+    lines += [
+        f"Training of model {model} starting{begin}.",
+        f"World {config.race().world_name}, {workers}, seed {plan.job.seed}.",
+        "Using configuration files:",
+        *(f"   {f.origin}" for f in (inputs.reward, inputs.hyperparameters, inputs.metadata)),
+        *(["Stages:"] if plan.job.stages else []),
+        *(
+            f"   {number}. {stage.name}, on {stage.race().world_name}: ends {stage.goal}"
+            for number, stage in enumerate(plan.job.stages, start=1)
+        ),
+        plan.ends,
+    ]
+    return "\n".join(lines)
 
 
-def _parts(values: Sequence[T], width: int) -> list[Sequence[T]]:
-    count = min(len(values), width)
-    edges = [round(i * len(values) / count) for i in range(count + 1)] if count else []
-    return [values[start:end] for start, end in pairwise(edges)]
+def end_work_text(plan: "EndWorkPlan") -> str:
+    config = plan.job.config
+    model = f"s3://{config.storage.bucket}/{config.model.prefix}"
+    return (
+        f"{model}: {plan.outcome.message} Still to do at its end: {', '.join(plan.outcome.left)}."
+    )
 
 
-CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
+def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:
+    """Commands after a training, with purposes; none if the settings name another model."""
+    ended = report.state in ("finished", "stopped")
+    if report.best is None or not ended or report.prefix != prefix:
+        return []
+    if report.best_laps is not None and report.best_laps.clean:
+        return [
+            (
+                "dr-evaluate --checkpoint best --laps 40",
+                "see how many laps the best checkpoint drives clean",
+            ),
+            ("dr-video --checkpoint best", "watch a lap of it"),
+            ("dr-export car --best", "write the archive for the car"),
+        ]
+    if report.best_laps is None and report.phase is not None and report.phase.name == "teacher":
+        return [("dr-start-training --resume", "go on until the camera policy has learned")]
+    return [
+        ("dr-analyze", "see what keeps it from completing a lap"),
+        ("dr-video --checkpoint best", "watch how far its best checkpoint comes"),
+        ("dr-start-training --resume", "train on"),
+    ]
+
+
+def _pace(report: "RunReport", now_s: float) -> str:
+    since = clock(now_s - report.started_at) if report.started_at else "0:00"
+    if not report.history:
+        return f"{since}   {_SILENT if report.unreachable else _FIRST}"
+    last = report.history[-1]
+    return (
+        f"{since}   iteration {last.iteration + 1}   {last.total_steps:,} steps   "
+        f"{last.steps_per_s:.0f} steps/s   {last.real_time_factor:.0f} x real time"
+    )
+
+
+def _time_split(report: "RunReport") -> str:
+    if not report.history:
+        return ""
+    last = report.history[-1]
+    times = time_split(last)
+    return f"iteration {last.iteration} took: {times}   {last_step(last)}"
+
+
+# Iterations in lines, tables and curves.
+
+
 BESIDE_CURVE = 26
 LEAST_COLUMNS = {
     "iter": 4,
