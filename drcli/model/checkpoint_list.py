@@ -16,7 +16,7 @@ from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import own_files
 from drcli.model.files.params_yaml import moved_training_parameters
 from drcli.model.growing_file import read_complete
-from drcli.model.milestones import KINDS, MilestoneKind
+from drcli.model.milestones import KINDS, MilestoneKind, MilestoneReport
 from drcli.model.model_prefix import is_tensorflow, what_helps
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import readable_evaluations
@@ -77,14 +77,9 @@ class ListedCheckpoint:
 
 
 @dataclass(frozen=True)
-class MilestoneEntry:
-    """A milestone that was reached."""
+class MilestoneEntry(MilestoneReport):
+    """A milestone in the list."""
 
-    word: Annotated[MilestoneKind, "first-lap, three-laps or best-lap."]
-    checkpoint: Annotated[str, "Name of its checkpoint."]
-    laps: Annotated[int, "Clean laps of its evaluation."]
-    episodes: Annotated[int, "Episodes of its evaluation."]
-    best_lap_s: Annotated[float, "Fastest clean lap, simulated seconds."]
     kept: Annotated[bool, "Whether the checkpoint is still there."]
 
     def __str__(self) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 from drcli.base.json_record import JsonRecord, SafeInt, Seconds
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, read_record, remedy_of
@@ -29,6 +29,17 @@ class Milestone:
     @property
     def name(self) -> CheckpointName:
         return checkpoint_name(self.checkpoint)
+
+
+@dataclass(frozen=True)
+class MilestoneReport:
+    """A milestone that was reached."""
+
+    word: Annotated[MilestoneKind, "first-lap, three-laps or best-lap; --checkpoint takes it."]
+    checkpoint: Annotated[str, "Name of its checkpoint."]
+    laps: Annotated[int, "Clean laps of its evaluation."]
+    episodes: Annotated[int, "Episodes of its evaluation."]
+    best_lap_s: Annotated[float, "Fastest of the clean laps, simulated seconds."]
 
 
 @dataclass(frozen=True)

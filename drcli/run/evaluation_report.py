@@ -96,18 +96,29 @@ class TrialReport:
         return "clean lap" if self.clean else "finished"
 
 
-@dataclass(frozen=True)
-class EvaluationReport:
-    """The result of `dr-evaluate`."""
-
+@dataclass(frozen=True, kw_only=True)
+class _Driven:
     prefix: Annotated[str, "Model prefix in the bucket."]
     world: Annotated[str, "The track."]
     checkpoint: Annotated[str, "Name of the checkpoint or file that drove."]
-    trials: Annotated[list[TrialReport], "All trials, in order."]
     simtrace: Annotated[str, "Key of the trace in the bucket."]
     metrics: Annotated[str, "Key of the metrics in the bucket."]
     runtime: Annotated[str, "What ran the policy: torch, pb, onnx, openvino or tflite."] = "torch"
     file: Annotated[str | None, "The file that drove; None for a checkpoint of the model."] = None
+
+    def driver(self) -> str:
+        name = self.checkpoint
+        if self.file is None:
+            name = f"checkpoint {name} of {self.prefix}"
+        engine = "" if self.runtime == "torch" else f" with --runtime {self.runtime}"
+        return f"{name}{engine} on {self.world}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationReport(_Driven):
+    """The result of `dr-evaluate`."""
+
+    trials: Annotated[list[TrialReport], "All trials, in order."]
     sha256: Annotated[str | None, "Of that file."] = None
     opponent: Annotated[
         "EvaluationReport | None", "The report of the other model in a HEAD_TO_MODEL race."
@@ -180,11 +191,7 @@ class EvaluationReport:
             words += f", best average of {self.average_laps} laps {self.best_average_s:.2f} s"
             resets = sum(trial.resets for trial in run)
             words += f" with {counted_resets(resets)}" if resets else ""
-        driver = self.checkpoint
-        if self.file is None:
-            driver = f"checkpoint {driver} of {self.prefix}"
-        engine = "" if self.runtime == "torch" else f" with --runtime {self.runtime}"
-        return f"{words}; {driver}{engine} on {self.world}."
+        return f"{words}; {self.driver()}."
 
     def winner(self, other: "EvaluationReport") -> str:
         """More finished laps win, then less time."""
@@ -354,13 +361,10 @@ class Comparison:
     verdict: Annotated[str, "What it means, in words."]
 
 
-@dataclass(frozen=True)
-class LapsReport:
+@dataclass(frozen=True, kw_only=True)
+class LapsReport(_Driven):
     """The result of `dr-evaluate --laps`: laps from fresh starts, each to its first violation."""
 
-    prefix: Annotated[str, "Model prefix in the bucket."]
-    world: Annotated[str, "The track."]
-    checkpoint: Annotated[str, "Name of the checkpoint or file that drove."]
     seed: Annotated[int, "Of the starts; equal seeds give equal starts."]
     driven: Annotated[int, "Number of laps."]
     clean: Annotated[int, "Number of clean laps."]
@@ -376,10 +380,6 @@ class LapsReport:
     slowest_s: Annotated[float | None, "Time of the slowest clean lap."]
     ends: Annotated[list[EndPlace], "Where the other laps ended, the most frequent place first."]
     laps: Annotated[list[TrialReport], "All laps, in the order of their starts along the track."]
-    simtrace: Annotated[str, "Key of the trace in the bucket."]
-    metrics: Annotated[str, "Key of the metrics in the bucket."]
-    runtime: Annotated[str, "What ran the policy: torch, pb, onnx, openvino or tflite."] = "torch"
-    file: Annotated[str | None, "The file that drove; None for a checkpoint of the model."] = None
     against: Annotated[
         "LapsReport | None", "The other checkpoint, which drove from the same starts."
     ] = None
@@ -406,9 +406,7 @@ class LapsReport:
                 f", median {self.median_s:.2f} s, 90 % within {self.p90_s:.2f} s, "
                 f"slowest {self.slowest_s:.2f} s, best {self.fastest_s:.2f} s"
             )
-        driver = self.name if self.file is not None else f"checkpoint {self.name}"
-        engine = "" if self.runtime == "torch" else f" with --runtime {self.runtime}"
-        return f"{words}; {driver}{engine} on {self.world}, seed {self.seed}."
+        return f"{words}; {self.driver()}, seed {self.seed}."
 
     def view(self) -> View:
         both = [self] if self.against is None else [self, self.against]

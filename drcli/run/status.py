@@ -20,7 +20,7 @@ from drcli.model.alarms import Convergence, alarms, convergence
 from drcli.model.checkpoint_choice import laps_of
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import HistoryReader
-from drcli.model.milestones import NO_MILESTONES, MilestoneKind, with_history
+from drcli.model.milestones import NO_MILESTONES, MilestoneReport, with_history
 from drcli.model.model_list import CheckpointEntry
 from drcli.model.model_prefix import newest_checkpoint
 from drcli.model.model_store import ModelStore
@@ -174,17 +174,6 @@ class CheckpointLaps:
             laps.fastest_s,
             str(laps),
         )
-
-
-@dataclass(frozen=True)
-class MilestoneReport:
-    """A milestone of the training."""
-
-    word: Annotated[MilestoneKind, "first-lap, three-laps or best-lap; --checkpoint takes it."]
-    checkpoint: Annotated[str, "Name of its checkpoint."]
-    laps: Annotated[int, "Clean laps of its evaluation."]
-    episodes: Annotated[int, "Episodes of its evaluation."]
-    best_lap_s: Annotated[float, "Fastest of the clean laps, simulated seconds."]
 
 
 _NOTES = 3

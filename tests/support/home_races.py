@@ -113,7 +113,14 @@ class Home:
             else TrialReport(number, 30.0, -time, "Off track", 1, 0, 0)
             for number, time in enumerate(found, start=1)
         ]
-        return EvaluationReport(prefix, "bean", "5.ckpt", trials, plan.simtrace, plan.metrics)
+        return EvaluationReport(
+            prefix=prefix,
+            world="bean",
+            checkpoint="5.ckpt",
+            trials=trials,
+            simtrace=plan.simtrace,
+            metrics=plan.metrics,
+        )
 
 
 def home_in(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Home:

@@ -328,7 +328,7 @@ def droa_list_models(connection: Connection) -> None:
     Example: dr-droa list
     """
     droa = connection.droa()
-    show(RemoteModels(droa.place, [dict(model.values) for model in droa.models()]))
+    show(RemoteModels(droa.place, [model.values for model in droa.models()]))
 
 
 @app.command("show")
@@ -350,9 +350,8 @@ def droa_get_model(
     """
     droa = connection.droa()
     found = droa.find(model)
-    means = droa_metrics.metrics_summary(droa, found) if summary else None
-    report = droa_metrics.ModelReport.of(droa.place, found, means or [])
-    show(report, verbose=verbose)
+    means = droa_metrics.metrics_summary(droa, found) if summary else []
+    show(droa_metrics.ModelReport(**vars(found), means=means), verbose=verbose)
 
 
 @app.command("import")

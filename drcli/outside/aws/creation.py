@@ -309,15 +309,19 @@ class StackPlan:
 
 
 @dataclass(frozen=True)
-class CreatedStack:
-    """What was started."""
-
+class _NewStack:
     stack: Annotated[str, "Name of the stack."]
     region: Annotated[str, "AWS region."]
     bucket: Annotated[str, "Name of the bucket."]
-    model: Annotated[str, "Prefix in the bucket."]
+    model: Annotated[str, "Prefix of the model in the bucket."]
     types: Annotated[tuple[str, ...], "Types that may be used."]
     market: Annotated[Market, "`spot`, `on-demand` or `spot-or-on-demand`."]
+
+
+@dataclass(frozen=True)
+class CreatedStack(_NewStack):
+    """What was started."""
+
     usd_per_hour: Annotated[float | None, "Cheapest machine now; None if unknown."]
     most_usd: Annotated[float | None, "Highest cost until the end; None if unknown or unlimited."]
     ends: Annotated[float, "When its machines end, in Unix seconds; 0 for never."]
@@ -330,19 +334,13 @@ class CreatedStack:
 
 
 @dataclass(frozen=True)
-class Planned:
+class Planned(_NewStack):
     """A plan for programs."""
 
-    stack: Annotated[str, "Name of the stack."]
-    region: Annotated[str, "AWS region."]
-    bucket: Annotated[str, "Name of the bucket."]
-    model: Annotated[str, "Prefix of the model in the bucket."]
     resumes: Annotated[
         str, "The checkpoint from which the training continues; empty for a new model."
     ]
-    types: Annotated[tuple[str, ...], "Types that may be used."]
     zones: Annotated[tuple[str, ...], "Zones that may be used."]
-    market: Annotated[str, "`spot`, `on-demand` or `spot-or-on-demand`."]
     ttl_minutes: Annotated[int, "Time after which the machines end; 0 for never."]
     least_usd_per_hour: Annotated[
         float | None, "Price of the cheapest machine now; None if unknown."
@@ -366,10 +364,10 @@ class Planned:
             region,
             wishes.bucket,
             plan.settings.model_prefix,
-            plan.resumes,
             tuple(each.name for each in plan.types),
-            plan.zones,
             wishes.market,
+            plan.resumes,
+            plan.zones,
             wishes.ttl_minutes,
             money.least,
             money.most,

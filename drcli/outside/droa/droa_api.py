@@ -40,16 +40,24 @@ class NoSuchModel(SettingsError):
 class RemoteModel:
     """A model in the account; several can have the same name."""
 
-    model_id: Annotated[str, Col("model id")]
-    name: Annotated[str, Col("name")]
-    status: Annotated[str, Col("status", style={"READY": "green", "ERROR": "red"})]
-    training_status: Annotated[str, Col("training", lambda text: text or "-")]
-    created_at: Annotated[str, Col("created", second)]
-    values: Mapping[str, Any]
-
-    @property
-    def import_error(self) -> str:
-        return text_at(self.values, "importErrorMessage")
+    site: Annotated[str, "Address of DeepRacer on AWS."]
+    model_id: Annotated[str, "Id of the model.", Col("model id")]
+    name: Annotated[str, "Its name.", Col("name")]
+    status: Annotated[
+        str,
+        "Such as READY, ERROR, IMPORTING or TRAINING.",
+        Col("status", style={"READY": "green", "ERROR": "red"}),
+    ]
+    training_status: Annotated[
+        str, "Such as COMPLETED; empty if unknown.", Col("training", lambda text: text or "-")
+    ]
+    created_at: Annotated[
+        str, "When it was created, ISO 8601; empty if unknown.", Col("created", second)
+    ]
+    import_error: Annotated[str, "Why its import failed; empty if it did not."]
+    values: Annotated[
+        dict[str, Any], "Everything that the interface says, with its keys, such as metadata."
+    ]
 
 
 @dataclass(frozen=True)
@@ -80,15 +88,14 @@ def read_model(value: Any, place: str) -> RemoteModel:
             remedy="Try again later; if it fails again, ask who runs that site.",
         )
 
-    def text(key: str) -> str:
-        return "" if value.get(key) is None else str(value[key])
-
     return RemoteModel(
+        site=place,
         model_id=value["modelId"],
-        name=text("name"),
-        status=text("status"),
-        training_status=text("trainingStatus"),
-        created_at=text("createdAt"),
+        name=text_at(value, "name"),
+        status=text_at(value, "status"),
+        training_status=text_at(value, "trainingStatus"),
+        created_at=text_at(value, "createdAt"),
+        import_error=text_at(value, "importErrorMessage"),
         values=value,
     )
 

@@ -40,35 +40,10 @@ class PhaseMeans:
 
 
 @dataclass(frozen=True)
-class ModelReport:
+class ModelReport(RemoteModel):
     """The result of `droa-get-model`."""
 
-    site: Annotated[str, "Address of DeepRacer on AWS."]
-    model_id: Annotated[str, "Id of the model."]
-    name: Annotated[str, "Its name."]
-    status: Annotated[str, "Such as READY, ERROR, IMPORTING or TRAINING."]
-    training_status: Annotated[str, "Such as COMPLETED; empty if unknown."]
-    created_at: Annotated[str, "When it was created, ISO 8601; empty if unknown."]
-    import_error: Annotated[str, "Why its import failed; empty if it did not."]
-    values: Annotated[
-        dict[str, Any], "Everything that the interface says, with its keys, such as metadata."
-    ]
     means: Annotated[list[PhaseMeans], "With --summary: means of its training metrics."]
-
-    @staticmethod
-    def of(site: str, model: RemoteModel, means: list[PhaseMeans]) -> "ModelReport":
-        """The report of a model."""
-        return ModelReport(
-            site,
-            model.model_id,
-            model.name,
-            model.status,
-            model.training_status,
-            model.created_at,
-            model.import_error,
-            dict(model.values),
-            means,
-        )
 
     def view(self, *, verbose: bool) -> View:
         size, minutes = (

@@ -55,7 +55,13 @@ class Rounds:
         trials = [TrialReport(1, 100.0, lap or 3.0, status, 0, 0, resets, 2.0 * resets)]
         notes = ["The evaluation has no video."]
         return EvaluationReport(
-            "model-1", "reinvent_base", plan.checkpoint, trials, "", "", notes=notes
+            prefix="model-1",
+            world="reinvent_base",
+            checkpoint=plan.checkpoint,
+            trials=trials,
+            simtrace="",
+            metrics="",
+            notes=notes,
         )
 
     def stamps_of(self, part):
