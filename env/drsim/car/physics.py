@@ -9,7 +9,6 @@ from mujoco.batch import Batch
 
 from drsim.arrays import Floats, Ints
 from drsim.car.disturbances import Variation
-from drsim.car.warp_physics import WarpError, WarpPhysics
 
 # Steps many cars with MuJoCo's thread pool.
 
@@ -146,6 +145,8 @@ def choose_physics(
         if missing:
             why = f"because MuJoCo Warp is not installed (no module {missing[0]})"
         else:
+            from drsim.car.warp_physics import WarpError, WarpPhysics
+
             try:
                 device = "cpu" if wanted == "warp-on-cpu" else None
                 warp = WarpPhysics(model, num_cars, device=device)
