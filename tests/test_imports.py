@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from drcli.learn.algorithms import ALGORITHMS
+
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS = {
@@ -25,6 +27,7 @@ FLOORS = {
     ),
     "drcli": (
         {"__init__", "base", "learn"},
+        {"clouds"},
         {"config"},
         {"records"},
         {"tracks", "bucket"},
@@ -56,6 +59,7 @@ FORBIDDEN = {
     "drsim": {"drcli", *LEARNING, *STORAGE, *SCREEN, "pydantic", "dotenv"},
     "drcli.base": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN},
     "drcli.learn": {*SIMULATION, *STORAGE, *SCREEN, "pydantic", "dotenv"},
+    "drcli.clouds": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.config": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.records": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN},
     "drcli.tracks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
@@ -190,15 +194,16 @@ def test_no_modules_import_each_other_in_a_circle():
 
 
 def test_every_module_is_imported_or_started_by_name():
-    """But for the files in cli/commands, which the table of commands names."""
+    """But for commands, learners and clouds, which tables name."""
     imported = set().union(*(ours(name) - {name} for name in modules()))
+    imported |= {each.learner.partition(":")[0] for each in ALGORITHMS.values()}
 
     unused = {
         name
         for name, path in modules().items()
         if name not in imported
         and path.name != "__init__.py"
-        and not name.startswith("drcli.cli.commands.")
+        and not name.startswith(("drcli.cli.commands.", "drcli.clouds.providers."))
     }
 
     assert unused == UNIMPORTED
@@ -227,7 +232,7 @@ def test_a_module_name_occurs_once(tree):
         name.rpartition(".")[2]
         for name, path in modules().items()
         if name.split(".")[0] == tree
-        and not name.startswith("drcli.cli.commands.")
+        and not name.startswith(("drcli.cli.commands.", "drcli.clouds.providers."))
         and path.name != "__init__.py"
     )
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import DrError, Problem, ProblemsError, SettingsError, StorageError
-from drcli.base.json_record import RecordError, from_json, parse_json
+from drcli.base.json_record import RecordError, decode_json
 from drcli.base.system_calls import flush_descriptor, flush_to_disk, is_disk_full, try_lock
 
 if TYPE_CHECKING:
@@ -168,10 +168,10 @@ def write_private_json(path: Path, value: object) -> None:
     write_private(path, json.dumps(value, indent=2).encode())
 
 
-def read_json(path: Path) -> Any:
+def read_json(path: Path) -> dict[str, Any] | None:
     """None if missing or damaged, as by a power failure."""
     try:
-        return parse_json(read_regular(path))
+        return decode_json(dict[str, Any], read_regular(path))
     except (OSError, RecordError):
         return None
 
@@ -194,8 +194,8 @@ def save_record(path: Path, record: "DataclassInstance") -> None:
 def load_record(kind: type[T], path: Path) -> T | None:
     """None if missing or damaged."""
     try:
-        return from_json(kind, read_json(path))
-    except RecordError:
+        return decode_json(kind, read_regular(path))
+    except (OSError, RecordError):
         return None
 
 

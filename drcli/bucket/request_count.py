@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.files import load_record, save_record
+from drcli.base.json_record import SafeInt
 
 WRITE_EVERY_S = 10.0
 _END = ".requests.json"
@@ -31,11 +32,11 @@ class RequestCount:
     """`puts` include COPY, POST and LIST, as billed; bytes are those of bodies."""
 
     session: str = ""
-    puts: int = 0
-    gets: int = 0
-    deletes: int = 0
-    sent_bytes: int = 0
-    received_bytes: int = 0
+    puts: SafeInt = 0
+    gets: SafeInt = 0
+    deletes: SafeInt = 0
+    sent_bytes: SafeInt = 0
+    received_bytes: SafeInt = 0
 
     @property
     def requests(self) -> int:

@@ -13,9 +13,8 @@ from drcli.convert.build_network import build_policy, load_weights
 from drcli.convert.frozen_graph import GraphComparison, compare_graph
 from drcli.drive.build_race import actions_of, build_simulation, load_world
 from drcli.drive.driving import Driver, Plan, Racer
-from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.network import Network
 from drcli.learn.policy import Observation, PolicySpec
-from drcli.learn.sac_networks import SACAgent
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 from drcli.transfer.export_car import FRAMES, CarExport, export_car
@@ -46,7 +45,7 @@ def compare_on_drive(
 
 
 def record_drive(
-    race: RaceConfig, metadata: ModelMetadata, model: ActorCritic | SACAgent, frames: int
+    race: RaceConfig, metadata: ModelMetadata, model: Network, frames: int
 ) -> Observation:
     track = load_world(race)
     simulation = build_simulation(
@@ -74,7 +73,7 @@ def record_drive(
 
 
 class _Recorder:
-    def __init__(self, model: ActorCritic | SACAgent) -> None:
+    def __init__(self, model: Network) -> None:
         self._model = model
         self._seen: list[Observation] = []
         self.steps = 0

@@ -79,17 +79,16 @@ def review_actions(
             "sensor contains DISCRETIZED_SECTOR_LIDAR; the physical car cannot load such a model.",
             "Use SECTOR_LIDAR if the model is for the physical car.",
         )
-    if metadata.training_algorithm != "sac" or parameters is None:
-        return
-    for written, value, wanted in (
-        ("num_episodes_between_training", parameters.num_episodes_between_training, 1),
-        ("DR_WORKERS", settings.workers, 1),
-        ("exploration_type", parameters.exploration_type, "additive_noise"),
-    ):
+    name, accepted = metadata.training_algorithm, metadata.algorithm.console
+    if accepted is None:
+        what = f"training_algorithm={name}: it works here, but the console does not know it."
+        yield problem("V-34", what, "Write clipped_ppo if you want to train the model there.")
+    for written, wanted in ({} if parameters is None else accepted or {}).items():
+        value = settings.workers if written == "DR_WORKERS" else getattr(parameters, written)
         if value != wanted:
             yield problem(
                 "V-34",
-                f"training_algorithm=sac with {written}={value}: it works here, but the console "
+                f"training_algorithm={name} with {written}={value}: it works here, but the console "
                 f"and the reference accept only {wanted}.",
                 f"Write {written}={wanted} if you want to train the model there.",
             )
@@ -106,7 +105,7 @@ def review_import(settings: Settings, design: Design) -> Iterator[Problem]:
             design.metadata_origin,
             "training_algorithm",
             metadata.training_algorithm,
-            metadata.training_algorithm != "sac",
+            metadata.algorithm.in_reference,
             "clipped_ppo",
         ),
         (design.metadata_origin, "neural_network", network, network in NETWORKS, NETWORKS[0]),

@@ -27,7 +27,7 @@ TRAINER_BYTES = 900_000_000
 """With the common networks, measured."""
 
 FRAME_BYTES = 19_200
-"""160 x 120 grey pixels in the replay of sac."""
+"""160 x 120 grey pixels in a replay buffer."""
 
 LEAST_GPU_BYTES = 1_500_000_000
 """Taken by learning and its library."""
@@ -73,8 +73,8 @@ def review_memory(
     workers: int, place: Place, parameters: Hyperparameters | None, metadata: ModelMetadata | None
 ) -> Iterator[Problem]:
     needed = workers * WORKER_BYTES + TRAINER_BYTES
-    if parameters is not None and metadata is not None and metadata.training_algorithm == "sac":
-        needed += parameters.sac_replay_steps * FRAME_BYTES * metadata.eyes
+    if parameters is not None and metadata is not None and metadata.algorithm.replay:
+        needed += getattr(parameters, metadata.algorithm.replay) * FRAME_BYTES * metadata.eyes
     free = psutil.virtual_memory().available
     if free < needed:
         what = (

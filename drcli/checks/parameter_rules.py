@@ -1,23 +1,16 @@
 """Checks hyperparameters.json and model_metadata.json."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TypeVar
 
 from drcli.base.errors import Problem, ProblemsError
 from drcli.config.fields import setting_problem
 from drcli.config.settings import Settings
-from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.model.files.custom_files import InputFile
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 
-PPO_ONLY = frozenset(
-    {each.name for each in fields(PPOConfig)} - {each.name for each in fields(SACConfig)}
-) | {"e_greedy_value", "epsilon_steps"}
-"""SAC does not read them."""
-
-_OF_PPO = PPO_ONLY | {"num_episodes_between_training"}
 T = TypeVar("T", Hyperparameters, ModelMetadata)
 
 
@@ -43,11 +36,16 @@ def review_parameters(
         found += _idle_workers(settings, learning, hyperparameters.origin)
         found += _idle_learners(settings, learning)
     if learning is not None and model is not None and hyperparameters and metadata:
-        if model.training_algorithm == "sac":
-            found = [each for each in found if each.severity == "error" or each.key not in _OF_PPO]
+        found = [each for each in found if each.severity == "error" or _matters(each, model)]
         design = Design(model, learning, metadata.origin, hyperparameters.origin)
         found += design.conflicts()
     return ParametersReview(learning, model, design, found)
+
+
+def _matters(problem: Problem, model: ModelMetadata) -> bool:
+    if problem.key == "num_episodes_between_training":
+        return not model.algorithm.replay
+    return model.algorithm.reads(problem.key)
 
 
 def _read(kind: type[T], file: InputFile | None, found: list[Problem]) -> T | None:

@@ -173,7 +173,6 @@ class _Validation:
                 config=settings.run,
                 session=secrets.token_hex(6),
                 seed=0,
-                until_laps=None,
                 max_minutes=None,
                 folder=Path(folder),
                 launcher_pid=os.getpid(),

@@ -147,6 +147,7 @@ def setting(
     ignored: str = "",
     file: FileName | None = None,
     cosmetic: bool = False,
+    choices: tuple[str, ...] = (),
 ) -> T:
     """Declare a field of a group: see `Setting`. Texts of defaults may hold `$NAME`.
 
@@ -156,7 +157,7 @@ def setting(
     reason = planned or ignored
     low, high = between or (low, None)
     given = name, default, meaning, low, high, old_names, effect, reason, file, cosmetic
-    return cast(T, Setting(*given))
+    return cast(T, Setting(*given, choices=choices))
 
 
 @cache
@@ -180,6 +181,8 @@ def declared(model: type[Any]) -> Mapping[str, Setting]:
                 continue
             hints = getattr(annotation, "__metadata__", ())
             kind, choices = _kind(get_args(annotation)[0] if hints else annotation)
+            if given.choices:
+                kind, choices = "choice", given.choices
             ignored = group.ignored if given.effect == "used" else ""
             found[given.name] = replace(
                 given,

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self
 from urllib.parse import urlsplit
 
 from drcli.base.errors import Place, Problem
-from drcli.base.json_record import from_json
+from drcli.base.json_record import SafeInt, from_json
 from drcli.config.fields import FrozenGroups, declared, setting_problem
 from drcli.config.groups.race import (
     BotSettings,
@@ -54,11 +54,11 @@ class StorageConfig:
     bucket: str
     data_dir: Path
     engine: Engine = "rclone"
-    port: int | None = None
+    port: SafeInt | None = None
     endpoint_url: str | None = None
     profile: str | None = None
     region: str = "us-east-1"
-    idle_minutes: int = 10
+    idle_minutes: SafeInt = 10
 
     @property
     def at_amazon(self) -> bool:
@@ -113,7 +113,7 @@ class ModelConfig:
     prefix: str
     metrics_prefix: str
     metric: str
-    workers: int
+    workers: SafeInt
     reward_key: str
     parameters_file: str
 
@@ -244,7 +244,7 @@ class RunConfig:
         live_view: Whether workers show what they do to viewers on this machine.
     """
 
-    run_id: int
+    run_id: SafeInt
     directory: Path
     logs: LogConfig
     model: ModelConfig

@@ -10,9 +10,10 @@ from safetensors.torch import load as load_tensors
 from torch import Tensor, nn
 
 from drcli.base.errors import SettingsError
-from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithms import algorithm_config
+from drcli.learn.learner import learner_of
+from drcli.learn.network import Network
 from drcli.learn.policy import PolicySpec
-from drcli.learn.sac_networks import SACAgent
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 
@@ -42,11 +43,11 @@ def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicyS
     )
 
 
-def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> ActorCritic | SACAgent:
+def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> Network:
     """A network to drive with, without weights."""
-    spec = policy_spec(metadata, parameters)
-    model = SACAgent(spec) if metadata.training_algorithm == "sac" else ActorCritic(spec)
-    return model.eval()
+    algorithm = metadata.algorithm
+    config = algorithm_config(algorithm.config, parameters)
+    return learner_of(algorithm).network(policy_spec(metadata, parameters), config).eval()
 
 
 def load_weights(model: nn.Module, data: bytes, name: str) -> None:

@@ -30,9 +30,8 @@ from drcli.convert.tensorflow.graph import (
     encode_graph,
 )
 from drcli.convert.tensorflow.interpreter import Graph
-from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.network import Network
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
-from drcli.learn.sac_networks import SACAgent
 from drcli.model.files.model_metadata import LIDARS
 
 Weights = Mapping[str, NDArray[np.float32]]
@@ -251,9 +250,7 @@ class GraphComparison:
         return same and self.greatest_difference <= TOLERANCE
 
 
-def compare_graph(
-    data: bytes, model: ActorCritic | SACAgent, seen: Observation, origin: str
-) -> GraphComparison:
+def compare_graph(data: bytes, model: Network, seen: Observation, origin: str) -> GraphComparison:
     """SettingsError if the graph cannot run."""
     graph = Graph(decode_graph(data, origin), origin)
     steps = len(seen.frames)
@@ -284,16 +281,10 @@ def compare_outputs(expected: Floats, found: Floats, *, continuous: bool) -> Gra
     return GraphComparison(len(found), int(same.sum()), float(differences.max(initial=0.0)))
 
 
-def policy_output(model: ActorCritic | SACAgent, seen: Observation) -> Floats:
+def policy_output(model: Network, seen: Observation) -> Floats:
     """Shape (n, num_actions)."""
     with torch.inference_mode():
-        if isinstance(model, SACAgent):
-            output = torch.tanh(model(model.features(seen))[0])
-        else:
-            output = model(seen).policy
-            if not model.spec.continuous:
-                output = torch.softmax(output, dim=-1)
-    array: Floats = output.float().numpy()
+        array: Floats = model.outputs(seen).float().numpy()
     return array
 
 

@@ -16,9 +16,8 @@ from drcli.convert.engines import RUNS, Array, Engine, Port, check_runtime, open
 from drcli.convert.frozen_graph import encode_policy
 from drcli.convert.policy_file import PolicyFile
 from drcli.learn import distributions
-from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.network import Network
 from drcli.learn.policy import Observation, Policy, PolicySpec
-from drcli.learn.sac_networks import SACAgent
 from drcli.model.files.model_metadata import CAMERAS, LIDARS, SINGLE_CAMERAS, ModelMetadata
 from drcli.records.evaluation_task import Runtime
 
@@ -392,7 +391,7 @@ def policy_of_file(
 
 
 def policy_of_model(
-    model: ActorCritic | SACAgent,
+    model: Network,
     metadata: ModelMetadata,
     runtime: Runtime,
     origin: str,

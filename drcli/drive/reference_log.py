@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 
 from drcli.config.run_config import RaceConfig
-from drcli.learn.update_result import DistillationStats, PPOStats, Stats
+from drcli.learn.update_result import Stats
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.records.trace import Episode, log_lines
@@ -108,24 +108,9 @@ def evaluation_lines(
 
 
 def epoch_line(stats: Stats) -> str:
-    """One epoch of PPO's update, as in the reference, or a part of SAC's.
-
-    SAC has no surrogate loss and KL divergence; a taught student has its own line.
-    """
-    if isinstance(stats, DistillationStats):
-        return (
-            f"Distillation> Imitation loss={stats.imitation_loss}, "
-            f"training epoch={stats.epoch}, learning_rate={stats.learning_rate}"
-        )
-    if isinstance(stats, PPOStats):
-        losses = f"Surrogate loss={stats.policy_loss}, KL divergence={stats.approx_kl}"
-    else:
-        losses = f"Actor loss={stats.actor_loss}, Critic loss={stats.qf_loss}"
-        losses += f", Alpha={stats.alpha}"
-    return (
-        f"Policy training> {losses}, Entropy={stats.entropy}, "
-        f"training epoch={stats.epoch}, learning_rate={stats.learning_rate}"
-    )
+    """One epoch of an update, as in the reference."""
+    end = ", training epoch={0.epoch}, learning_rate={0.learning_rate}"
+    return (stats.line + end).format(stats)
 
 
 def _action_space(metadata: ModelMetadata) -> object:

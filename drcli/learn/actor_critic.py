@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from drcli.learn import distributions
 from drcli.learn.advantages import ReturnScale
 from drcli.learn.encoders import Dense, Encoder
+from drcli.learn.network import Head, Network
 from drcli.learn.policy import Observation, PolicySpec
 
 LOG_STD_RANGE = (-20.0, 3.0)
@@ -28,13 +29,12 @@ class Output(NamedTuple):
     """In the critic's own units. Shape (n,)."""
 
 
-class PolicyAndValue(nn.Module):
+class PolicyAndValue(Network):
     """What policies with a critic have in common.
 
     `returns` scales the critic, so that large values do not disturb the shared body.
     """
 
-    spec: PolicySpec
     value_head: nn.Module
     returns: ReturnScale
     log_std: nn.Parameter
@@ -124,6 +124,16 @@ class ActorCritic(PolicyAndValue):
         features = self.body(seen).to(self.policy_head.weight.dtype)
         value = self.value_head(seen.state if self.spec.state_dims else features)
         return Output(self.policy_head(features), value.squeeze(-1))
+
+    def head(self, seen: Observation, *, judged: bool = False) -> Head:
+        features = self.body(seen).to(self.policy_head.weight.dtype)
+        value = None
+        if judged:
+            of = self.value_head(seen.state if self.spec.state_dims else features)
+            value = self.returns(of.squeeze(-1))
+        raw = self.policy_head(features)
+        std = self.log_std_bounded().exp().expand_as(raw) if self.spec.continuous else None
+        return Head(raw, std, value)
 
 
 class Teacher(PolicyAndValue):

@@ -12,10 +12,11 @@ from torch.nn.utils import clip_grad_norm_
 from drcli.learn.actor_critic import PolicyAndValue
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import explained_variance, gae, normalized
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.cuda import CapturedStep, ReusedMemory
 from drcli.learn.data_parallel import DataParallel, GradientGroup
+from drcli.learn.learner import Learner
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
     NonFiniteLossError,
@@ -35,16 +36,11 @@ NUM_STATISTICS = 5
 LOSSES = ("surrogate", "value", "entropy")
 
 
-class PPO:
-    """A network, its optimizer, and the update that improves the network.
+class PPO(Learner):
+    """It cannot learn from rollouts of other weights."""
 
-    Attributes:
-        lr_factor: Share of the learning rate.
-        critic_warmup: Most updates that still improve the critic alone. A critic that guesses
-            would change the shared body, and a policy would forget.
-    """
-
-    memory_steps = 0
+    model: PolicyAndValue
+    config: PPOConfig
 
     def __init__(
         self,
@@ -54,11 +50,7 @@ class PPO:
         group: GradientGroup | None = None,
     ) -> None:
         """Every process of a `group` makes the same updates of the same rollouts."""
-        self.model = model.to(compute.device)
-        self.config = config
-        self.compute = compute
-        self.critic_warmup = 0
-        self.lr_factor = 1.0
+        super().__init__(model, config, compute)
         self.optimizer = Adam(model.parameters(), config.lr, config.adam_eps)
         self._parallel = DataParallel(
             self.model,
@@ -76,19 +68,6 @@ class PPO:
         self._memory = ReusedMemory(compute.device) if captures else None
         self._step = CapturedStep(self._take_step, compute.device, enabled=captures)
 
-    @property
-    def capture_failure(self) -> str | None:
-        """Why a GPU unexpectedly gets each operation by itself."""
-        return self._step.failure
-
-    @property
-    def most_samples(self) -> int | None:
-        """Samples that fit into the GPU's memory at once; None as long as all do."""
-        return self._parallel.most_samples
-
-    def remember(self, rollout: Rollout) -> None:
-        """Do nothing: PPO cannot learn from rollouts of other weights."""
-
     def update(
         self,
         rollout: Rollout,
@@ -97,19 +76,7 @@ class PPO:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[PPOStats]:
-        """Improve the policy on one iteration of driving.
-
-        Args:
-            rollout: Driven with the present weights.
-            seed: Decides the order of the minibatches.
-            on_epoch: Called after each epoch.
-            should_stop: Asked after each minibatch; ends the update early, which is sound.
-            steps_before: Environment steps so far, for the schedules.
-
-        Raises:
-            NonFiniteLossError: A return, a loss or a weight is NaN or infinite.
-            LearnerLostError: Another process of the group has ended.
-        """
+        """See `Learner.update`."""
         config = self.config
         history: list[PPOStats] = []
         learned = torch.from_numpy(np.flatnonzero(rollout.learned))

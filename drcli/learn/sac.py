@@ -11,11 +11,12 @@ from torch.nn import functional
 
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import gae
-from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
+from drcli.learn.algorithms import UPDATES_PER_STEP, SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.cuda import CapturedStep
 from drcli.learn.data_parallel import DataParallel, GradientGroup
-from drcli.learn.policy import Observation
+from drcli.learn.learner import Learner
+from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac_networks import SACAgent, squash
@@ -37,12 +38,11 @@ RANK_STRIDE = 7_919
 """Separates the random numbers of processes."""
 
 
-class SAC:
-    """An agent, its replay buffer, its optimizer, and the update that improves it.
+class SAC(Learner):
+    """With a replay buffer. Every update begins with the critics, so none has to warm up."""
 
-    Attributes:
-        critic_warmup: 0, because every update begins with the critics.
-    """
+    model: SACAgent
+    config: SACConfig
 
     def __init__(
         self,
@@ -52,11 +52,8 @@ class SAC:
         group: GradientGroup | None = None,
     ) -> None:
         """Each process of a `group` keeps some of the episodes, and draws from those."""
-        self.model = model.to(compute.device)
-        self.config = config
-        self.compute = compute
-        self.critic_warmup = 0
-        self.lr_factor = 1.0
+        super().__init__(model, config, compute)
+        self.memory_steps = config.sac_replay_steps
         self.updates_per_step = config.sac_updates_per_step or UPDATES_PER_STEP[compute.device.type]
         self._group = group
         self._rank, size = (0, 1) if group is None else (group.rank, group.size)
@@ -82,17 +79,9 @@ class SAC:
         captures = compute.graphs and group is None
         self._step = CapturedStep(self._take_step, compute.device, enabled=captures)
 
-    @property
-    def capture_failure(self) -> str | None:
-        return self._step.failure
-
-    @property
-    def memory_steps(self) -> int:
-        return self.config.sac_replay_steps
-
-    @property
-    def most_samples(self) -> int | None:
-        return self._parallel.most_samples
+    @staticmethod
+    def network(spec: PolicySpec, config: SACConfig) -> SACAgent:
+        return SACAgent(spec, config.sac_alpha)
 
     def remember(self, rollout: Rollout) -> None:
         """Add a rollout of an earlier iteration without learning from it."""
@@ -112,7 +101,7 @@ class SAC:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[SACStats]:
-        """As `PPO.update`, but any weights may have driven the rollout, and an epoch is a part."""
+        """See `Learner.update`; any weights may have driven the rollout, and an epoch is a part."""
         self._follow_returns(rollout)
         self.remember(rollout)
         own = self.replay.transitions

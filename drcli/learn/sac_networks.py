@@ -11,6 +11,7 @@ from torch.nn import functional
 from drcli.learn.advantages import ReturnScale
 from drcli.learn.distributions import log_prob_gaussian
 from drcli.learn.encoders import Dense, Encoder
+from drcli.learn.network import Head, Network
 from drcli.learn.policy import Observation, PolicySpec
 
 LOG_STD_RANGE = (-20.0, 2.0)
@@ -24,7 +25,7 @@ _WIDTH = 256
 """Source: the reference's SAC heads."""
 
 
-class SACAgent(nn.Module):
+class SACAgent(Network):
     """Actor, critics and temperature.
 
     One body instead of the reference's three. It learns from the critics (Yarats et al., 2021,
@@ -73,6 +74,18 @@ class SACAgent(nn.Module):
         actions, log_probs = squash(mean, log_std, noise * ~deterministic.unsqueeze(-1))
         value = self.critics(self.critic_input(features, seen), actions).amin(0)
         return actions, log_probs, self.returns(value)
+
+    def head(self, seen: Observation, *, judged: bool = False) -> Head:
+        features = self.features(seen)
+        mean, log_std = self(features)
+        value = None
+        if judged:
+            actions = self.squash(mean)
+            value = self.returns(self.critics(self.critic_input(features, seen), actions).amin(0))
+        return Head(mean, log_std.exp(), value)
+
+    def squash(self, raw: Tensor) -> Tensor:
+        return torch.tanh(raw)
 
 
 def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:

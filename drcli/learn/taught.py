@@ -14,9 +14,10 @@ from torch.nn import functional
 
 from drcli.learn.actor_critic import FIRST_LOG_STD, ActorCritic, Teacher
 from drcli.learn.adam import Adam
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
+from drcli.learn.learner import Learner
 from drcli.learn.phases import FINE_LR, FINE_LR_OF_CHOICES, Phase
 from drcli.learn.policy import Float32s, Observation
 from drcli.learn.ppo import PPO
@@ -68,15 +69,17 @@ LARGEST_LABEL = 1.2
 """Beyond 1, means say how sure the teacher is, but would move a student's other actions."""
 
 
-class TaughtLearner:
+class TaughtLearner(Learner):
+    """Hands on to the learner of the present phase."""
+
+    model: ActorCritic
+    config: PPOConfig
+
     def __init__(self, model: ActorCritic, config: PPOConfig, compute: Compute) -> None:
-        self.model = model.to(compute.device)
-        self.config = config
-        self.compute = compute
-        self.lr_factor = 1.0
+        super().__init__(model, config, compute)
         self.teacher = Teacher(model)
         self.phase: Phase = "teacher"
-        self._learner: PPO | _Distillation
+        self._learner: Learner
         self.begin("teacher")
 
     def begin(self, phase: Phase) -> None:
@@ -100,6 +103,7 @@ class TaughtLearner:
             fine = replace(self.config, lr=lr, target_kl=target_kl)
             self._learner = PPO(self.model, fine, self.compute)
             self._learner.critic_warmup = CRITIC_WARMUP
+        self.optimizer, self.memory_steps = self._learner.optimizer, self._learner.memory_steps
 
     def _calm(self, log_std: float) -> None:
         if self.model.spec.continuous:
@@ -108,29 +112,20 @@ class TaughtLearner:
                 self.model.teacher.log_std.fill_(log_std)
 
     @property
-    def optimizer(self) -> Adam:
-        return self._learner.optimizer
-
-    @property
     def critic_warmup(self) -> int:
-        return self._learner.critic_warmup if isinstance(self._learner, PPO) else 0
+        return self._learner.critic_warmup
 
     @critic_warmup.setter
     def critic_warmup(self, updates: int) -> None:
-        if isinstance(self._learner, PPO):
-            self._learner.critic_warmup = updates
+        self._learner.critic_warmup = updates
 
     @property
     def capture_failure(self) -> str | None:
-        return self._learner.capture_failure if isinstance(self._learner, PPO) else None
+        return self._learner.capture_failure
 
     @property
     def most_samples(self) -> int | None:
         return self._learner.most_samples
-
-    @property
-    def memory_steps(self) -> int:
-        return self._learner.memory_steps
 
     def remember(self, rollout: Rollout) -> None:
         self._learner.remember(rollout)
@@ -143,7 +138,7 @@ class TaughtLearner:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[Stats]:
-        """See `PPO.update`; `steps_before` are those of this phase."""
+        """See `Learner.update`; `steps_before` are those of this phase."""
         self._learner.lr_factor = self.lr_factor
         threads = torch.get_num_threads()
         if self.phase == "teacher":  # its operations are shorter than to wake a thread
@@ -154,24 +149,20 @@ class TaughtLearner:
             torch.set_num_threads(threads)
 
 
-class _Distillation:
+class _Distillation(Learner):
     """Imitates the teacher wherever one of them has driven."""
 
     memory_steps = REMEMBERED_STEPS
+    capture_failure = None
 
     def __init__(self, student: ActorCritic, teacher: Teacher, compute: Compute) -> None:
+        super().__init__(student, STUDENT, compute)
         self._student, self._teacher = student, teacher
-        self.compute = compute
-        self.lr_factor = 1.0
         self.optimizer = Adam([*student.body.parameters(), *student.policy_head.parameters()], 0.0)
         self._parallel = DataParallel(
             student, compute.parts, compute.threads, bf16=compute.bf16, num_statistics=1
         )
         self._driven = ReplayBuffer(student.spec, REMEMBERED_STEPS)
-
-    @property
-    def most_samples(self) -> int | None:
-        return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
         if rollout.frames.size:  # nothing was drawn for a teacher
@@ -181,9 +172,9 @@ class _Distillation:
         self,
         rollout: Rollout,
         seed: int,
-        on_epoch: Callable[[DistillationStats], None],
-        should_stop: Callable[[], bool],
-        steps_before: int,
+        on_epoch: Callable[[DistillationStats], None] = lambda stats: None,
+        should_stop: Callable[[], bool] = lambda: False,
+        steps_before: int = 0,
     ) -> list[DistillationStats]:
         self.remember(rollout)
         draw = torch.Generator().manual_seed(seed)

@@ -3,13 +3,17 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import ClassVar
 
 import torch
 from torch import nn
 
 
 @dataclass(frozen=True)
-class _Statistics:
+class Stats:
+    """Of an epoch, or of another part of an update; `line` is for the log."""
+
+    line: ClassVar[str]
     epoch: int
     learning_rate: float
 
@@ -21,13 +25,17 @@ class _Statistics:
 
 
 @dataclass(frozen=True)
-class PPOStats(_Statistics):
+class PPOStats(Stats):
     """Means over an epoch's minibatches.
 
     `approx_kl` is from the policy that drove, `clipfrac` the share of steps outside the clip
-    range.
+    range. The line is as in the reference.
     """
 
+    line = (
+        "Policy training> Surrogate loss={0.policy_loss}, KL divergence={0.approx_kl}, "
+        "Entropy={0.entropy}"
+    )
     policy_loss: float
     value_loss: float
     entropy: float
@@ -37,9 +45,13 @@ class PPOStats(_Statistics):
 
 
 @dataclass(frozen=True)
-class SACStats(_Statistics):
+class SACStats(Stats):
     """Means over a part of an update; `alpha_loss` is NaN if alpha is fixed."""
 
+    line = (
+        "Policy training> Actor loss={0.actor_loss}, Critic loss={0.qf_loss}, Alpha={0.alpha}, "
+        "Entropy={0.entropy}"
+    )
     actor_loss: float
     qf1_values: float
     qf2_values: float
@@ -58,13 +70,11 @@ class SACStats(_Statistics):
 
 
 @dataclass(frozen=True)
-class DistillationStats(_Statistics):
+class DistillationStats(Stats):
     """How far the student's actions are from the teacher's."""
 
+    line = "Distillation> Imitation loss={0.imitation_loss}"
     imitation_loss: float
-
-
-Stats = PPOStats | SACStats | DistillationStats
 
 
 class NonFiniteLossError(ArithmeticError):

@@ -14,8 +14,8 @@ from torch import Tensor
 from drcli.learn.actor_critic import ActorCritic, PolicyAndValue
 from drcli.learn.cuda import GpuPolicy
 from drcli.learn.data_parallel import DataParallelPolicy
+from drcli.learn.network import Network
 from drcli.learn.policy import Decision, Observation, Policy
-from drcli.learn.sac_networks import SACAgent
 from drcli.live.live_record import ShownCar
 from drcli.records.trace import Episode, Phase, Row
 from drsim.car.actions import Actions
@@ -159,23 +159,24 @@ def with_policy(
     policy = _own(look.policy)
     seen = look.seen.part(slice(row, row + 1))
     with torch.inference_mode():
-        if isinstance(policy, PolicyAndValue):
-            output = _output(policy, seen, calls)
-            if not continuous:
-                shares = output.double().softmax(-1)[0]
-                return replace(told, probabilities=_rounded(shares))
-            return _with_spread(told, look.actions, output, policy.log_std_bounded().exp())
-        if isinstance(policy, SACAgent):
-            mean, log_std = policy(policy.features(seen))
-            return _with_spread(told, look.actions, mean, log_std.exp(), squashed=True)
+        if isinstance(policy, Network):
+            raw, std = _output(policy, seen, calls)
+            if std is None:
+                return replace(told, probabilities=_rounded(raw.double().softmax(-1)[0]))
+            return _with_spread(told, look.actions, policy, raw, std)
     return told
 
 
 def _output(
-    policy: PolicyAndValue, seen: Observation, calls: Sequence[tuple[Tensor, Tensor]]
-) -> Tensor:
+    policy: Network, seen: Observation, calls: Sequence[tuple[Tensor, Tensor]]
+) -> tuple[Tensor, Tensor | None]:
+    """Logits or means, and how far draws are from these."""
+    if not isinstance(policy, PolicyAndValue):
+        raw, std, _ = policy.head(seen)
+        return raw, std
     said = _said(seen.frames, calls) if isinstance(policy, ActorCritic) else None
-    return policy(seen).policy if said is None else said
+    raw = policy(seen).policy if said is None else said
+    return raw, policy.log_std_bounded().exp() if policy.spec.continuous else None
 
 
 def _own(policy: Policy) -> Policy:
@@ -194,12 +195,11 @@ def _said(frames: Tensor, calls: Sequence[tuple[Tensor, Tensor]]) -> Tensor | No
 
 
 def _with_spread(
-    shown: ShownCar, actions: Actions, mean: Tensor, std: Tensor, *, squashed: bool = False
+    shown: ShownCar, actions: Actions, policy: Network, mean: Tensor, std: Tensor
 ) -> ShownCar:
     found = []
     for offset in (0.0, -1.0, 1.0):
-        values = mean + offset * std
-        asked = actions.requests((torch.tanh(values) if squashed else values).numpy())
+        asked = actions.requests(policy.squash(mean + offset * std).numpy())
         found.append([round(float(x[0]), _DIGITS) for x in asked])
     return replace(shown, mean=found[0], low=found[1], high=found[2])
 

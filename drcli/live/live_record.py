@@ -12,11 +12,13 @@ import socket
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal, get_args
+
+from msgspec import Meta
 
 from drcli.base.files import load_record, write_private_json
 from drcli.base.framing import WireError, exactly, framed
-from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
+from drcli.base.json_record import JsonRecord, Pid, RecordError, SafeInt, Seconds, decode_json
 from drcli.base.processes import is_alive, started_s
 
 LiveView = Literal["camera", "chase", "scene", "state"]
@@ -46,11 +48,11 @@ class LiveAddress:
         pid_started: From `process_identity.started_s`; process numbers are reused.
     """
 
-    port: int
+    port: SafeInt
     key: str
-    pid: int
-    pid_started: float
-    protocol: int = PROTOCOL
+    pid: Pid
+    pid_started: Seconds
+    protocol: SafeInt = PROTOCOL
 
     @staticmethod
     def own(port: int) -> "LiveAddress":
@@ -88,17 +90,14 @@ class LiveRequest:
     """`car` counts from 0; None: the one furthest ahead."""
 
     views: tuple[LiveView, ...] = ()
-    car: int | None = None
+    car: Annotated[int, Meta(ge=0, lt=MOST_CAR)] | None = None
 
     def encode(self) -> bytes:
         return json.dumps({"views": sorted(self.views), "car": self.car}).encode()
 
     @staticmethod
     def decode(data: bytes) -> "LiveRequest":
-        request = from_json(LiveRequest, parse_json(data))
-        if request.car is not None and not 0 <= request.car < MOST_CAR:
-            raise RecordError("'car' is not the number of a car")
-        return request
+        return decode_json(LiveRequest, data)
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ class LiveMessage:
         begin = _HEADER_BYTES + int.from_bytes(data[:_HEADER_BYTES], "big")
         if len(data) < begin:
             raise RecordError("it ends too early")
-        header = from_json(_Header, parse_json(data[_HEADER_BYTES:begin]))
+        header = decode_json(_Header, data[_HEADER_BYTES:begin])
         return LiveMessage(data=data[begin:], **asdict(header))
 
     @property
@@ -142,10 +141,10 @@ class LiveMessage:
 @dataclass(frozen=True)
 class _Header:
     view: LiveView
-    step_s: float
-    car: int | None = None
-    width: int = 0
-    height: int = 0
+    step_s: Seconds
+    car: SafeInt | None = None
+    width: SafeInt = 0
+    height: SafeInt = 0
 
 
 @dataclass(frozen=True)
@@ -159,11 +158,11 @@ class LiveState(JsonRecord):
     """
 
     worker: str
-    pid: int
+    pid: Pid
     activity: str
     waits: bool
-    since_s: float
-    iteration: int | None = None
+    since_s: Seconds
+    iteration: SafeInt | None = None
     checkpoint: str = ""
     hint: str = ""
 
@@ -172,7 +171,7 @@ class LiveState(JsonRecord):
 class LiveRacer:
     model: str
     color: str
-    rgb: tuple[int, ...] = ()
+    rgb: tuple[SafeInt, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -191,9 +190,9 @@ class LiveCar:
         resets: Violations forgiven.
     """
 
-    car: int
-    racer: int
-    episode: int
+    car: SafeInt
+    racer: SafeInt
+    episode: SafeInt
     phase: str
     reverse: bool
     x: float
@@ -206,10 +205,10 @@ class LiveCar:
     reward: float
     total: float
     status: str
-    steps: int
-    lap_s: float
-    laps: int = 0
-    resets: int = 0
+    steps: SafeInt
+    lap_s: Seconds
+    laps: SafeInt = 0
+    resets: SafeInt = 0
 
 
 @dataclass(frozen=True)
@@ -233,10 +232,10 @@ class ShownCar:
         value: Discounted reward that the critic expects.
     """
 
-    car: int
+    car: SafeInt
     objects: list[LiveObject] = field(default_factory=list)
     probabilities: list[float] | None = None
-    chosen: int | None = None
+    chosen: SafeInt | None = None
     mean: list[float] | None = None
     low: list[float] | None = None
     high: list[float] | None = None
@@ -254,21 +253,21 @@ class FinishedEpisode:
         ended_s: Unix time.
     """
 
-    serial: int
-    episode: int
+    serial: SafeInt
+    episode: SafeInt
     phase: str
-    racer: int
+    racer: SafeInt
     world: str
-    iteration: int | None
+    iteration: SafeInt | None
     checkpoint: str
     status: str
-    lap: int
+    lap: SafeInt
     progress: float
-    time_s: float
+    time_s: Seconds
     reward: float
-    steps: int
-    ended_s: float
-    resets: int = 0
+    steps: SafeInt
+    ended_s: Seconds
+    resets: SafeInt = 0
 
 
 @dataclass(frozen=True)
@@ -284,7 +283,7 @@ class LiveScene(JsonRecord):
     world: str
     reverse: bool
     race_type: str
-    iteration: int | None
+    iteration: SafeInt | None
     checkpoint: str
     racers: list[LiveRacer]
     actions: list[list[float]]
@@ -292,12 +291,9 @@ class LiveScene(JsonRecord):
     shown: ShownCar | None
     finished: list[FinishedEpisode] = field(default_factory=list)
 
-    def to_json(self) -> dict[str, Any]:
-        """Without `asdict`'s copies: it is made often."""
-        return {**vars(self)}
-
     def encode(self) -> bytes:
-        return json.dumps(self.to_json(), default=vars, allow_nan=False).encode()
+        """Without `asdict`'s copies: it is made often."""
+        return json.dumps(vars(self), default=vars, allow_nan=False).encode()
 
 
 # How live pictures travel between a worker and a viewer: proof of the key, then messages.

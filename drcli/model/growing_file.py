@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from drcli.base.errors import DrError, StorageError
-from drcli.base.json_record import RecordError, parse_json
+from drcli.base.json_record import RecordError, decode_json
 from drcli.base.log import get_logger
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.model import keys
@@ -335,7 +335,8 @@ def _history(whole: bytes, parts: Sequence[bytes]) -> bytes:
 
 def _metrics(whole: bytes, parts: Sequence[bytes]) -> bytes:
     records = combined_metrics(decode_metrics(whole), list(map(decode_metrics, parts)))
-    return encode_metrics(records, parse_json(whole).get("best_model_metric", "progress"))
+    metric = decode_json(dict[str, Any], whole).get("best_model_metric", "progress")
+    return encode_metrics(records, metric)
 
 
 def _rows(whole: bytes, parts: Sequence[bytes]) -> bytes:

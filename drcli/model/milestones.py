@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
-from drcli.base.json_record import JsonRecord
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, read_record, remedy_of
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
-from drcli.records.checkpoint import CheckpointName, checkpoint_name
+from drcli.records.checkpoint import CheckpointName, NameText, checkpoint_name
 from drcli.records.iteration import IterationRecord
 from drcli.records.scores import EvaluationResult
 
@@ -20,14 +20,11 @@ THREE = 3
 
 @dataclass(frozen=True)
 class Milestone:
-    checkpoint: str
-    laps: int
-    episodes: int
+    checkpoint: NameText
+    laps: SafeInt
+    episodes: SafeInt
     progress: float
-    best_lap_s: float
-
-    def __post_init__(self) -> None:
-        checkpoint_name(self.checkpoint)
+    best_lap_s: Seconds
 
     @property
     def name(self) -> CheckpointName:
@@ -41,11 +38,7 @@ class Milestones(JsonRecord):
     first_lap: Milestone | None = None
     three_laps: Milestone | None = None
     best_lap: Milestone | None = None
-    spaced: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        for name in self.spaced:
-            checkpoint_name(name)
+    spaced: list[NameText] = field(default_factory=list)
 
     def of_kind(self, kind: MilestoneKind) -> Milestone | None:
         found = {

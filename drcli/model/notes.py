@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds, Words
 from drcli.bucket.bucket import (
     ObjectDamaged,
     ObjectInfo,
@@ -23,14 +23,10 @@ from drcli.model.model_store import ModelStore
 @dataclass(frozen=True)
 class NoteRecord(JsonRecord):
     at: float
-    text: str
+    text: Words
     host: str = ""
-    checkpoint: int | None = None
-    edited_at: float | None = None
-
-    def __post_init__(self) -> None:
-        if not self.text.strip():
-            raise RecordError("it has no text")
+    checkpoint: SafeInt | None = None
+    edited_at: Seconds | None = None
 
 
 # Notes of a model, each an object, so none can overwrite another.

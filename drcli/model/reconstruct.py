@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from drcli.base.installation import lazy_imports
-from drcli.base.json_record import Fingerprint, from_json
+from drcli.base.json_record import Fingerprint, decode_json
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.model import keys
 from drcli.model.best_checkpoint import (
@@ -28,7 +28,7 @@ from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_rollbacks
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters
 from drcli.records.episode_metrics import EpisodeMetrics
-from drcli.records.iteration import EVALUATION_FIELDS, IterationRecord
+from drcli.records.iteration import EVALUATION_FIELDS, IterationRecord, decode_iteration
 from drcli.records.scores import EvaluationResult, Score, Scores
 from drcli.records.trace import read_csv
 
@@ -40,15 +40,15 @@ _TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 T = TypeVar("T")
 
 
-def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
+def whole_records(data: bytes, read: Callable[[bytes], T]) -> list[T]:
     text = data.decode("utf-8", "replace")
     decoder = json.JSONDecoder()
     found: list[T] = []
     begin = text.find("{")
     while begin >= 0:
         try:
-            value, end = decoder.raw_decode(text, begin)
-            found.append(read(value))
+            _, end = decoder.raw_decode(text, begin)
+            found.append(read(text[begin:end].encode()))
         except (ValueError, RecursionError):  # RecordError is a ValueError
             end = begin + 1
         begin = text.find("{", end)
@@ -99,7 +99,7 @@ def reconstruct_history(model: ModelStore, damaged: Iterable[bytes] = ()) -> lis
     records = readable_records(model)
     key = keys.history(model.prefix)
     objects = [*damaged, *readable_objects(model.bucket, [key, *list_parts(model.bucket, key)])]
-    parts = [whole_records(data, IterationRecord.from_json) for data in objects]
+    parts = [whole_records(data, decode_iteration) for data in objects]
     known = {record.iteration: record for record in combined_history([], parts)}
     learned = [r.counters.learned for r in records if r.counters.learned is not None]
     stated = known | {record.iteration: record for record in learned}
@@ -181,7 +181,7 @@ def reconstruct_milestones(model: ModelStore, damaged: bytes = b"") -> Milestone
 
     All checkpoints stay: every n-th are unknown.
     """
-    found = whole_records(damaged, partial(from_json, Milestone))
+    found = whole_records(damaged, partial(decode_json, Milestone))
     names = whole_checkpoints(model)
     scores = reconstruct_scores(model, "progress")
     best = None if scores is None else scores.best_checkpoint.name
@@ -200,7 +200,7 @@ def reconstruct_milestones(model: ModelStore, damaged: bytes = b"") -> Milestone
 def reconstruct_metrics(
     model: ModelStore, worker: int, files: Iterable[bytes]
 ) -> list[EpisodeMetrics]:
-    found = [r for data in files for r in whole_records(data, EpisodeMetrics.from_json)]
+    found = [r for data in files for r in whole_records(data, EpisodeMetrics.decode)]
     # The whole file and a part may both have an episode.
     own = {(r.iteration, r.phase, r.trial, r.episode, r.metric_time): r for r in found}
     kept = list(own.values())

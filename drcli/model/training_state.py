@@ -8,7 +8,7 @@ from datetime import datetime
 from typing import Literal
 
 from drcli.base import errors
-from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.json_record import JsonRecord, RecordError, Seconds
 from drcli.bucket.bucket import (
     READS_FAR,
     ObjectDamaged,
@@ -173,7 +173,7 @@ class Rollback:
     target: str
     lr: float
     factor: float
-    elapsed_s: float
+    elapsed_s: Seconds
     session: str = ""
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.json_record import JsonRecord, RecordError, SafeInt, Seconds, Text, Words
 from drcli.records.iteration import is_clean_lap
 from drcli.records.trace import STATUS_LABELS
 
@@ -39,24 +39,24 @@ class RaceRules(JsonRecord):
     """
 
     name: str
-    created_at: float
+    created_at: Seconds
     world: str
     reverse: bool = False
     race_type: RaceKind = "TIME_TRIAL"
     ranking: Ranking = "best-lap"
-    max_laps: int = 3
-    min_laps: int = 1
-    average_laps: int = 3
-    off_track_penalty_s: float = 5.0
-    collision_penalty_s: float = 5.0
-    max_submissions: int = 0
-    opens_at: float | None = None
-    closes_at: float | None = None
-    seed: int = 0
+    max_laps: SafeInt = 3
+    min_laps: SafeInt = 1
+    average_laps: SafeInt = 3
+    off_track_penalty_s: Seconds = 5.0
+    collision_penalty_s: Seconds = 5.0
+    max_submissions: SafeInt = 0
+    opens_at: Seconds | None = None
+    closes_at: Seconds | None = None
+    seed: SafeInt = 0
     pairing: Pairing = "round-robin"
     sensors: list[str] = field(default_factory=list)
     settings: dict[str, str] = field(default_factory=dict)
-    changes: int = 0
+    changes: SafeInt = 0
 
     def __post_init__(self) -> None:
         if not self.name.strip():
@@ -79,15 +79,11 @@ class RaceRules(JsonRecord):
 class RaceSubmission(JsonRecord):
     """A submitted checkpoint, written by its racer after the model was copied."""
 
-    racer: str
-    model: str
-    checkpoint: str
-    submitted_at: float
+    racer: Words
+    model: Text
+    checkpoint: Text
+    submitted_at: Seconds
     host: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.racer.strip() or not self.model or not self.checkpoint:
-            raise RecordError("'racer', 'model' and 'checkpoint' cannot be empty")
 
 
 @dataclass(frozen=True)
@@ -99,8 +95,8 @@ class QueueOrder(JsonRecord):
         restarts: Results before the last one do not count.
     """
 
-    place: int
-    restarts: int = 0
+    place: SafeInt
+    restarts: SafeInt = 0
 
 
 @dataclass(frozen=True)
@@ -114,15 +110,15 @@ class DrivenLap:
         reversed: How often it drove in the wrong direction.
     """
 
-    lap_s: float
+    lap_s: Seconds
     progress: float
     status: str
-    off_track: int = 0
-    crashes: int = 0
-    resets: int = 0
-    penalty_s: float | None = None
-    immobilized: int = 0
-    reversed: int = 0
+    off_track: SafeInt = 0
+    crashes: SafeInt = 0
+    resets: SafeInt = 0
+    penalty_s: Seconds | None = None
+    immobilized: SafeInt = 0
+    reversed: SafeInt = 0
 
     @property
     def complete(self) -> bool:
@@ -158,9 +154,9 @@ class RaceResult(JsonRecord):
 
     state: Literal["running", "done", "failed"]
     session: str
-    restarts: int
-    began_at: float
-    ended_at: float | None = None
+    restarts: SafeInt
+    began_at: Seconds
+    ended_at: Seconds | None = None
     cars: list[DrivenCar] = field(default_factory=list)
     message: str = ""
     remedy: str = ""

@@ -1,17 +1,20 @@
 """The name of a checkpoint and its JSON record."""
 
 import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
-from drcli.base.json_record import Fingerprint, JsonRecord, RecordError
+from msgspec import Meta
+
+from drcli.base.json_record import Fingerprint, JsonRecord, RecordError, SafeInt, Seconds, plain
 from drcli.records.iteration import IterationRecord
 from drcli.records.stage import PhaseMark, StageMark
 
 CHECKPOINT_NAME = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
+
+NameText = Annotated[str, Meta(pattern=rf"^{CHECKPOINT_NAME.pattern}\Z", max_length=60)]
 
 
 @dataclass(frozen=True, order=True)
@@ -51,32 +54,29 @@ class Counters:
         shares: Version of the `Shares`; None where DR_WORKERS share evenly.
     """
 
-    episodes: int = 0
-    elapsed_s: float = 0.0
+    episodes: SafeInt = 0
+    elapsed_s: Seconds = 0.0
     number_format: str | None = None
     learned: IterationRecord | None = None
-    seed: int | None = None
+    seed: SafeInt | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
     files: str | None = None
-    critic_warmup: int | None = None
-    rollbacks: int | None = None
+    critic_warmup: SafeInt | None = None
+    rollbacks: SafeInt | None = None
     stage: StageMark | None = None
     phase: PhaseMark | None = None
-    shares: int | None = None
+    shares: SafeInt | None = None
 
 
 @dataclass(frozen=True)
 class CheckpointRecord(JsonRecord):
     """`sim_time_s` counts simulated seconds since the training began."""
 
-    name: str
+    name: NameText
     tensors: Fingerprint
     optimizer: Fingerprint | None = None
-    sim_time_s: float = 0.0
+    sim_time_s: Seconds = 0.0
     counters: Counters = field(default_factory=Counters)
-
-    def __post_init__(self) -> None:
-        checkpoint_name(self.name)
 
     @classmethod
     def decode_of(cls, name: str, data: bytes) -> "CheckpointRecord":
@@ -95,18 +95,9 @@ class CheckpointRecord(JsonRecord):
         return checkpoint_name(self.name).steps
 
     def to_json(self) -> dict[str, Any]:
-        fields = super().to_json()
+        fields = plain(super().to_json())
         counters = {name: value for name, value in fields["counters"].items() if value is not None}
-        if "learned" in counters:
-            learned = counters["learned"].items()
-            counters["learned"] = {
-                name: None if _is_nan(value) else value for name, value in learned
-            }
         return {**fields, "counters": counters}
-
-
-def _is_nan(value: Any) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)
 
 
 def decode_pointer(data: bytes) -> CheckpointName:

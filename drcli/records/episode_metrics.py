@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from drcli.base.json_record import JsonRecord, RecordError, parse_json
+from drcli.base.json_record import JsonRecord, SafeInt, decode_json
 from drcli.records.iteration import is_clean_lap
 from drcli.records.trace import STATUS_LABELS, STEP_S, VIOLATIONS, Episode, Phase, TracedEpisode
 
@@ -33,12 +33,12 @@ class EpisodeMetrics(JsonRecord):
     metric_time: float
     start_time: float
     elapsed_time_in_milliseconds: float
-    episode: int
-    trial: int
+    episode: SafeInt
+    trial: SafeInt
     phase: Phase
     completion_percentage: float
     episode_status: str
-    iteration: int | None = None
+    iteration: SafeInt | None = None
     stage: str | None = None
 
     @staticmethod
@@ -100,10 +100,12 @@ def encode_metrics(records: Iterable[EpisodeMetrics], best_model_metric: str) ->
 
 def decode_metrics(data: bytes) -> list[EpisodeMetrics]:
     """`TrainingMetrics.json` of any version; RecordError if damaged."""
-    file = parse_json(data)
-    if not isinstance(file, dict) or not isinstance(file.get("metrics"), list):
-        raise RecordError("it has no list of 'metrics'")
-    return [EpisodeMetrics.from_json(record) for record in file["metrics"]]
+    return decode_json(_EpisodeFile, data).metrics
+
+
+@dataclass(frozen=True)
+class _EpisodeFile:
+    metrics: list[EpisodeMetrics]
 
 
 def most_episodes(records: Sequence[EpisodeMetrics]) -> int:
@@ -130,17 +132,17 @@ class TrialMetrics(JsonRecord):
     start_time: float
     elapsed_time_in_milliseconds: float
     episode_status: str
-    crash_count: int
-    immobilized_count: int
-    off_track_count: int
-    reversed_count: int
-    reset_count: int
-    trial: int
+    crash_count: SafeInt
+    immobilized_count: SafeInt
+    off_track_count: SafeInt
+    reversed_count: SafeInt
+    reset_count: SafeInt
+    trial: SafeInt
     penalty_in_milliseconds: float | None = None
     start_position: float | None = None
     start_offset_m: float | None = None
     start_angle_deg: float | None = None
-    end_waypoint: int | None = None
+    end_waypoint: SafeInt | None = None
 
     @staticmethod
     def of(episode: Episode) -> "TrialMetrics":
@@ -189,6 +191,15 @@ _FAULTS = (
     "reversed_count",
     "penalty_in_milliseconds",
 )
+
+
+def decode_metrics_file(data: bytes) -> list[TrialMetrics]:
+    return decode_json(_TrialFile, data).metrics
+
+
+@dataclass(frozen=True)
+class _TrialFile:
+    metrics: list[TrialMetrics]
 
 
 def encode_metrics_file(trials: Sequence[TrialMetrics]) -> bytes:

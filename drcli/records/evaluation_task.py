@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import fmean
-from typing import Any, Literal
+from typing import Annotated, Literal
 
-from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
+from msgspec import Meta
+
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds, decode_json
 from drcli.records.episode_metrics import TrialMetrics
 
 # What drives a racer of an evaluation, and which engine.
@@ -52,10 +54,10 @@ class CarTrial:
     """
 
     car: str
-    laps: int
-    starts: int
+    laps: SafeInt
+    starts: SafeInt
     mean_progress: float
-    lap_times_s: list[float]
+    lap_times_s: list[Seconds]
 
 
 @dataclass(frozen=True)
@@ -78,19 +80,15 @@ class CarTrials:
 
 @dataclass(frozen=True)
 class _File:
-    cars: list[CarTrial]
+    cars: Annotated[list[CarTrial], Meta(min_length=1)]
 
 
 def encode_trials(trials: Sequence[CarTrial]) -> bytes:
-    cars: list[dict[str, Any]] = [asdict(trial) for trial in trials]
-    return json.dumps({"cars": cars}, allow_nan=False).encode()
+    return json.dumps({"cars": list(map(asdict, trials))}, allow_nan=False).encode()
 
 
 def decode_trials(data: bytes) -> list[CarTrial]:
-    found = from_json(_File, parse_json(data)).cars
-    if not found:
-        raise RecordError("it has no cars")
-    return found
+    return decode_json(_File, data).cars
 
 
 # How a model drives under each disturbance, and one number.
@@ -115,10 +113,10 @@ class RobustCell(JsonRecord):
 
     axis: str
     level: str
-    trials: int
-    completed: int
+    trials: SafeInt
+    completed: SafeInt
     progress: float
-    lap_s: float | None
+    lap_s: Seconds | None
     ended_by: str = ""
 
 
@@ -138,7 +136,7 @@ class RobustResult(JsonRecord):
     prefix: str
     checkpoint: str
     world: str
-    seed: int
+    seed: SafeInt
     cells: list[RobustCell]
     seconds: float
 
@@ -186,7 +184,7 @@ class EvaluationTask:
         fresh_laps: Laps from fresh starts instead; 0: none.
     """
 
-    number: int
+    number: SafeInt
     prefix: str
     metrics_prefix: str
     checkpoint: str
@@ -194,7 +192,7 @@ class EvaluationTask:
     stamp: str
     source: PolicySource = field(default_factory=PolicySource)
     robust: bool = False
-    fresh_laps: int = 0
+    fresh_laps: SafeInt = 0
 
     @property
     def outcome_file(self) -> str:
@@ -210,7 +208,7 @@ class TaskOutcome(JsonRecord):
     notes: list[str] = field(default_factory=list)
     reason: str = ""
     remedy: str = ""
-    code: int = 0
+    code: SafeInt = 0
 
 
 # What a trace does not tell about an evaluation, to film it later.
@@ -225,7 +223,7 @@ class RecordedObjects(JsonRecord):
             nothing moved.
     """
 
-    episode: int
+    episode: SafeInt
     poses: list[list[list[float]]]
 
 
@@ -243,5 +241,5 @@ class RaceRecording(JsonRecord):
     shapes: list[str] = field(default_factory=list)
     episodes: list[RecordedObjects] = field(default_factory=list)
     other_color: str = ""
-    off_track_penalty_s: float | None = None
-    collision_penalty_s: float | None = None
+    off_track_penalty_s: Seconds | None = None
+    collision_penalty_s: Seconds | None = None

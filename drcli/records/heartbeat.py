@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drcli.base.files import load_record, save_record
-from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.json_record import JsonRecord, Pid, RecordError, SafeInt, Seconds
 
 FILE_BYTES = 1024
 _SUM_BYTES = 9
@@ -28,16 +28,16 @@ class PulseRecord(JsonRecord):
         memory_bytes: Resident set.
     """
 
-    pid: int
-    beats: int
-    written_s: float
+    pid: Pid
+    beats: SafeInt
+    written_s: Seconds
     activity: str
     waits: bool
-    work: int
-    worked_s: float | None
-    turned_s: float
-    memory_bytes: int = 0
-    open_files: int = 0
+    work: SafeInt
+    worked_s: Seconds | None
+    turned_s: Seconds
+    memory_bytes: SafeInt = 0
+    open_files: SafeInt = 0
 
     def file_content(self) -> bytes:
         data = self.encode()

@@ -3,11 +3,12 @@
 import json
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from statistics import median
+from typing import TYPE_CHECKING
 
 from drcli.base.installation import lazy_imports
-from drcli.base.json_record import JsonRecord, MaybeNan, RecordError, parse_json
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds, decode_json
 
 with lazy_imports():
     import numpy as np
@@ -146,6 +147,12 @@ def share_interval(count: int, of: int, z: float = Z_95) -> tuple[float, float]:
     return 0.0 if count == 0 else low, 1.0 if count == of else high
 
 
+if TYPE_CHECKING:
+    MaybeNan = float
+else:
+    MaybeNan = float | None  # in JSON
+
+
 @dataclass(frozen=True, kw_only=True)
 class IterationRecord(JsonRecord):
     """One iteration: what a checkpoint drove and what was learned from it.
@@ -195,15 +202,15 @@ class IterationRecord(JsonRecord):
             part of an update of the phase `distillation`; else None.
     """
 
-    iteration: int
+    iteration: SafeInt
     checkpoint: str
-    episodes: int
-    steps: int
-    total_steps: int
+    episodes: SafeInt
+    steps: SafeInt
+    total_steps: SafeInt
     mean_reward: float
     mean_progress: float
-    full_laps: int
-    best_lap_s: float | None
+    full_laps: SafeInt
+    best_lap_s: Seconds | None
     entropy: MaybeNan = math.nan
     surrogate_loss: MaybeNan = math.nan
     value_loss: MaybeNan = math.nan
@@ -213,24 +220,28 @@ class IterationRecord(JsonRecord):
     drive_s: MaybeNan = math.nan
     learn_s: MaybeNan = math.nan
     exchange_s: MaybeNan = math.nan
-    elapsed_s: float
+    elapsed_s: Seconds
     evaluation_progress: list[float] = field(default_factory=list)
-    evaluation_lap_s: list[float] = field(default_factory=list)
+    evaluation_lap_s: list[Seconds] = field(default_factory=list)
     confirmation_progress: list[float] = field(default_factory=list)
-    confirmation_lap_s: list[float] = field(default_factory=list)
+    confirmation_lap_s: list[Seconds] = field(default_factory=list)
     actor_loss: float | None = None
     critic_loss: float | None = None
     alpha: float | None = None
-    reward_errors: int = 0
-    discarded: int = 0
+    reward_errors: SafeInt = 0
+    discarded: SafeInt = 0
     evaluation_steering_per_m: float | None = None
     stage: str = ""
     second_world: str = ""
     second_progress: list[float] = field(default_factory=list)
-    second_lap_s: list[float] = field(default_factory=list)
+    second_lap_s: list[Seconds] = field(default_factory=list)
     world: str = ""
     phase: str = ""
     imitation_loss: float | None = None
+
+    def __post_init__(self) -> None:
+        unknown = [name for name in _MAYBE_NAN if getattr(self, name) is None]
+        vars(self).update(dict.fromkeys(unknown, math.nan))
 
     def compares_with(self, other: "IterationRecord") -> bool:
         """Same stage and track, as far as known."""
@@ -261,6 +272,9 @@ class IterationRecord(JsonRecord):
         """On the training track."""
         first, again = self.evaluation, self.confirmation
         return first if first is None or again is None else first + again
+
+
+_MAYBE_NAN = [item.name for item in fields(IterationRecord) if item.type is MaybeNan]
 
 
 def _laps(progress: Sequence[float], lap_s: Sequence[float]) -> Laps | None:
@@ -296,11 +310,11 @@ SEPARATOR = b", "
 
 def encode_iteration(record: IterationRecord) -> bytes:
     """May contain NaN, as Python's JSON does."""
-    fields = asdict(record)
+    values = record.to_json()
     for name in LEFT_OUT_IF_EMPTY:
-        if not fields[name]:
-            del fields[name]
-    return json.dumps(fields).encode()
+        if not values[name]:
+            del values[name]
+    return json.dumps(values).encode()
 
 
 def encode_history(records: Sequence[IterationRecord]) -> bytes:
@@ -308,7 +322,19 @@ def encode_history(records: Sequence[IterationRecord]) -> bytes:
 
 
 def decode_history(data: bytes) -> list[IterationRecord]:
-    file = parse_json(data, with_nan=True)
-    if not isinstance(file, dict) or not isinstance(file.get("iterations"), list):
-        raise RecordError("it has no list of 'iterations'")
-    return [IterationRecord.from_json(fields) for fields in file["iterations"]]
+    return decode_json(_History, _strict(data)).iterations
+
+
+def decode_iteration(data: bytes) -> IterationRecord:
+    return decode_json(IterationRecord, _strict(data))
+
+
+@dataclass(frozen=True)
+class _History:
+    iterations: list[IterationRecord]
+
+
+def _strict(data: bytes) -> bytes:
+    for unknown in (b"NaN", b"Infinity", b"-Infinity"):
+        data = data.replace(b'": ' + unknown, b'": null')
+    return data

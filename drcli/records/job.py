@@ -8,17 +8,20 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.files import load_record, reserve, save_record
 from drcli.base.json_record import (
+    Count,
     Fingerprint,
     JsonRecord,
+    Pid,
     RecordError,
-    from_json,
+    SafeInt,
+    Seconds,
+    decode_json,
     json_default,
-    parse_json,
 )
 from drcli.config import secret_environment
 from drcli.config.run_config import RunConfig
@@ -27,7 +30,7 @@ from drcli.records.run_record import JournalEntry
 from drcli.records.stage import Stage
 from drcli.records.training_record import RunOutcome
 
-VERSION = 1
+VERSION: Literal[1] = 1
 PROCESS_TUNING = {
     # Processes take turns on the same cores: a thread that spins for long while it waits for work,
     # which is OpenMP's habit, takes the core from the process that has work (measured on 2 cores:
@@ -44,7 +47,6 @@ PROCESS_TUNING = {
 }
 """The user's own environment comes first."""
 
-FAST_LAPS = 5
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -77,9 +79,6 @@ class Job:
     Attributes:
         session: Unique name; rollouts of another start have another one.
         seed: All random numbers are derived from it.
-        until_laps: Finish when an evaluation completes all its laps, at least so many.
-        until_lap_time_s: Each of these (without `until_laps`: `FAST_LAPS`) must take at most so
-            long, simulated seconds.
         max_minutes: Of this start, or of all if `whole_run`.
         launcher_pid: The workers end with it.
         term: Of the supervisor's lease; 0 before.
@@ -93,37 +92,33 @@ class Job:
             may write.
         ends_with: Process whose end interrupts the training; 0: none.
         began_s: Monotonic, on its machine; 0 elsewhere.
+        goals: What this start asks for, by the keys of `train.goals.OPTIONS`.
         inputs: The start's files by name; the model's are those of its newest checkpoint.
     """
 
     config: RunConfig
     session: str
-    seed: int
-    until_laps: int | None
+    seed: SafeInt
     max_minutes: float | None
     folder: Path
-    launcher_pid: int
-    term: int = 0
+    launcher_pid: Pid
+    term: SafeInt = 0
     sources: tuple[PolicySource, ...] = ()
     whole_run: bool = False
-    ends_at: float | None = None
+    ends_at: Seconds | None = None
     begun: RunOutcome | None = None
     end_work: tuple[str, ...] = ()
     noted: tuple[JournalEntry, ...] = ()
     stages: tuple[Stage, ...] = ()
     tasks: tuple[EvaluationTask, ...] = ()
     training: str = ""
-    until_lap_time_s: float | None = None
-    ray_workers: int = 0
+    ray_workers: SafeInt = 0
     ray_trainer: bool = False
-    trainer: int | None = None
-    ends_with: int = 0
-    began_s: float = 0.0
+    trainer: SafeInt | None = None
+    ends_with: SafeInt = 0
+    began_s: Seconds = 0.0
+    goals: Mapping[str, float] = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def wanted_laps(self) -> int:
-        return self.until_laps or (FAST_LAPS if self.until_lap_time_s is not None else 0)
 
     @property
     def files_sha256(self) -> str:
@@ -166,7 +161,7 @@ class Job:
         """
         secrets = secret_environment.all_secrets() if with_secrets else {}
         job = self if private else self.without_addresses()
-        sent = {"version": VERSION, "job": asdict(job), "secrets": secrets}
+        sent = asdict(_Sent(VERSION, job, secrets))
         return json.dumps(sent, default=json_default, allow_nan=False).encode()
 
     def without_addresses(self) -> "Job":
@@ -181,17 +176,15 @@ class Job:
         with Path(os.devnull).open("rb") as nothing:
             os.dup2(nothing.fileno(), sys.stdin.fileno())
         try:
-            sent = parse_json(data)
-            if not isinstance(sent, dict) or sent.get("version") != VERSION:
-                raise RecordError(f"it is not written in version {VERSION}")
-            secret_environment.keep(sent["secrets"])
-            return from_json(Job, sent["job"])
-        except (RecordError, KeyError) as error:
+            sent = decode_json(_Sent, data)
+        except RecordError as error:
             raise SettingsError(
                 f"This process cannot read its job: {error}.",
                 remedy="Stop the run and start it again; drcli may have been updated in the "
                 "meantime.",
             ) from error
+        secret_environment.keep(sent.secrets)
+        return sent.job
 
     @staticmethod
     def received_or_exit() -> "Job":
@@ -201,6 +194,13 @@ class Job:
         except SettingsError as error:
             sys.stderr.write(f"{error} {error.remedy}\n")
             raise SystemExit(error.code) from None
+
+
+@dataclass(frozen=True)
+class _Sent:
+    version: Literal[1]
+    job: Job
+    secrets: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ class WorkerExit:
 
     message: str
     remedy: str
-    code: int
+    code: SafeInt
     final: bool = False
     silent: bool = False
     memory: bool = False
@@ -283,28 +283,24 @@ class MemberRecord(JsonRecord):
     member: str
     session: str
     host: str
-    pid: int
-    beat: int = 0
+    pid: Pid
+    beat: SafeInt = 0
     ready: bool = False
-    checkpoint: int = -1
+    checkpoint: SafeInt = -1
     failure: str = ""
-    drives: int = -1
-    steps: int = 0
-    drive_s: float = 0.0
+    drives: SafeInt = -1
+    steps: SafeInt = 0
+    drive_s: Seconds = 0.0
 
 
 @dataclass(frozen=True)
 class WorkerShare:
     """One worker's episodes in an iteration; `first` counts since the training began."""
 
-    worker: int
+    worker: Count
     member: str
-    first: int
-    count: int
-
-    def __post_init__(self) -> None:
-        if min(self.worker, self.first, self.count) < 0:
-            raise RecordError("a share has no negative numbers")
+    first: Count
+    count: Count
 
 
 @dataclass(frozen=True)
@@ -319,9 +315,9 @@ class Shares:
         workers: The first also evaluates.
     """
 
-    version: int
-    checkpoint: int
-    iteration: int
+    version: SafeInt
+    checkpoint: SafeInt
+    iteration: SafeInt
     workers: tuple[WorkerShare, ...] = ()
 
     def of(self, worker: int) -> WorkerShare | None:
@@ -333,7 +329,7 @@ class SharesRecord(JsonRecord):
     """The newest few shares; only the trainer writes them."""
 
     session: str
-    numbers: Mapping[str, int] = field(default_factory=dict)
+    numbers: Mapping[str, SafeInt] = field(default_factory=dict)
     newest: tuple[Shares, ...] = ()
 
     def at(self, iteration: int) -> Shares | None:

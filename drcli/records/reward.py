@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.json_record import JsonRecord, Pid, RecordError, SafeInt
 
 MOST_ERRORS = 20
 
@@ -31,12 +31,12 @@ class RewardErrorEntry:
     kind: str
     exception: str
     reason: str
-    line: int | None = None
+    line: SafeInt | None = None
     source: str = ""
     params: str = ""
-    count: int = 1
-    first_iteration: int = 0
-    last_iteration: int = 0
+    count: SafeInt = 1
+    first_iteration: SafeInt = 0
+    last_iteration: SafeInt = 0
 
     @property
     def key(self) -> tuple[str, str, int | None]:
@@ -69,9 +69,9 @@ class RewardCounts:
         errors: The distinct errors, with those of discarded episodes, oldest first.
     """
 
-    calls: int = 0
-    failed: int = 0
-    discarded: int = 0
+    calls: SafeInt = 0
+    failed: SafeInt = 0
+    discarded: SafeInt = 0
     errors: list[RewardErrorEntry] = field(default_factory=list)
 
     def joined(self, other: "RewardCounts") -> "RewardCounts":
@@ -119,8 +119,8 @@ class RewardErrorRecord(JsonRecord):
     counted again.
     """
 
-    worker: int
-    iteration: int = -1
+    worker: SafeInt
+    iteration: SafeInt = -1
     before: RewardCounts = field(default_factory=RewardCounts)
     newest: RewardCounts = field(default_factory=RewardCounts)
 
@@ -150,7 +150,7 @@ _COUNT = struct.Struct("<I")
 @dataclass(frozen=True)
 class Load(JsonRecord):
     file: str
-    cars: int
+    cars: SafeInt
 
 
 @dataclass(frozen=True)
@@ -174,12 +174,12 @@ class Calls:
 class CallFailure(JsonRecord):
     """The failure of a call, or of loading the file; fields as in `RewardError`."""
 
-    call: int
+    call: SafeInt
     message: str
     kind: str
     reason: str
     file: str | None
-    line: int | None
+    line: SafeInt | None
     source: str
     params: str
     cause: str
@@ -190,7 +190,7 @@ class CallFailure(JsonRecord):
 class _Facts(JsonRecord):
     failures: list[CallFailure] = field(default_factory=list)
     free: list[str] = field(default_factory=list)
-    pid: int | None = None
+    pid: Pid | None = None
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from drcli.base.json_record import Fingerprint, JsonRecord, RecordError
+from drcli.base.json_record import Amount, Fingerprint, JsonRecord, RecordError, SafeInt
 from drcli.learn.rollout_buffer import Rollout
-from drcli.records.checkpoint import checkpoint_name
+from drcli.records.checkpoint import NameText
 
 SCHEMA = "2"
 """Changes when old readers would misread the format."""
@@ -249,8 +249,8 @@ LEAST_STEP_BYTES = 16
 class Part:
     key: str
     fingerprint: Fingerprint
-    episodes: int
-    steps: int
+    episodes: SafeInt
+    steps: SafeInt
 
     def __post_init__(self) -> None:
         """Refuse claims beyond the bytes, before memory is reserved."""
@@ -263,30 +263,23 @@ class Part:
 
 @dataclass(frozen=True)
 class Driving:
-    drive_s: float = 0.0
-    evaluates: int | None = None
-    reward_errors: int = 0
-    discarded: int = 0
-
-    def __post_init__(self) -> None:
-        if self.drive_s < 0.0:
-            raise RecordError(f"'drive_s' cannot be {self.drive_s}")
+    drive_s: Amount = 0.0
+    evaluates: SafeInt | None = None
+    reward_errors: SafeInt = 0
+    discarded: SafeInt = 0
 
 
 @dataclass(frozen=True)
 class Manifest(JsonRecord):
     """What one worker drove; `rollbacks` happened before its checkpoint."""
 
-    iteration: int
-    worker: int
-    checkpoint: str
+    iteration: SafeInt
+    worker: SafeInt
+    checkpoint: NameText
     session: str
     parts: tuple[Part, ...] = ()
     notes: Driving = field(default_factory=Driving)
-    rollbacks: int = 0
-
-    def __post_init__(self) -> None:
-        checkpoint_name(self.checkpoint)
+    rollbacks: SafeInt = 0
 
     @property
     def steps(self) -> int:

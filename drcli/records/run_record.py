@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from drcli.base.files import load_record, save_record
-from drcli.base.json_record import JsonRecord
+from drcli.base.json_record import JsonRecord, Pid, SafeInt, Seconds
 from drcli.base.processes import is_alive
 from drcli.config.run_config import Cloud, Engine, StorageConfig
 
@@ -29,8 +29,8 @@ LIVE_STATES: tuple[State, ...] = ("starting", "running")
 @dataclass(frozen=True)
 class WorkerRecord:
     name: str
-    pid: int | None
-    restarts: int
+    pid: Pid | None
+    restarts: SafeInt
 
 
 @dataclass(frozen=True)
@@ -87,23 +87,23 @@ class RunRecord:
         storage: None in early versions.
     """
 
-    run_id: int
+    run_id: SafeInt
     session: str
     bucket: str
     prefix: str
     world: str
     state: State
-    pid: int
-    pid_started: float
-    started_at: float
-    ended_at: float | None = None
-    exit_code: int | None = None
+    pid: Pid
+    pid_started: Seconds
+    started_at: Seconds
+    ended_at: Seconds | None = None
+    exit_code: SafeInt | None = None
     message: str = ""
     remedy: str = ""
     workers: list[WorkerRecord] = field(default_factory=list)
     storage: StorageRecord | None = None
     priority: str = "normal"
-    threads: int = 0
+    threads: SafeInt = 0
     ending: bool = False
 
     def storage_at_start(self, now: StorageConfig, directory: Path) -> StorageConfig:
@@ -167,8 +167,8 @@ class WaitingStart:
         kind: Waits for another start, drives for another machine, or runs a sweep.
     """
 
-    pid: int
-    pid_started: float
+    pid: Pid
+    pid_started: Seconds
     bucket: str
     prefix: str
     kind: Literal["wait", "worker", "sweep"] = "wait"
@@ -197,8 +197,8 @@ class WaitingStart:
 @dataclass(frozen=True)
 class ActivityRecord(JsonRecord):
     activity: str
-    since: float
-    pid: int
+    since: Seconds
+    pid: Pid
     host: str
 
 
@@ -224,14 +224,14 @@ class Lease(JsonRecord):
 
     session: str
     host: str
-    pid: int
-    renewed: float
+    pid: Pid
+    renewed: Seconds
     machine: str = ""
-    pid_started: float = 0.0
-    term: int = 0
-    trainer: int = 0
+    pid_started: Seconds = 0.0
+    term: SafeInt = 0
+    trainer: SafeInt = 0
     released: bool = False
-    age_s: float = 0.0
+    age_s: Seconds = 0.0
     newer: bool = False
 
     @staticmethod
@@ -304,16 +304,16 @@ class EvaluationRecord:
         worker_pid: Drives.
     """
 
-    run_id: int
+    run_id: SafeInt
     stamp: str
     bucket: str
     prefix: str
     world: str
     checkpoint: str
-    pid: int
-    pid_started: float
-    worker_pid: int
-    started_at: float
+    pid: Pid
+    pid_started: Seconds
+    worker_pid: Pid
+    started_at: Seconds
     others: list[str] = field(default_factory=list)
 
     @property

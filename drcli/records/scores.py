@@ -4,8 +4,8 @@ import json
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
-from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
-from drcli.records.checkpoint import checkpoint_name
+from drcli.base.json_record import JsonRecord, RecordError, SafeInt, Seconds, decode_json
+from drcli.records.checkpoint import NameText
 from drcli.records.iteration import Laps
 
 JudgedWorld = Literal["training", "evaluation", "both"]
@@ -17,7 +17,7 @@ class EvaluationEpisodes:
 
     progress: list[float]
     reward: list[float]
-    lap_s: list[float]
+    lap_s: list[Seconds]
 
     def __post_init__(self) -> None:
         if not self.progress or len(self.reward) != len(self.progress):
@@ -61,18 +61,17 @@ class EvaluationResult(JsonRecord):
             it the best.
     """
 
-    checkpoint: str
+    checkpoint: NameText
     progress: list[float]
     reward: list[float]
-    lap_s: list[float]
+    lap_s: list[Seconds]
     steering_per_m: float | None = None
-    rollbacks: int = 0
+    rollbacks: SafeInt = 0
     second: SecondEvaluation | None = None
-    confirms: int = 0
+    confirms: SafeInt = 0
     confirmation: EvaluationEpisodes | None = None
 
     def __post_init__(self) -> None:
-        checkpoint_name(self.checkpoint)
         _ = self.first  # checks the lists
 
     @property
@@ -96,9 +95,9 @@ NOT_EVALUATED = -1.0
 class Score:
     """`time_stamp` is simulated seconds; older tools leave out unknown values."""
 
-    name: str
+    name: NameText
     avg_eval_metric: float | None = None
-    time_stamp: float = 0.0
+    time_stamp: Seconds = 0.0
     episodes: EvaluationEpisodes | None = None
 
 
@@ -124,11 +123,8 @@ class Scores:
     @staticmethod
     def decode(data: bytes) -> "Scores":
         """RecordError without a best and a last checkpoint."""
-        file = parse_json(data)
-        scores = from_json(Scores, file)
-        for score in (scores.best_checkpoint, scores.last_checkpoint):
-            checkpoint_name(score.name)
-        episodes = from_json(_OwnKeys, file).best_episodes
+        scores = decode_json(Scores, data)
+        episodes = decode_json(_OwnKeys, data).best_episodes
         best = replace(scores.best_checkpoint, episodes=episodes)
         return Scores(_known_metric(best), _known_metric(scores.last_checkpoint))
 

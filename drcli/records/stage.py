@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drcli.base.files import load_record, save_record
-from drcli.base.json_record import JsonRecord
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds
 from drcli.config.run_config import RaceConfig
 from drcli.learn.phases import Phase
 from drcli.records.iteration import IterationRecord
@@ -26,14 +26,14 @@ class StageGoal:
         minutes: Without stops.
     """
 
-    laps: int | None = None
+    laps: SafeInt | None = None
     lap_time: float | None = None
     progress: float | None = None
-    evaluations: int = 1
+    evaluations: SafeInt = 1
     mean_reward: float | None = None
-    steps: int | None = None
-    episodes: int | None = None
-    iterations: int | None = None
+    steps: SafeInt | None = None
+    episodes: SafeInt | None = None
+    iterations: SafeInt | None = None
     minutes: float | None = None
 
     @property
@@ -107,14 +107,14 @@ class StageMark:
     """
 
     name: str
-    number: int = 1
-    count: int = 1
+    number: SafeInt = 1
+    count: SafeInt = 1
     world: str = ""
     goal: str = ""
-    iteration: int = 0
-    steps: int = 0
-    episodes: int = 0
-    elapsed_s: float = 0.0
+    iteration: SafeInt = 0
+    steps: SafeInt = 0
+    episodes: SafeInt = 0
+    elapsed_s: Seconds = 0.0
 
     def __str__(self) -> str:
         """As in "stage 2 of 4 (base)"."""
@@ -156,8 +156,8 @@ PHASES: Mapping[Phase, str] = {
 @dataclass(frozen=True)
 class PhaseMark:
     name: Phase
-    iteration: int = 0
-    steps: int = 0
+    iteration: SafeInt = 0
+    steps: SafeInt = 0
 
     @property
     def number(self) -> int:

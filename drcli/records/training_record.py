@@ -4,10 +4,12 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from drcli.base.files import load_record, save_record
-from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.json_record import Amount, JsonRecord, SafeInt, Seconds, Text
 from drcli.config.run_config import UnattendedConfig
 from drcli.records.run_record import State
 
@@ -51,7 +53,7 @@ class TrainingStart(JsonRecord):
         machine: `platform`, `processor`, `cores`, `threads` if OMP_NUM_THREADS is set.
     """
 
-    seed: int
+    seed: SafeInt
     started_at: str = ""
     settings: dict[str, Any] | None = None
     cars: list[str] = field(default_factory=list)
@@ -102,12 +104,12 @@ class RecordedStart:
 
     session: str = ""
     host: str = ""
-    started_at: float = 0.0
-    ended_at: float | None = None
+    started_at: Seconds = 0.0
+    ended_at: Seconds | None = None
     state: TrainingState = "unknown"
     message: str = ""
     resumes: str | None = None
-    seed: int | None = None
+    seed: SafeInt | None = None
     settings: dict[str, Any] | None = None
     worker_settings: list[dict[str, Any]] = field(default_factory=list)
     versions: dict[str, str | None] = field(default_factory=dict)
@@ -144,24 +146,24 @@ class TrainingResults:
             None in records of version 0.1.0.
     """
 
-    iterations: int = 0
-    episodes: int = 0
-    steps: int = 0
-    elapsed_s: float = 0.0
+    iterations: SafeInt = 0
+    episodes: SafeInt = 0
+    steps: SafeInt = 0
+    elapsed_s: Seconds = 0.0
     mean_reward: float | None = None
     mean_progress: float | None = None
-    full_laps: int = 0
-    evaluated_laps: int = 0
-    best_lap_s: float | None = None
-    best_training_lap_s: float | None = None
+    full_laps: SafeInt = 0
+    evaluated_laps: SafeInt = 0
+    best_lap_s: Seconds | None = None
+    best_training_lap_s: Seconds | None = None
     best_progress: float | None = None
     best_checkpoint: str | None = None
     best_score: float | None = None
     last_checkpoint: str | None = None
-    evaluations: int = 0
-    trials: int = 0
-    best_trial_lap_s: float | None = None
-    clean_trial_lap_s: Mapping[str, float] | None = None
+    evaluations: SafeInt = 0
+    trials: SafeInt = 0
+    best_trial_lap_s: Seconds | None = None
+    clean_trial_lap_s: Mapping[str, Seconds] | None = None
 
     @property
     def read_evaluations(self) -> int:
@@ -208,14 +210,14 @@ class TrainingRecord(JsonRecord):
         derived: Whether this was worked out from the model, as nobody wrote a record.
     """
 
-    id: str
-    prefix: str
-    began_at: float = 0.0
-    updated_at: float = 0.0
+    id: Annotated[str, Meta(pattern=r"^[0-9a-f]{8}\Z")]
+    prefix: Text
+    began_at: Seconds = 0.0
+    updated_at: Seconds = 0.0
     state: TrainingState = "unknown"
     message: str = ""
-    ended_at: float | None = None
-    number_of_starts: int = 0
+    ended_at: Seconds | None = None
+    number_of_starts: SafeInt = 0
     starts: tuple[RecordedStart, ...] = ()
     results: TrainingResults = field(default_factory=TrainingResults)
     hours: float | None = None
@@ -225,20 +227,16 @@ class TrainingRecord(JsonRecord):
     description: str = ""
     world: str = ""
     race_type: str = ""
-    workers: int | None = None
+    workers: SafeInt | None = None
     algorithm: str = ""
     action_space: str = ""
     network: str = ""
     sensors: tuple[str, ...] = ()
     hyperparameters: dict[str, Any] = field(default_factory=dict)
     metric: str = ""
-    stages: int = 0
-    gone_at: float | None = None
+    stages: SafeInt = 0
+    gone_at: Seconds | None = None
     derived: bool = False
-
-    def __post_init__(self) -> None:
-        if not self.prefix or len(self.id) != 8 or set(self.id) - set("0123456789abcdef"):
-            raise RecordError(f"'id' cannot be {self.id!r}")
 
     @property
     def newest(self) -> RecordedStart:
@@ -267,14 +265,14 @@ class RunOutcome(JsonRecord):
 
     session: str
     host: str
-    began_at: float
-    started_at: float
+    began_at: Seconds
+    started_at: Seconds
     state: State = "running"
     goals: str = ""
-    code: int | None = None
+    code: SafeInt | None = None
     message: str = ""
     remedy: str = ""
-    ended_at: float | None = None
+    ended_at: Seconds | None = None
     stays_ended: bool = False
     left: tuple[str, ...] = ()
 
@@ -317,7 +315,7 @@ class Spending:
     """
 
     session: str
-    starts: int
+    starts: SafeInt
     hours: float
     usd: float | None = None
     unpriced_hours: float = 0.0
@@ -346,8 +344,8 @@ FOLDER = "data/budget"
 
 @dataclass(frozen=True)
 class DaySpending:
-    hours: float = 0.0
-    usd: float = 0.0
+    hours: Amount = 0.0
+    usd: Amount = 0.0
 
 
 @dataclass(frozen=True)
@@ -457,8 +455,6 @@ def _starts(folder: Path) -> Iterator[DaySpending | None]:
         return
     for path in paths:
         spent = load_record(DaySpending, path)
-        if spent is not None and not (spent.hours >= 0.0 and spent.usd >= 0.0):
-            spent = None
         if spent is None and not path.exists():
             continue  # somebody deleted it meanwhile
         yield spent

@@ -50,7 +50,6 @@ def try_cars(settings: Settings, checkpoint: str) -> CarTrials:
         config=settings.run,
         session=secrets.token_hex(6),
         seed=0,
-        until_laps=None,
         max_minutes=None,
         folder=folder,
         launcher_pid=os.getpid(),

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from drcli.base.json_record import RecordError, parse_json
+from drcli.base.json_record import RecordError, decode_json
 from drcli.base.log import get_logger
 from drcli.config import activation, secret_environment
 from drcli.records.job import LOG_ENCODING, Job
@@ -117,7 +117,7 @@ class CommandProcess:
         for line in reversed(self._out):
             if line.startswith("{"):
                 with suppress(RecordError):
-                    report = parse_json(line.encode())
+                    report = decode_json(dict[str, Any], line.encode())
                 break
         reason = ""
         if self._killed:

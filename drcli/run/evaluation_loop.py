@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from drcli.base.errors import DrError
-from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.json_record import JsonRecord, RecordError, SafeInt, Seconds
 from drcli.base.processes import Stopped, started_s
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
@@ -49,15 +49,15 @@ class BestLap(JsonRecord):
 
     world: str
     checkpoint: str
-    best_lap_s: float
-    best_average_s: float | None
-    completed: int
-    trials: int
+    best_lap_s: Seconds
+    best_average_s: Seconds | None
+    completed: SafeInt
+    trials: SafeInt
     driven_at: str
     stamp: str
-    clean: int | None = None
-    penalty_s: float | None = None
-    resets: int | None = None
+    clean: SafeInt | None = None
+    penalty_s: Seconds | None = None
+    resets: SafeInt | None = None
 
     @property
     def rank(self) -> tuple[bool, float, str]:

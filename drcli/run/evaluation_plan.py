@@ -145,7 +145,6 @@ def evaluation_job(settings: Settings, folder: Path, seed: int | None) -> Job:
         config=settings.run,
         session=secrets.token_hex(6),
         seed=seed if seed is not None else settings.train_seed or 0,
-        until_laps=None,
         max_minutes=None,
         folder=folder,
         launcher_pid=os.getpid(),

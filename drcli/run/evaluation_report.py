@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from drcli.base.json_record import RecordError, parse_json
 from drcli.bucket.bucket import (
     Bucket,
     ObjectDamaged,
@@ -18,7 +17,7 @@ from drcli.config.run_config import ModelConfig
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.model.training_records import at_once
-from drcli.records.episode_metrics import TrialMetrics
+from drcli.records.episode_metrics import TrialMetrics, decode_metrics_file
 from drcli.records.evaluation_task import RaceRecording
 from drcli.records.iteration import Laps, is_clean_lap, lap_time, laps_summary, paired_p
 from drcli.records.trace import STATUS_LABELS, STEP_S
@@ -536,7 +535,7 @@ def _listed(
     trials: list[TrialReport] = []
     problem = ""
     try:
-        trials = trial_reports(read_record(bucket, key, _decode, remedy_of(key)))
+        trials = trial_reports(read_record(bucket, key, decode_metrics_file, remedy_of(key)))
     except (ObjectMissing, ObjectDamaged, ObjectNewer) as error:
         problem = f"{error} {error.remedy}"
     laps, clean = [trial.lap_s for trial in trials if trial.finished], laps_of(trials)
@@ -568,10 +567,3 @@ def _recording(bucket: Bucket, trace: str) -> RaceRecording | None:
         return read_record(bucket, key, RaceRecording.decode, remedy_of(key))
     except (ObjectMissing, ObjectDamaged, ObjectNewer):
         return None
-
-
-def _decode(data: bytes) -> list[TrialMetrics]:
-    file = parse_json(data)
-    if not isinstance(file, dict) or not isinstance(file.get("metrics"), list):
-        raise RecordError("it has no list of 'metrics'")
-    return [TrialMetrics.from_json(record) for record in file["metrics"]]

@@ -10,20 +10,12 @@ from pathlib import Path
 from drcli.base.clock import elapsed_s
 from drcli.base.errors import DrError, OwnershipLost
 from drcli.base.log import get_logger
+from drcli.clouds.cloud import NoticeSource
+from drcli.clouds.registry import CLOUDS, DMI_FOLDER, cloud_of_machine
 from drcli.config.run_config import UnattendedConfig
 from drcli.model.lease import STALE_S, lost_to, read_lease, write_lease
 from drcli.model.model_store import ModelStore
-from drcli.outside.notices.notice_watch import (
-    CLOUD_NAMES,
-    DMI_FOLDER,
-    Announced,
-    NoticeSource,
-    NoticeWatch,
-    cloud_of_machine,
-    command_words,
-    soonest,
-    source_of,
-)
+from drcli.outside.notices.notice_watch import Announced, NoticeWatch, command_words, soonest
 from drcli.records.run_record import Lease
 from drcli.run.duty import Duty, RunningTraining
 from drcli.run.journal import Journal
@@ -132,9 +124,9 @@ def chosen_source(
     if cloud is None:
         return None
     try:
-        return source_of(cloud, environment, settings.metadata_service_url)
+        return CLOUDS[cloud].source(environment, settings.metadata_service_url)
     except DrError as error:
-        _logger.warning("No notices from %s: %s %s", CLOUD_NAMES[cloud], error, error.remedy)
+        _logger.warning("No notices from %s: %s %s", CLOUDS[cloud].title, error, error.remedy)
         return None
 
 

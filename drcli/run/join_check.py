@@ -4,17 +4,16 @@ It needs the same program, libraries and track. All else comes from the bucket.
 """
 
 import hashlib
-import json
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
 
 from drcli import __version__
 from drcli.base.errors import DrError, SettingsError
-from drcli.base.json_record import json_default
+from drcli.base.json_record import plain_json
 from drcli.base.log import get_logger
 from drcli.config.run_config import FigureConfig, RaceConfig
 from drcli.config.track_names import own_route_file
@@ -139,5 +138,5 @@ def offer(job: Job) -> JoinRecord:
     figures = FigureConfig(**{each.field: each.default for each in FigureConfig.declared.values()})
     train = with_known_overlap(job.config.train)
     config = replace(public.config, train=train, figures=figures, given={})
-    job_json = json.dumps(asdict(replace(public, config=config)), default=json_default)
-    return JoinRecord(job.session, versions(), routes(job), json.loads(job_json))
+    sent = plain_json(replace(public, config=config))
+    return JoinRecord(job.session, versions(), routes(job), sent)

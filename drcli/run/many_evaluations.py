@@ -16,7 +16,7 @@ from drcli.base.early_process import ChildProcess
 from drcli.base.errors import BadValue, DrError, Place, ProblemsError, SettingsError
 from drcli.base.files import load_record
 from drcli.base.installation import installation_error
-from drcli.base.json_record import JsonRecord
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds
 from drcli.base.processes import started_s
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
@@ -281,19 +281,19 @@ class TableRow(JsonRecord):
     prefix: str
     checkpoint: str
     world: str
-    completed: int = 0
-    trials: int = 0
+    completed: SafeInt = 0
+    trials: SafeInt = 0
     progress: float = 0.0
-    best_lap_s: float | None = None
-    best_average_s: float | None = None
-    off_track: int = 0
+    best_lap_s: Seconds | None = None
+    best_average_s: Seconds | None = None
+    off_track: SafeInt = 0
     robust_score: float | None = None
     reason: str = ""
     remedy: str = ""
-    clean: int = 0
-    resets: int = 0
-    median_s: float | None = None
-    best_finished_s: float | None = None
+    clean: SafeInt = 0
+    resets: SafeInt = 0
+    median_s: Seconds | None = None
+    best_finished_s: Seconds | None = None
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import socket
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any
 
@@ -60,8 +60,7 @@ def planned_job(
     *,
     seed: int,
     began_at: float,
-    until_laps: int | None = None,
-    until_lap_time_s: float | None = None,
+    goals: Mapping[str, float] | None = None,
     max_minutes: float | None = None,
     whole_run: bool = False,
     stages: tuple[Stage, ...] = (),
@@ -76,8 +75,7 @@ def planned_job(
         config=config,
         session=secrets.token_hex(6),
         seed=seed,
-        until_laps=until_laps,
-        until_lap_time_s=until_lap_time_s,
+        goals=goals or {},
         max_minutes=max_minutes or settings.train_max_minutes or None,
         folder=run_folder(settings.directory, settings.run_id),
         launcher_pid=os.getpid(),
@@ -157,8 +155,7 @@ class StartOptions:
     """What is asked of a start.
 
     Attributes:
-        until_laps: The least number of laps.
-        until_lap_time_s: For each of them, simulated seconds.
+        goals: As in `Job`.
         whole_run: Any machine may continue with the same command.
         over_aborted: The prefix may hold a start without a checkpoint.
         method: Replaces that of hyperparameters.json.
@@ -167,11 +164,10 @@ class StartOptions:
     wipe: bool = False
     resume: bool = False
     max_minutes: float | None = None
-    until_laps: int | None = None
     seed: int | None = None
     whole_run: bool = False
     over_aborted: bool = False
-    until_lap_time_s: float | None = None
+    goals: Mapping[str, float] = field(default_factory=dict)
     method: TrainingMethod | None = None
 
 
@@ -269,8 +265,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         warnings += _steps_too_large(bucket, before_this, design)
     if files != found_files and kept is not None:
         warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this))
-    if resumes is not None and design.metadata.training_algorithm == "sac":
-        warnings += _replay_lost(store, CheckpointName.parse(resumes))
+    if resumes is not None and design.metadata.algorithm.replay:
+        warnings += _replay_lost(design, store, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
     if source is not None:
@@ -371,8 +367,7 @@ def _job(settings: Settings, options: StartOptions, seed: int, began_at: float) 
         settings,
         seed=seed,
         began_at=began_at,
-        until_laps=options.until_laps,
-        until_lap_time_s=options.until_lap_time_s,
+        goals=options.goals,
         max_minutes=options.max_minutes,
         whole_run=options.whole_run,
     )
@@ -388,7 +383,7 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
     )
 
 
-def _replay_lost(model: ModelStore, newest: CheckpointName | None) -> list[str]:
+def _replay_lost(design: Design, model: ModelStore, newest: CheckpointName | None) -> list[str]:
     listed = (
         keys.rollout_key(model.prefix, info.key)
         for info in model.bucket.list(keys.rollouts_folder(model.prefix))
@@ -397,9 +392,9 @@ def _replay_lost(model: ModelStore, newest: CheckpointName | None) -> list[str]:
     if not learned or any(each is not None and each.iteration in learned for each in listed):
         return []
     return [
-        "SAC starts with an empty replay buffer, because the steps of earlier iterations are not "
-        "in the bucket: a copy of a model has none. It learns from new steps only, which costs "
-        "some iterations."
+        f"{design.metadata.algorithm.label} starts with an empty replay buffer, because the steps "
+        "of earlier iterations are not in the bucket: a copy of a model has none. It learns from "
+        "new steps only, which costs some iterations."
     ]
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from drcli.base import log as log_files
 from drcli.base.files import load_record, save_record
+from drcli.base.json_record import SafeInt
 from drcli.bucket.bucket import Bucket, ObjectInfo, ObjectMissing
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -17,8 +18,8 @@ from drcli.records.run_record import log_kind
 
 @dataclass
 class Position:
-    number: int = 1
-    offset: int = 0
+    number: SafeInt = 1
+    offset: SafeInt = 0
 
 
 class UnreadLog:

@@ -13,6 +13,7 @@ from pathlib import Path
 from drcli.base.clock import wait_until
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.files import load_record, save_record
+from drcli.base.json_record import Pid, SafeInt, Seconds
 from drcli.base.processes import is_alive, started_s
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.server.server import free_port, is_free
@@ -39,9 +40,9 @@ _RECORD = "server.json"
 
 @dataclass(frozen=True)
 class ServerRecord:
-    pid: int
-    began_s: float
-    port: int
+    pid: Pid
+    began_s: Seconds
+    port: SafeInt
 
 
 @dataclass(frozen=True)

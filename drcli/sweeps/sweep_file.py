@@ -190,6 +190,12 @@ class SweepPlan(BaseModel):
     early_stopping: EarlyStopping = EarlyStopping()
     parallel: Annotated[Whole, Field(ge=1, le=100)] | None = None
 
+    @property
+    def goals(self) -> dict[str, float]:
+        """As in `Job`."""
+        asked = {"until_laps": self.until_laps, "until_lap_time_s": self.until_lap_time}
+        return {key: value for key, value in asked.items() if value is not None}
+
 
 EXAMPLES = {
     "vary": {"seed": [1, 2]},

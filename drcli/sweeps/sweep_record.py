@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from drcli.base.json_record import JsonRecord
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds
 
 TrialState = Literal[
     "waiting", "running", "paused", "finished", "stopped early", "stopped", "failed"
@@ -27,11 +27,11 @@ class TrialScore:
         reward: In the best iteration.
     """
 
-    checkpoint: int | None = None
-    laps: int = 0
-    episodes: int = 0
+    checkpoint: SafeInt | None = None
+    laps: SafeInt = 0
+    episodes: SafeInt = 0
     progress: float = 0.0
-    lap_s: float | None = None
+    lap_s: Seconds | None = None
     reward: float | None = None
 
 
@@ -50,14 +50,14 @@ class TrialRecord:
 
     name: str
     prefix: str
-    run_id: int
+    run_id: SafeInt
     varied: Mapping[str, str] = field(default_factory=dict)
     state: TrialState = "waiting"
     hyperparameters: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     amount: float = 0.0
     earlier: float = 0.0
-    starts: int = 0
+    starts: SafeInt = 0
     message: str = ""
     remedy: str = ""
     score: TrialScore | None = None
@@ -75,10 +75,10 @@ class SweepRecord(JsonRecord):
     metric: Metric
     resource: Resource
     most: float
-    began_at: float
+    began_at: Seconds
     trials: tuple[TrialRecord, ...]
-    checks: int = 0
-    ended_at: float | None = None
+    checks: SafeInt = 0
+    ended_at: Seconds | None = None
     best: str = ""
 
 

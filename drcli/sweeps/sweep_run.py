@@ -138,8 +138,7 @@ class SweepRun:
         left = plan.budget.most - trial.earlier
         limits = Limits(
             minutes=left if plan.budget.resource == "minutes" else None,
-            laps=plan.until_laps,
-            lap_time_s=plan.until_lap_time,
+            goals=plan.goals,
             threads=self._pace.threads,
         )
         begun = trial.amount > 0.0

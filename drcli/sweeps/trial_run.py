@@ -4,7 +4,7 @@ import os
 import signal
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -32,11 +32,10 @@ _ALONE = {
 
 @dataclass(frozen=True)
 class Limits:
-    """When a training ends; `lap_time_s` is simulated."""
+    """When a training ends; `goals` are those of a `Job`."""
 
     minutes: float | None = None
-    laps: int | None = None
-    lap_time_s: float | None = None
+    goals: Mapping[str, float] = field(default_factory=dict)
     threads: int = 0
 
 
@@ -96,8 +95,7 @@ class TrialRun:
         """
         options = StartOptions(
             max_minutes=limits.minutes,
-            until_laps=limits.laps,
-            until_lap_time_s=limits.lap_time_s,
+            goals=limits.goals,
         )
         planned = prepare_next(self.settings(limits.threads), options, wait=False)
         if isinstance(planned, NothingToDo):

@@ -265,7 +265,7 @@ class TuneSweep:
             # A population goes on; who is out otherwise follows from all checks.
             compared=reached if population else 0,
             metric=plan.metric,
-            limits=Limits(laps=plan.until_laps, lap_time_s=plan.until_lap_time, threads=place.cpus),
+            limits=Limits(goals=plan.goals, threads=place.cpus),
             directory=self._directory,
             host=socket.gethostname(),
             files=files_for_nodes(self._directory, trial.name),

@@ -1,19 +1,13 @@
 """Builds the learner from model_metadata.json and hyperparameters.json."""
 
-from dataclasses import fields
-from typing import TypeVar
-
 from drcli.base.log import get_logger, plain
 from drcli.config.run_config import TrainConfig
 from drcli.convert.build_network import policy_spec
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.algorithm_config import PPOConfig, SACConfig
+from drcli.learn.algorithms import PPOConfig, algorithm_config
 from drcli.learn.compute import Compute, choose_compute
 from drcli.learn.data_parallel import GradientGroup
-from drcli.learn.learner import Learner
-from drcli.learn.ppo import PPO
-from drcli.learn.sac import SAC
-from drcli.learn.sac_networks import SACAgent
+from drcli.learn.learner import Learner, learner_of
 from drcli.learn.taught import TaughtLearner
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
@@ -23,8 +17,6 @@ from drcli.workers.cores import learning_threads
 
 _logger = get_logger(__name__)
 
-C = TypeVar("C", PPOConfig, SACConfig)
-
 
 def build_learner(
     metadata: ModelMetadata,
@@ -33,13 +25,12 @@ def build_learner(
     group: GradientGroup | None = None,
 ) -> Learner:
     spec = policy_spec(metadata, parameters)
-    if metadata.training_algorithm == "sac":
-        agent = SACAgent(spec, parameters.sac_alpha)
-        return SAC(agent, algorithm_config(SACConfig, parameters), compute, group)
-    config = algorithm_config(PPOConfig, parameters)
     if parameters.taught:
+        config = algorithm_config(PPOConfig, parameters)
         return TaughtLearner(ActorCritic(spec), config, compute)
-    return PPO(ActorCritic(spec), config, compute, group)
+    algorithm = metadata.algorithm
+    learner, own = learner_of(algorithm), algorithm_config(algorithm.config, parameters)
+    return learner(learner.network(spec, own), own, compute, group)
 
 
 def learner_of_training(
@@ -78,8 +69,3 @@ def learner_of_training(
         times = "1 rollback" if rollbacks.count == 1 else "the rollbacks"
         _logger.info("The learning rate is %.3g since %s.", rate, times)
     return learner
-
-
-def algorithm_config(kind: type[C], parameters: Hyperparameters) -> C:
-    values = {field.name: getattr(parameters, field.name, None) for field in fields(kind)}
-    return kind(**{name: value for name, value in values.items() if value is not None})

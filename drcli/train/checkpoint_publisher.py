@@ -14,6 +14,7 @@ from drcli.base.log import get_logger, plain
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.convert.build_network import has_own_critic, load_weights
 from drcli.convert.imported_policy import CRITIC_WARMUP
+from drcli.learn.algorithms import Algorithm
 from drcli.learn.learner import Learner
 from drcli.learn.taught import TaughtLearner
 from drcli.learn.update_result import NonFiniteLossError
@@ -244,9 +245,10 @@ class RollbackControl:
         return rollback
 
     def nan_failure(
-        self, error: NonFiniteLossError, iteration: int, *, sac: bool
+        self, error: NonFiniteLossError, iteration: int, algorithm: Algorithm
     ) -> TrainingFailed:
-        shorter = "" if sac else ", or set `max_grad_norm` to 0.5,"  # which only PPO reads
+        clips = algorithm.reads("max_grad_norm")
+        shorter = ", or set `max_grad_norm` to 0.5," if clips else ""
         remedy = (
             f"Lower `lr` to a third{shorter} in hyperparameters.json, then "
             "continue with `dr-start-training --resume`. DR_TRAIN_MAX_ROLLBACKS=2 does it "

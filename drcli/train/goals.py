@@ -12,6 +12,9 @@ from drcli.records.iteration import CONFIRMING_CLEAN, CONFIRMING_LAPS, Iteration
 from drcli.records.job import Job
 from drcli.records.stage import Stage
 
+FAST_LAPS = 5
+"""So many at least for a lap time."""
+
 SCORED_EPISODES = 100
 """For the mean reward of a stage, as in the lists of the Gym."""
 
@@ -100,23 +103,190 @@ def target_of(stage: Stage) -> Target:
     return Target(name, laps, None, goal.lap_time, goal.progress, goal.evaluations)
 
 
+@dataclass(frozen=True)
+class Option:
+    """How a start asks for a goal, on the command line and in the form of the page.
+
+    Attributes:
+        key: In `Job.goals` and in the body of the page.
+        help: Of the command line.
+        label: In the form, with a `hint` below it.
+        noun: In messages of the form; a value is a number of the `unit`, or `whole`.
+    """
+
+    key: str
+    metavar: str
+    help: str
+    label: str
+    hint: str
+    noun: str
+    low: float
+    high: float | None = None
+    unit: str = ""
+    whole: bool = False
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Something that a start or a setting asks for, and that ends the training.
+
+    Attributes:
+        name: Of the option or the setting.
+        value: What a job asks for; None if it does not.
+        words: When that ends a training, for `ending`.
+        limit: By training episodes and steps so far: why it is over, however well the car drives.
+        target: What evaluations must show.
+        score: Why the newest training episodes end it.
+    """
+
+    name: str
+    value: Callable[[Job], float | None]
+    words: Callable[[Job, float], str]
+    limit: Callable[[float, int, int], str | None] | None = None
+    target: Callable[[str, Job, float], Target] | None = None
+    score: Callable[[Job, float, Sequence[IterationRecord]], str | None] | None = None
+    option: Option | None = None
+
+    def way(self, job: Job) -> list[str]:
+        value = self.value(job)
+        return [] if value is None else [f"{self.words(job, value)} ({self.name})"]
+
+
+def _set(field: str) -> Callable[[Job], float | None]:
+    return lambda job: getattr(job.config.train, field) or None
+
+
+def _episode_limit(most: float, episodes: int, steps: int) -> str | None:
+    done = "1 training episode is" if episodes == 1 else f"{episodes} training episodes are"
+    words = f"{done} done, DR_TRAIN_MAX_EPISODES is {most}"
+    return words if episodes >= most else None
+
+
+def _step_limit(most: float, episodes: int, steps: int) -> str | None:
+    words = f"{steps:,} steps are learned from, DR_TRAIN_MAX_STEPS is {most:,}"
+    return words if steps >= most else None
+
+
+def _score_reached(job: Job, least: float, records: Sequence[IterationRecord]) -> str | None:
+    scored = job.config.train.train_stop_score_episodes
+    score = mean_score(records, scored)
+    if score is None or score < least:
+        return None
+    return (
+        f"the mean reward of the last {_episodes(scored)} is {score:.1f}, DR_TRAIN_STOP_MEAN_SCORE "
+        f"is {least:g}"
+    )
+
+
+def _wanted_laps(job: Job) -> int:
+    return int(job.goals.get("until_laps") or FAST_LAPS)
+
+
+def _judged(job: Job) -> str:
+    return " in the last stage" if len(job.stages) > 1 else ""
+
+
+GOALS = (
+    Goal(
+        "--until-lap-time",
+        lambda job: job.goals.get("until_lap_time_s"),
+        lambda job, most_s: (
+            f"once each evaluation lap of a checkpoint{_judged(job)}, at least "
+            f"{_wanted_laps(job)}, takes {most_s:g} s or less{CONFIRMED}"
+        ),
+        target=lambda name, job, most_s: Target(name, _wanted_laps(job), most_s),
+        option=Option(
+            "until_lap_time_s",
+            "S",
+            "Stop when each of these laps takes S seconds or less.",
+            "Stop at a lap time, s (this start only)",
+            "Ends when each of these laps takes this many seconds or less.",
+            "Lap time",
+            low=0.1,
+            high=10_000.0,
+            unit="seconds",
+        ),
+    ),
+    Goal(
+        "--until-laps",
+        # A lap time asks for that many itself.
+        lambda job: None if "until_lap_time_s" in job.goals else job.goals.get("until_laps"),
+        lambda job, laps: (
+            f"once a checkpoint completes all its evaluation laps{_judged(job)}, at least "
+            f"{int(laps)}{CONFIRMED}"
+        ),
+        target=lambda name, job, laps: Target(name, int(laps)),
+        option=Option(
+            "until_laps",
+            "N",
+            "Stop when all evaluation laps of a checkpoint are clean, N or more, and then 38 of 40 "
+            "from other starts.",
+            "Stop after laps (this start only)",
+            "Ends when all evaluation laps of a checkpoint are clean, this many or more, and then "
+            "38 of 40 from other starts.",
+            "Laps",
+            low=1,
+            whole=True,
+        ),
+    ),
+    Goal(
+        "DR_TRAIN_MAX_EPISODES",
+        _set("train_max_episodes"),
+        lambda job, most: f"after {_episodes(int(most), 'training ')}",
+        limit=_episode_limit,
+    ),
+    Goal(
+        "DR_TRAIN_MAX_STEPS",
+        _set("train_max_steps"),
+        lambda job, most: f"after {most:,} steps",
+        limit=_step_limit,
+    ),
+    Goal(
+        "DR_TRAIN_STOP_LAP_TIME",
+        _set("train_stop_lap_time"),
+        lambda job, mean_s: (
+            f"once all evaluation laps of a checkpoint take {mean_s:g} s or less on "
+            f"average{_judged(job)}{CONFIRMED}"
+        ),
+        target=lambda name, job, mean_s: Target(name, 1, mean_s=mean_s),
+    ),
+    Goal(
+        "DR_TRAIN_STOP_MEAN_SCORE",
+        lambda job: job.config.train.train_stop_mean_score,
+        lambda job, least: (
+            f"at a mean reward of {least:g} over "
+            f"{_episodes(job.config.train.train_stop_score_episodes)}{_judged(job)}"
+        ),
+        score=_score_reached,
+    ),
+    Goal(
+        "DR_TRAIN_STOP_PROGRESS",
+        _set("train_stop_progress"),
+        lambda job, least: (
+            f"at {least:g} % of mean progress in {job.config.train.train_stop_evaluations} "
+            f"evaluations in a row{_judged(job)}{CONFIRMED_PROGRESS}"
+        ),
+        target=lambda name, job, least: Target(
+            name, progress=least, evaluations=job.config.train.train_stop_evaluations
+        ),
+    ),
+)
+"""In the order of the sentence; what a start asks for comes first."""
+
+OPTIONS = {goal.option.key: goal.option for goal in GOALS if goal.option is not None}
+
+
 def targets_of(job: Job, stage: Stage | None = None) -> list[Target]:
     """Those of the whole training count in its last stage only."""
-    settings, targets = job.config.train, []
+    targets = []
     if stage is not None and stage.goal.evaluated:
         targets.append(target_of(stage))
     if stage is not None and stage != job.stages[-1]:
         return targets
-    if job.until_lap_time_s is not None:
-        name = f"--until-lap-time {job.until_lap_time_s:g}"
-        targets.append(Target(name, job.wanted_laps, job.until_lap_time_s))
-    elif job.until_laps is not None:
-        targets.append(Target(f"--until-laps {job.until_laps}", job.until_laps))
-    if (mean_s := settings.train_stop_lap_time) > 0.0:
-        targets.append(Target(f"DR_TRAIN_STOP_LAP_TIME={mean_s:g}", 1, mean_s=mean_s))
-    if (progress := settings.train_stop_progress) > 0.0:
-        name, in_a_row = f"DR_TRAIN_STOP_PROGRESS={progress:g}", settings.train_stop_evaluations
-        targets.append(Target(name, progress=progress, evaluations=in_a_row))
+    for goal in GOALS:
+        if goal.target is not None and (value := goal.value(job)) is not None:
+            name = f"{goal.name}{'=' if goal.option is None else ' '}{value:g}"
+            targets.append(goal.target(name, job, value))
     return targets
 
 
@@ -177,7 +347,7 @@ class Goals:
 
     def _limit(self, count: int, episodes: int, steps: int) -> str | None:
         """However well the car drives."""
-        job, settings = self._job, self._job.config.train
+        job = self._job
         for at_s, why in self._ends_s:
             if self._clock() >= at_s:
                 return f"Training is complete: {why}"
@@ -185,33 +355,23 @@ class Goals:
         if most <= count:
             done = "1 iteration is" if count == 1 else f"{count} iterations are"
             return f"Training is complete: {done} done, {name} is {most}."
-        if 0 < settings.train_max_episodes <= episodes:
-            done = "1 training episode is" if episodes == 1 else f"{episodes} training episodes are"
-            return (
-                f"Training is complete: {done} done, DR_TRAIN_MAX_EPISODES is "
-                f"{settings.train_max_episodes}."
-            )
-        if 0 < settings.train_max_steps <= steps:
-            return (
-                f"Training is complete: {steps:,} steps are learned from, DR_TRAIN_MAX_STEPS is "
-                f"{settings.train_max_steps:,}."
-            )
+        for goal in GOALS:
+            if goal.limit is not None and (value := goal.value(job)) is not None:
+                over = goal.limit(value, episodes, steps)
+                if over is not None:
+                    return f"Training is complete: {over}."
         return None
 
     def _target(self, records: Sequence[IterationRecord]) -> str | None:
-        for target in targets_of(self._job):
-            phrase = target.reached(records)
-            if phrase is not None:
-                return f"Training is complete: {phrase}."
-        settings = self._job.config.train
-        scored, good_enough = settings.train_stop_score_episodes, settings.train_stop_mean_score
-        score = mean_score(records, scored)
-        if score is not None and good_enough is not None and score >= good_enough:
-            return (
-                f"Training is complete: the mean reward of the last {_episodes(scored)} "
-                f"is {score:.1f}, DR_TRAIN_STOP_MEAN_SCORE is {good_enough:g}."
-            )
-        return None
+        job = self._job
+        phrases = [target.reached(records) for target in targets_of(job)]
+        phrases += [
+            goal.score(job, value, records)
+            for goal in GOALS
+            if goal.score is not None and (value := goal.value(job)) is not None
+        ]
+        phrase = next((phrase for phrase in phrases if phrase is not None), None)
+        return None if phrase is None else f"Training is complete: {phrase}."
 
 
 def mean_score(records: Sequence[IterationRecord], scored: int = SCORED_EPISODES) -> float | None:
@@ -229,20 +389,10 @@ def mean_score(records: Sequence[IterationRecord], scored: int = SCORED_EPISODES
 def ending(job: Job, parameters: Hyperparameters) -> str:
     settings = job.config.train
     ways = []
-    judged = " in the last stage" if len(job.stages) > 1 else ""
     if job.stages and not job.stages[-1].goal.empty:
         last = job.stages[-1]
         ways.append(f"with the last of {_stages(job)}, {last.name}: {last.goal}")
-    if job.until_lap_time_s is not None:
-        ways.append(
-            f"once each evaluation lap of a checkpoint{judged}, at least {job.wanted_laps}, takes "
-            f"{job.until_lap_time_s:g} s or less{CONFIRMED} (--until-lap-time)"
-        )
-    elif job.until_laps is not None:
-        ways.append(
-            f"once a checkpoint completes all its evaluation laps{judged}, "
-            f"at least {job.until_laps}{CONFIRMED} (--until-laps)"
-        )
+    ways += [way for goal in GOALS if goal.option is not None for way in goal.way(job)]
     if job.max_minutes is not None:
         given = job.max_minutes == settings.train_max_minutes
         ways.append(
@@ -254,28 +404,7 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
         ways.append(f"at {at:%Y-%m-%d %H:%M} UTC (DR_TIME_TO_LIVE_MINUTES)")
     most, name = _iteration_limit(job, parameters)
     ways.append(f"after {'1 iteration' if most == 1 else f'{most:,} iterations'} ({name})")
-    if settings.train_max_episodes > 0:
-        ways.append(
-            f"after {_episodes(settings.train_max_episodes, 'training ')} (DR_TRAIN_MAX_EPISODES)"
-        )
-    if settings.train_max_steps > 0:
-        ways.append(f"after {settings.train_max_steps:,} steps (DR_TRAIN_MAX_STEPS)")
-    if settings.train_stop_lap_time > 0.0:
-        ways.append(
-            f"once all evaluation laps of a checkpoint take {settings.train_stop_lap_time:g} s or "
-            f"less on average{judged}{CONFIRMED} (DR_TRAIN_STOP_LAP_TIME)"
-        )
-    if settings.train_stop_mean_score is not None:
-        ways.append(
-            f"at a mean reward of {settings.train_stop_mean_score:g} over "
-            f"{_episodes(settings.train_stop_score_episodes)}{judged} (DR_TRAIN_STOP_MEAN_SCORE)"
-        )
-    if settings.train_stop_progress > 0:
-        ways.append(
-            f"at {settings.train_stop_progress:g} % of mean progress in "
-            f"{settings.train_stop_evaluations} evaluations in a row{judged}"
-            f"{CONFIRMED_PROGRESS} (DR_TRAIN_STOP_PROGRESS)"
-        )
+    ways += [way for goal in GOALS if goal.option is None for way in goal.way(job)]
     return f"Ends {', or '.join([*ways, 'with dr-stop-training'])}."
 
 

@@ -22,6 +22,7 @@ from drcli.model import keys
 from drcli.model.checkpoints import KEEP, CheckpointStore, KeepRules
 from drcli.model.files.custom_files import write_model_files
 from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 from drcli.model.history import History
 from drcli.model.model_store import ModelStore
@@ -404,8 +405,8 @@ class Trainer:
             number = self._progress.newest.number
             what = f"NaN detected in iteration {number}: {str(error).rstrip('.')}"
             self._roll_back("nan", what)
-            sac = self._design.metadata.training_algorithm == "sac"
-            raise self._rollbacks.nan_failure(error, number, sac=sac) from None
+            algorithm = self._design.metadata.algorithm
+            raise self._rollbacks.nan_failure(error, number, algorithm) from None
         if self._learner.most_samples is not None and not self._is_short_of_gpu_memory:
             self._is_short_of_gpu_memory = True
             _logger.warning(
@@ -584,9 +585,11 @@ def _sentence(text: str) -> str:
 
 
 def _learners(job: Job) -> int:
-    file = job.inputs.get(keys.HYPERPARAMETERS_FILE)
-    taught = file is not None and Hyperparameters.from_bytes(file.encode()).taught
-    return 1 if taught else job.config.train.train_learners
+    file, metadata = map(job.inputs.get, (keys.HYPERPARAMETERS_FILE, keys.MODEL_METADATA_FILE))
+    alone = file is not None and Hyperparameters.from_bytes(file.encode()).taught
+    if metadata is not None:
+        alone = alone or not ModelMetadata.from_bytes(metadata.encode()).algorithm.parallel
+    return 1 if alone else job.config.train.train_learners
 
 
 def learn(job: Job, lifeline: Lifeline) -> None:

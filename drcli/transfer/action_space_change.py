@@ -10,6 +10,7 @@ from drcli.base.errors import DrError, ProblemsError, SettingsError, few
 from drcli.bucket.bucket import Bucket
 from drcli.config.presets import model_file
 from drcli.config.settings import Settings
+from drcli.learn.algorithms import algorithm_named
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore, checkpoint_objects
 from drcli.model.files.action_choice import ChosenAction
@@ -91,9 +92,10 @@ def plan_change(file: Path, actions: list[dict[str, float]] | dict[str, Any]) ->
     data = model_file(keys.MODEL_METADATA_FILE).read_bytes() if found is None else found.data
     values = dict(read_json_object(data, str(file), "V-30").values)
     discrete = isinstance(actions, list)
-    if discrete and values.get("training_algorithm") == "sac":
+    algorithm = algorithm_named(values.get("training_algorithm"))
+    if discrete and algorithm.ranges_only:
         raise SettingsError(
-            f"{file}: training_algorithm=sac needs continuous actions, not a list.",
+            f"{file}: training_algorithm={algorithm.name} needs continuous actions, not a list.",
             remedy='Use `dr-action-space generate --continuous`, or write "training_algorithm": '
             '"clipped_ppo".',
         )

@@ -25,9 +25,8 @@ from drcli.convert.reference_checkpoint import (
 )
 from drcli.convert.runtimes import EnginePolicy, fit
 from drcli.convert.tensorflow.graph import decode_graph, encode_graph, encode_meta_graph
-from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.network import Network
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
-from drcli.learn.sac_networks import SACAgent
 from drcli.model import keys
 from drcli.model.checkpoint_list import HYPERPARAMETERS, METADATA, Item
 from drcli.model.files.hyperparameters import Hyperparameters
@@ -48,8 +47,6 @@ from drcli.transfer.put_model import Progress
 
 # Writes a network in another form, and compares it with PyTorch.
 
-
-Network = ActorCritic | SACAgent
 
 FRAMES = 32
 _AT_A_TIME = 8
@@ -172,13 +169,7 @@ def torch_outputs(
     states = np.zeros((len(frames), model.spec.state_dims), np.float32)
     seen = Observation.of_arrays(frames, scans, states)
     with torch.inference_mode():
-        if isinstance(model, SACAgent):
-            outputs: torch.Tensor = torch.tanh(model(model.features(seen))[0])
-        else:
-            outputs = model(seen).policy
-            if not model.spec.continuous:
-                outputs = outputs.softmax(-1)
-    array: NDArray[np.float32] = outputs.numpy()
+        array: NDArray[np.float32] = model.outputs(seen).numpy()
     return array
 
 
@@ -341,7 +332,7 @@ def encode_training_checkpoint(
 ) -> TrainingCheckpoint:
     """SettingsError if the reference has no such network, or the weights do not fit."""
     spec = policy_spec(metadata, parameters)
-    refuse_other_networks(spec, is_sac=metadata.training_algorithm == "sac")
+    refuse_other_networks(spec, is_sac=not metadata.algorithm.in_reference)
     model = build_policy(metadata, parameters)
     load_weights(model, weights, origin)
     arrays = weights_of(model)

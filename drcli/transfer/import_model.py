@@ -16,6 +16,7 @@ from drcli.config.loading import load_settings
 from drcli.config.presets import model_file
 from drcli.config.settings import Settings
 from drcli.convert.onnx_reader import read_onnx
+from drcli.learn.algorithms import algorithm_named
 from drcli.model import keys
 from drcli.model.checkpoint_list import HYPERPARAMETERS, METADATA, PARAMETERS_FILE, Item
 from drcli.model.files.custom_files import local_file
@@ -243,7 +244,9 @@ class ModelMaker:
             data, place = found
             try:
                 read = Hyperparameters.from_bytes(data, place)
-                conflict = read.conflict(self._policy.algorithm, continuous=continuous)
+                conflict = read.conflict(
+                    algorithm_named(self._policy.algorithm), continuous=continuous
+                )
             except ProblemsError as error:
                 conflict = str(error).splitlines()[0]
             if conflict is None:

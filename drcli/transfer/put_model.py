@@ -42,7 +42,7 @@ class TransferReport:
         unchanged: Names of the objects that already existed.
         deleted: Names of the objects that -w deleted.
         dry_run: Whether -d was given, so that nothing was changed.
-        replay_bytes: Size of SAC's replay buffer, which is not copied.
+        replay_bytes: Size of the replay buffer, which is not copied.
     """
 
     source: str
@@ -57,10 +57,10 @@ class TransferReport:
 
 
 def replay_bytes(model: ModelStore) -> int:
-    """Size of the rollouts that SAC learns from again; 0 if unknown."""
+    """Size of the rollouts that the model learns from again; 0 if unknown."""
     with suppress(DrError):
         metadata = ModelMetadata.from_bytes(model.bucket.get(keys.model_metadata(model.prefix)), "")
-        if metadata.training_algorithm == "sac":
+        if metadata.algorithm.replay:
             listed = model.bucket.list(keys.rollouts_folder(model.prefix))
             own = (info for info in listed if keys.rollout_key(model.prefix, info.key) is not None)
             return sum(info.size_bytes for info in own)

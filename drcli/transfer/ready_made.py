@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, one_of, shown
-from drcli.base.json_record import Fingerprint, JsonRecord, RecordError
+from drcli.base.json_record import Fingerprint, JsonRecord, RecordError, SafeInt, Seconds
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.loading import load_settings
@@ -38,8 +38,8 @@ class DrivenLaps:
     reverse: bool
     disturbed: bool
     status: list[str]
-    lap_s: list[float]
-    off_track: int
+    lap_s: list[Seconds]
+    off_track: SafeInt
 
     @property
     def completed(self) -> int:
@@ -59,8 +59,8 @@ class Recipe(JsonRecord):
     """
 
     summary: str
-    seed: int
-    iterations: int
+    seed: SafeInt
+    iterations: SafeInt
     settings: dict[str, str]
     worker_settings: list[dict[str, str]] = field(default_factory=list)
     hyperparameters: dict[str, Any] = field(default_factory=dict)
@@ -79,7 +79,7 @@ class Card(JsonRecord):
     """
 
     checkpoint: str
-    episodes: int
+    episodes: SafeInt
     sha256: dict[str, str]
     commit: str
     versions: dict[str, str]

@@ -13,6 +13,7 @@ from drcli.base.errors import SettingsError
 from drcli.bucket.bucket import ObjectInfo, ObjectMissing
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
+from drcli.learn.algorithms import algorithm_named
 from drcli.model import keys
 from drcli.model.checkpoint_choice import ModelCheckpoints
 from drcli.model.checkpoints import CheckpointStore
@@ -227,12 +228,13 @@ def _found(info: ObjectInfo) -> _Found:
 
 
 def _rollouts(model: ModelStore) -> Iterator[_Found]:
-    """SAC still needs its own to go on."""
+    """What has a replay buffer still needs its own to go on."""
     try:
         metadata = json.loads(model.bucket.get(keys.model_metadata(model.prefix)))
     except (ObjectMissing, ValueError):
         return
-    if not isinstance(metadata, dict) or metadata.get("training_algorithm") == "sac":
+    name = metadata.get("training_algorithm") if isinstance(metadata, dict) else None
+    if not isinstance(metadata, dict) or algorithm_named(name).replay:
         return
     for info in model.bucket.list(keys.rollouts_folder(model.prefix)):
         if keys.rollout_key(model.prefix, info.key) is not None:

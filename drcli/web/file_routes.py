@@ -10,19 +10,18 @@ from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import Problem, ProblemsError
 from drcli.checks.explain.lookup import shipped_value, value_if_left_out
-from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
-from drcli.checks.parameter_rules import PPO_ONLY, review_parameters
+from drcli.checks.parameter_rules import review_parameters
 from drcli.config.settings import Settings
+from drcli.learn.algorithms import ALGORITHMS
 from drcli.model.files.action_choice import grid
 from drcli.model.files.action_space import MANY_ACTIONS, USUAL
 from drcli.model.files.custom_files import InputFile
 from drcli.model.files.data_file import read_json_object
-from drcli.model.files.hyperparameters import KEYS, OWN_KEYS, Hyperparameters
+from drcli.model.files.hyperparameters import KEYS, OWN_KEYS, TEXTS, Hyperparameters
 from drcli.model.files.model_metadata import (
     CAMERAS,
     LIDARS,
     RULES,
-    Algorithm,
     ModelMetadata,
     Network,
 )
@@ -57,7 +56,7 @@ def _keys() -> list[dict[str, Any]]:
     properties = Hyperparameters.model_json_schema()["properties"]
     found = []
     for key in KEYS:
-        text = HYPERPARAMETER_TEXTS[key]
+        text = TEXTS[key]
         found.append(
             {
                 "key": key,
@@ -69,17 +68,11 @@ def _keys() -> list[dict[str, Any]]:
                 "shipped": shipped_value(key),
                 "left_out": value_if_left_out(key),
                 "beyond": key in OWN_KEYS,
-                "algorithms": _algorithms(key),
+                "algorithms": [each.name for each in ALGORITHMS.values() if each.reads(key)],
                 "effect": key not in NO_EFFECT,
             }
         )
     return found
-
-
-def _algorithms(key: str) -> list[str]:
-    if key.startswith("sac_"):
-        return ["sac"]
-    return ["clipped_ppo"] if key in PPO_ONLY | {"training_method"} else ["clipped_ppo", "sac"]
 
 
 def _text(file: OwnFile, changes: dict[str, Any]) -> bytes:
@@ -195,7 +188,8 @@ def action_space_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "problems": _metadata_problems(settings, file),
             "cameras": CAMERAS,
             "lidars": LIDARS,
-            "algorithms": get_args(Algorithm),
+            "algorithms": list(ALGORITHMS),
+            "words": {each.name: each.words for each in ALGORITHMS.values()},
             "networks": get_args(Network),
             "limits": USUAL,
             "many_actions": MANY_ACTIONS,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
-from drcli.base.json_record import from_json
+from drcli.base.json_record import SafeInt, decode_json
 
 ENTER = "/enter"
 STREAM = "/stream"
@@ -29,7 +29,7 @@ class Listen:
         secrets: Of the command's environment, such as keys to the bucket.
     """
 
-    descriptor: int
+    descriptor: SafeInt
     token: str
     secrets: dict[str, str] = field(default_factory=dict)
 
@@ -39,4 +39,4 @@ class Listen:
     @staticmethod
     def of_line(line: bytes) -> "Listen":
         """Read it, or raise RecordError."""
-        return from_json(Listen, json.loads(line))
+        return decode_json(Listen, line)

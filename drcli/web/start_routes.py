@@ -17,6 +17,7 @@ from drcli.model.model_store import ModelStore
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.run.status import inspect
 from drcli.run.track_fetch import fetch, missing_tracks, tracks_to_fetch
+from drcli.train.goals import OPTIONS
 from drcli.web.answers import BadRequest, accepts, answers, placed
 from drcli.web.apart import run_apart
 from drcli.web.served_folder import ServedFolder
@@ -59,8 +60,7 @@ def start_training(
 
 
 LONGEST_MINUTES = 10_000_000
-LONGEST_LAP_S = 10_000.0
-MOST_LAPS = 100_000
+MOST = 100_000
 
 LARGEST_SEED = 2**32 - 1
 
@@ -75,7 +75,7 @@ def _bounded(body: dict[str, Any], key: str, low: float, high: float) -> float |
     return float(value)
 
 
-def _whole(body: dict[str, Any], key: str, low: int, high: int) -> int | None:
+def _whole(body: dict[str, Any], key: str, low: float, high: float) -> int | None:
     value = _bounded(body, key, low, high)
     if value is not None and value != int(value):
         raise BadRequest(f"{key} is a whole number.", 422)
@@ -93,13 +93,16 @@ def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
             "must be confirmed with its name.",
             409,
         )
+    asked = {}
+    for key, option in OPTIONS.items():
+        read = _whole if option.whole else _bounded
+        asked[key] = read(body, key, option.low, option.high or MOST)
     return plan.StartOptions(
         wipe=how == "wipe",
         resume=how == "resume",
         max_minutes=_bounded(body, "max_minutes", 0.01, LONGEST_MINUTES),
-        until_laps=_whole(body, "until_laps", 1, MOST_LAPS),
         seed=_whole(body, "seed", 0, LARGEST_SEED),
-        until_lap_time_s=_bounded(body, "until_lap_time_s", 0.1, LONGEST_LAP_S),
+        goals={key: value for key, value in asked.items() if value is not None},
     )
 
 
@@ -129,6 +132,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "fetch_allowed": settings.tracks_fetch,
             "pretrained": settings.pretrained_prefix if settings.pretrained else None,
             "bucket_error": None,
+            "goals": [plain(option) for option in OPTIONS.values()],
         }
         try:
             bucket = open_running_bucket(settings.storage)

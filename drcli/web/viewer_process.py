@@ -16,6 +16,7 @@ from urllib.parse import quote
 from drcli.base.clock import wait_until
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.files import exclusive, load_record, write_private_json
+from drcli.base.json_record import Pid, SafeInt, Seconds
 from drcli.base.processes import is_alive, started_s
 from drcli.config import secret_environment
 from drcli.config.run_config import WebConfig
@@ -49,10 +50,10 @@ _LEAST_TOKEN = 16
 class ViewerRecord:
     """`began_s` as in `drcli.base.processes`."""
 
-    pid: int
-    began_s: float
+    pid: Pid
+    began_s: Seconds
     host: str
-    port: int
+    port: SafeInt
     token: str = ""
 
 

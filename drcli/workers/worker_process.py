@@ -16,7 +16,7 @@ from types import FrameType
 from drcli.base import errors, log
 from drcli.base import log as log_files
 from drcli.base.errors import DrError
-from drcli.base.installation import import_error
+from drcli.base.installation import import_error, lazy_imports
 from drcli.base.log import JsonLog, LogFile, RotatingFile, add_handler, record_text, remove_handler
 from drcli.base.processes import handle, lower_priority, search_as_usual
 from drcli.bucket.connect import OUTAGE_PATIENCE_S, open_bucket
@@ -29,7 +29,10 @@ from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import ActivityRecord, json_log, log_file, reward_log
 from drcli.workers import print_limit
 from drcli.workers.pulse import Pulse, memory_shortage
-from drcli.workers.reward_failures import reward_failure
+
+with lazy_imports():
+    from drcli.workers import reward_failures
+
 
 # The logs of a worker: its own, as JSON lines, and what the racer's code prints.
 #
@@ -211,7 +214,7 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     logger = _logger
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
     if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
-        error, logger = reward_failure(error), print_limit.reward_logger
+        error, logger = reward_failures.reward_failure(error), print_limit.reward_logger
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)
         if memory:  # its own fault or not: a new process may have enough

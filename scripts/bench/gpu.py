@@ -21,7 +21,7 @@ from torch import nn
 
 from drcli.drive.driving import Driven, Driver, Plan, Racer
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.cuda import GpuPolicy
 from drcli.learn.data_parallel import DataParallelPolicy, parts_of

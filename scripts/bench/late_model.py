@@ -42,7 +42,7 @@ def age(bucket: Path, prefix: str, more: int) -> None:
         learned = fields["counters"].get("learned")
         if learned is not None and number is not None:
             fields["counters"]["learned"] = json.loads(
-                json.dumps(records[number.number - 1].__dict__).replace("NaN", "null")
+                json.dumps(records[number.number - 1].to_json()).replace("NaN", "null")
             )
         path.write_text(json.dumps(fields))
     for name in (".coach_checkpoint", "deepracer_checkpoints.json"):

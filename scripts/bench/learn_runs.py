@@ -22,7 +22,7 @@ from drcli.convert.build_network import policy_spec
 from drcli.drive.build_race import actions_of, load_world, longest_episode
 from drcli.drive.driving import Driven, Driver, Plan, Racer, rollout_of
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig, algorithm_config
 from drcli.learn.compute import Compute, choose_compute, driving_format, flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import compute_in
@@ -32,7 +32,6 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.records.job import PROCESS_TUNING
-from drcli.train.build_learner import algorithm_config
 from drcli.train.trainer import SEED_STRIDE
 from drsim import Actions, EpisodeRules, RewardFunction, Simulation, Track, load_reward_function
 

@@ -120,7 +120,7 @@ def ranked(settings: Settings, prefix: str, checkpoint: str, seed: int) -> Ranke
     """Drive the grid and the held-out disturbances with one model."""
     run = settings.run
     with tempfile.TemporaryDirectory() as folder:
-        job = Job(run, secrets.token_hex(6), seed, None, None, Path(folder), os.getppid())
+        job = Job(run, secrets.token_hex(6), seed, None, Path(folder), os.getppid())
         config = replace(run, model=replace(run.model, prefix=prefix))
         stamp = "20000101000000"
         entry = Entry(

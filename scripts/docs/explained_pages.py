@@ -8,8 +8,7 @@ from pathlib import Path
 
 from drcli.checks.explain.explain_texts import ERROR_TEXTS, GLOSSARY, TRACE_COLUMNS
 from drcli.checks.explain.lookup import shipped_value, value_if_left_out
-from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
-from drcli.model.files.hyperparameters import KEYS, REFERENCE_KEYS
+from drcli.model.files.hyperparameters import KEYS, REFERENCE_KEYS, TEXTS
 from drcli.records.trace import CSV_HEADER
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -88,8 +87,8 @@ def glossary() -> str:
 
 def hyperparameters() -> str:
     """The text of docs/hyperparameters.md."""
-    reference = _keys(key for key in HYPERPARAMETER_TEXTS if key in REFERENCE_KEYS)
-    ours = _keys(key for key in HYPERPARAMETER_TEXTS if key in KEYS and key not in REFERENCE_KEYS)
+    reference = _keys(key for key in TEXTS if key in REFERENCE_KEYS)
+    ours = _keys(key for key in TEXTS if key in KEYS and key not in REFERENCE_KEYS)
     return "\n".join(
         [
             HYPERPARAMETERS_HEAD,
@@ -114,7 +113,7 @@ def troubleshooting() -> str:
 def _keys(keys: Iterable[str]) -> str:
     rows = []
     for key in keys:
-        text = HYPERPARAMETER_TEXTS[key]
+        text = TEXTS[key]
         values = (shipped_value(key), value_if_left_out(key))
         rows.append((f"`{key}`", *values, text.meaning, text.higher, text.lower, text.advice))
     header = ("key", "shipped", "left out", "meaning", "higher, or another", "lower", "advice")

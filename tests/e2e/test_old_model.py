@@ -1,4 +1,4 @@
-"""A model that version 0.1.0 trained goes on here: evaluated, trained further, uploaded."""
+"""Models that earlier versions trained go on here: evaluated, trained further, uploaded."""
 
 import json
 
@@ -50,3 +50,28 @@ def test_a_model_of_version_0_1_0_can_be_uploaded(racer, uploads):
     stored = {entry.key for entry in uploads.list("model-1/")}
     assert sent.returncode == 0, sent.stderr
     assert "model-1/model/1_Step-144.ckpt.safetensors" in stored
+
+
+@pytest.mark.parametrize("prefix", ["ppo", "teacher"])
+def test_a_model_from_before_msgspec_is_listed_evaluated_and_trained_further(workspace, prefix):
+    bucket = workspace.model.parent
+    extract_old_model(bucket, "two-models")
+    for path in (bucket / "custom_files").iterdir():
+        (workspace.folder / "custom_files" / path.name).write_bytes(path.read_bytes())
+    workspace.hyperparameters = json.loads(
+        (bucket / prefix / "ip/hyperparameters.json").read_text()
+    )
+    (workspace.folder / "custom_files" / "hyperparameters.json").write_text(
+        json.dumps(workspace.hyperparameters | {"num_episodes_between_training": 2})
+    )
+    workspace.write_run_env(DR_LOCAL_S3_MODEL_PREFIX=prefix, DR_TRAIN_MAX_ITERATIONS=4)
+
+    listed = workspace.run("list-models", "--json")
+    driven = workspace.run("evaluate", "--json")
+    resumed = workspace.run("start-training", "--resume", "--foreground")
+
+    assert [model["prefix"] for model in json.loads(listed.stdout)["models"]] == ["ppo", "teacher"]
+    assert driven.returncode == 0, driven.stderr
+    assert json.loads(driven.stdout.splitlines()[-1])["trials"]
+    assert resumed.returncode == 0, resumed.stderr
+    assert [entry["iteration"] for entry in workspace.status()["history"]] == [0, 1, 2, 3]

@@ -1,18 +1,18 @@
-"""The model that version 0.1.0 trained. `scripts/make_old_model.sh` has made the archive."""
+"""Models of earlier versions. `scripts/make_old_model.sh` has made the archives."""
 
 import tarfile
 from pathlib import Path
 
 import zstandard
 
-_ARCHIVE = Path(__file__).resolve().parents[1] / "data" / "trained-with-0.1.0.tar.zst"
+_DATA = Path(__file__).resolve().parents[1] / "data"
 
 
-def extract_old_model(bucket: Path) -> None:
-    """Make the folder of a bucket with the model, and with its files in custom_files/."""
+def extract_old_model(bucket: Path, archive_name: str = "trained-with-0.1.0") -> None:
+    """Make the folder of a bucket with its models, and with their files in custom_files/."""
     bucket.mkdir(parents=True)
     with (
-        _ARCHIVE.open("rb") as packed,
+        (_DATA / f"{archive_name}.tar.zst").open("rb") as packed,
         zstandard.ZstdDecompressor().stream_reader(packed) as plain,
         tarfile.open(fileobj=plain, mode="r|") as archive,
     ):

@@ -28,7 +28,6 @@ def job_of(folder: Path, *lines: str, session: str = "start", term: int = 1) -> 
         config=load_settings(folder, environ={}).run,
         session=session,
         seed=1,
-        until_laps=None,
         max_minutes=None,
         folder=folder / "data" / "runs" / "0",
         launcher_pid=os.getpid(),

@@ -54,7 +54,7 @@ class WatchedRun:
         config = load_settings(folder, environ={}).run
         self.folder = folder
         self.now_s = 0.0
-        self.job = Job(config, "start", 1, None, None, folder, os.getpid())
+        self.job = Job(config, "start", 1, None, folder, os.getpid())
         names = ["trainer", *(f"sim-{k}" for k in range(workers))]
         self.children = [
             Child(name, "module", [name.removeprefix("sim-")] if name != "trainer" else [])

@@ -10,7 +10,7 @@ from drcli.analysis.findings.advice_item import TRAIN_ON, Advice, rounded, train
 from drcli.analysis.findings.curve_trend import LEAST_GAIN, UNDER, decline, rise, window
 from drcli.analysis.findings.driving_advice import LEARNED, REWARD_CHECK, TOP_SHARE, named
 from drcli.analysis.findings.evaluated_laps import EvaluatedLaps
-from drcli.analysis.findings.evidence import Evidence, gather, is_sac
+from drcli.analysis.findings.evidence import Evidence, algorithm_of, gather
 from drcli.analysis.findings.update_advice import LOW_LR, USUAL_LR, lower_lr
 from drcli.analysis.findings.verdict import LEAST_ITERATIONS, LOW, NOT_LEARNING
 from drcli.analysis.run import Run
@@ -80,7 +80,7 @@ def evaluation_behind(evidence: Evidence) -> Advice | None:
     if gap is None or gap.behind < BEHIND or gap.t < BEHIND_T:
         return None
     what = f"the last {gap.count} evaluations" if not gap.alone else f"{gap.count} trials"
-    key, usual = ("sac_alpha", 0.1) if is_sac(evidence.run) else ("beta_entropy", 0.01)
+    key, usual = algorithm_of(evidence.run).entropy
     lower = rounded((evidence.number(key) or usual) / 3.0)
     return Advice(
         "evaluation-behind",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from drcli.analysis.findings.action_use import ActionUse
 from drcli.analysis.findings.advice_item import TRAIN_ON, Advice, rounded, train_on
 from drcli.analysis.findings.curve_trend import LEAST_GAIN, present_trend
-from drcli.analysis.findings.evidence import Evidence, is_sac
+from drcli.analysis.findings.evidence import Evidence, algorithm_of
 from drcli.analysis.findings.lap_slowing import SLOWER, change_t
 from drcli.analysis.findings.learning_curve import TREND_T
 from drcli.analysis.findings.reward_rate import RewardRate
@@ -186,11 +186,11 @@ def no_exploration(evidence: Evidence) -> Advice | None:
 
 
 def _more_exploration(evidence: Evidence) -> tuple[str, str]:
-    if is_sac(evidence.run):
-        alpha = evidence.number("sac_alpha") or 0.1
-        return "sac_alpha", rounded(2.0 * alpha)
-    beta = evidence.number("beta_entropy") or 0.0
-    return "beta_entropy", rounded(min(0.3, max(0.01, 3.0 * beta)))
+    key, usual = algorithm_of(evidence.run).entropy
+    if key != "beta_entropy":
+        return key, rounded(2.0 * (evidence.number(key) or usual))
+    beta = evidence.number(key) or 0.0
+    return key, rounded(min(0.3, max(usual, 3.0 * beta)))
 
 
 def dead_actions(evidence: Evidence) -> Advice | None:

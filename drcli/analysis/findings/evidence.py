@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,7 +43,8 @@ from drcli.analysis.findings.steering import (
     wheels_off,
 )
 from drcli.analysis.run import Run
-from drcli.base.json_record import RecordError, parse_json
+from drcli.base.json_record import RecordError, decode_json
+from drcli.learn.algorithms import ALGORITHMS, Algorithm, algorithm_named
 from drcli.model.alarms import ENTROPY_NEAR, ENTROPY_RISE, ENTROPY_SINCE, ENTROPY_WINDOW
 from drcli.model.files.action_space import ActionSpace
 from drcli.model.keys import MODEL_METADATA_FILE
@@ -171,11 +172,10 @@ class LearnerHealth:
     clip_fraction: float | None
 
 
-def learner_health(learner: "pd.DataFrame", *, sac: bool, actions: int = 0) -> LearnerHealth | None:
-    """Judge the updates in `Run.learner`.
-
-    SAC's temperature steers the entropy: then a rise is not a warning.
-    """
+def learner_health(
+    learner: "pd.DataFrame", algorithm: Algorithm, actions: int = 0
+) -> LearnerHealth | None:
+    """Judge the updates in `Run.learner`."""
     if not len(learner):
         return None
     entropy, kl = _known(learner, "entropy"), _known(learner, "kl")
@@ -187,7 +187,7 @@ def learner_health(learner: "pd.DataFrame", *, sac: bool, actions: int = 0) -> L
         last_entropy=last,
         lowest_entropy=float(means.min()) if len(means) else None,
         spread=None if last is None or actions < 2 else last / math.log(actions),
-        rising_since=None if sac else _rising_since(means),
+        rising_since=None if algorithm.steers_entropy else _rising_since(means),
         median_kl=float(np.median(kl)) if len(kl) else None,
         last_value_loss=_mean(_known(learner, "value_loss")[-ENTROPY_WINDOW:]),
         clip_fraction=_mean(_known(learner, "clip_fraction")[-ENTROPY_WINDOW:]),
@@ -372,7 +372,7 @@ def gather(run: Run) -> Evidence:
         evaluated_in_training=evaluated_in_training(run, curve),
         gap=evaluation_gap(run, curve, until),
         learner=learner_health(
-            _since_phase(run.learner, curve), sac=is_sac(run), actions=_discrete(run.actions)
+            _since_phase(run.learner, curve), algorithm_of(run), actions=_discrete(run.actions)
         ),
         horizon=discount_horizon(run.hyperparameters, steps.length_m, _speed_over_track(late)),
         laps=lap_times(run),
@@ -388,16 +388,19 @@ def _since_phase(learner: "pd.DataFrame", curve: LearningCurve) -> "pd.DataFrame
     return learner[learner.index >= curve.iteration[0]]
 
 
-def is_sac(run: Run) -> bool:
-    """Whether a model was trained by SAC.
+def algorithm_of(run: Run) -> Algorithm:
+    """Which algorithm trained a model.
 
     sac_alpha does not tell: the reference ships it with hyperparameters of PPO.
     """
     with suppress(RecordError):
-        metadata = parse_json(run.files.get(MODEL_METADATA_FILE, "{}").encode())
-        if isinstance(metadata, dict) and "training_algorithm" in metadata:
-            return bool(metadata["training_algorithm"] == "sac")
-    return run.hyperparameters.get("exploration_type") == "additive_noise"
+        text = run.files.get(MODEL_METADATA_FILE, "{}")
+        metadata = decode_json(dict[str, Any], text.encode())
+        if "training_algorithm" in metadata:
+            return algorithm_named(metadata["training_algorithm"])
+    explores = run.hyperparameters.get("exploration_type")
+    known = (each for each in ALGORITHMS.values() if each.explores == explores)
+    return next(known, algorithm_named(None))
 
 
 def _discrete(actions: ActionSpace | None) -> int:

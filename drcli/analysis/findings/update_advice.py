@@ -8,7 +8,7 @@ import numpy as np
 from drcli.analysis.findings.advice_item import Advice, rounded, train_on
 from drcli.analysis.findings.curve_trend import UNDER, rise
 from drcli.analysis.findings.driving_advice import REWARD_CHECK
-from drcli.analysis.findings.evidence import LEAST_NOISE, Evidence, is_sac
+from drcli.analysis.findings.evidence import LEAST_NOISE, Evidence, algorithm_of
 from drcli.analysis.findings.learning_curve import slope, swings
 from drcli.analysis.findings.verdict import NOT_LEARNING
 from drcli.analysis.run import Run
@@ -118,8 +118,8 @@ HIGH_BETA, USUAL_BETA = 0.03, 0.01
 
 
 def unstable(evidence: Evidence) -> Advice | None:
-    if evidence.fall is not None or is_sac(evidence.run):
-        return None  # SAC learns from a replay buffer: an iteration may be a single episode
+    if evidence.fall is not None or algorithm_of(evidence.run).replay:
+        return None  # with a replay buffer, an iteration may be a single episode
     curve = evidence.curve
     count = min(JUMP_WINDOW, 2 * len(curve) // 3)
     if count < JUMP_LEAST or not np.isfinite(curve.reward[-count:]).all():

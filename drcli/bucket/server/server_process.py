@@ -16,7 +16,7 @@ from drcli.base import errors
 from drcli.base.clock import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.files import read_regular
-from drcli.base.json_record import RecordError, from_json, parse_json
+from drcli.base.json_record import RecordError, decode_json
 from drcli.base.system_calls import flush_descriptor
 from drcli.bucket.endpoint import Endpoint
 from drcli.config.run_config import Engine, StorageConfig
@@ -209,7 +209,7 @@ class ServerState:
             StorageError: It cannot be read.
         """
         try:
-            state = from_json(cls, parse_json(read_regular(path)))
+            state = decode_json(cls, read_regular(path))
             is_copy = state.inode is not None and state.inode != path.parent.stat().st_ino
             return None if is_copy else state
         except FileNotFoundError:

@@ -11,13 +11,13 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import psutil
 
 from drcli.base.errors import ProblemsError, SettingsError, WorkerDied
 from drcli.base.installation import installation_error
-from drcli.base.json_record import RecordError, from_json, json_default, parse_json
+from drcli.base.json_record import RecordError, decode_json, from_json, json_default
 from drcli.base.memory import read_memory
 from drcli.checks.bench.bucket_speed import BucketSpeed, bucket_to_measure, measure_bucket
 from drcli.checks.bench.work_order import Rates, Ready, WorkOrder
@@ -444,8 +444,7 @@ def _ask(order: WorkOrder, most_s: float) -> tuple[Ready, Rates]:
     answers: dict[str, object] = {}
     with suppress(RecordError):
         for line in out.splitlines():
-            said = parse_json(line)
-            answers |= said if isinstance(said, dict) else {}
+            answers |= decode_json(dict[str, Any], line)
     try:
         return from_json(Ready, answers["Ready"]), from_json(Rates, answers["Rates"])
     except (KeyError, RecordError):

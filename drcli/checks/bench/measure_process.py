@@ -18,7 +18,7 @@ import numpy as np
 import psutil
 import torch
 
-from drcli.base.json_record import from_json, parse_json
+from drcli.base.json_record import decode_json
 from drcli.base.processes import lower_priority
 from drcli.base.system_calls import peak_memory_bytes
 from drcli.checks.bench.work_order import Rates, Ready, WorkOrder
@@ -70,7 +70,7 @@ class _Clock:
 
 def main() -> None:
     flush_denormals()
-    order = from_json(WorkOrder, parse_json(sys.stdin.buffer.read()))
+    order = decode_json(WorkOrder, sys.stdin.buffer.read())
     if order.train.priority == "low":
         lower_priority()
     answers = os.fdopen(os.dup(1), "w")

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from drcli.base.json_record import SafeInt, Seconds
 from drcli.config.run_config import RaceConfig, TrainConfig
 
 
@@ -41,17 +42,17 @@ class Ready:
         weight_bytes: Weights of a checkpoint.
     """
 
-    prepared_s: float
+    prepared_s: Seconds
     device: str
     number_format: str
-    driving_threads: int
-    learning_threads: int
+    driving_threads: SafeInt
+    learning_threads: SafeInt
     overlaps: bool
-    cars: int
-    episodes: int
-    epochs: int
-    batch_size: int
-    weight_bytes: int
+    cars: SafeInt
+    episodes: SafeInt
+    epochs: SafeInt
+    batch_size: SafeInt
+    weight_bytes: SafeInt
 
 
 @dataclass(frozen=True)
@@ -70,12 +71,12 @@ class Rates:
         step_bytes: A packed step, as in the bucket.
     """
 
-    simulation_steps_per_s: float
-    driving_steps_per_s: float
-    driving_steps_per_core_s: float
-    learning_samples_per_s: float
-    learning_samples_per_core_s: float
-    gradient_steps_per_s: float
-    core_s: float
-    memory_bytes: int
+    simulation_steps_per_s: Seconds
+    driving_steps_per_s: Seconds
+    driving_steps_per_core_s: Seconds
+    learning_samples_per_s: Seconds
+    learning_samples_per_core_s: Seconds
+    gradient_steps_per_s: Seconds
+    core_s: Seconds
+    memory_bytes: SafeInt
     step_bytes: float

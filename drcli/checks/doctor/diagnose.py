@@ -137,7 +137,7 @@ def _libraries(directory: Path, settings: Settings | None) -> Iterator[Finding]:
 def _batch_size(file: Path) -> int:
     """It decides the number format."""
     written = read_json(file)
-    size = written.get("batch_size") if isinstance(written, dict) else None
+    size = None if written is None else written.get("batch_size")
     return size if isinstance(size, int) and 0 < size < 1 << 20 else 64
 
 

@@ -4,8 +4,8 @@ import locale
 import os
 import tempfile
 import time
-import urllib.request
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from zoneinfo import TZPATH
@@ -13,13 +13,15 @@ from zoneinfo import TZPATH
 import psutil
 
 from drcli.base.confinement import FREEDOMS, offered
+from drcli.base.errors import DrError
 from drcli.base.memory import ROOT, group_limits
 from drcli.base.system_calls import Limit, soft_limit
 from drcli.checks.doctor.findings import Finding, State, shown_bytes
 from drcli.checks.machine_rules import LEAST_DISK_BYTES, TRAINER_BYTES, WORKER_BYTES
+from drcli.clouds.providers.microsoft import AZURE_ASSET_TAG
+from drcli.clouds.registry import CLOUDS
 from drcli.drive.reward_access import freedoms_told
 
-METADATA_PATIENCE_S = 1.0
 LEAST_OPEN_FILES = 512
 """A supervisor with ten workers has about a hundred."""
 
@@ -28,9 +30,6 @@ LEAST_PROCESSES = 512
 
 _ROOT = Path("/")
 _DMI = ("sys_vendor", "product_name", "bios_vendor", "board_vendor", "chassis_asset_tag")
-_AZURE_TAG = "7783-7084-3265-9085-8269-3286-77"
-"""Other machines under Hyper-V have another one."""
-
 _HYPERVISORS = {
     "qemu": "QEMU",
     "vmware": "VMware",
@@ -49,27 +48,7 @@ _HOSTERS = {
     "vultr": "Vultr",
     "linode": "Linode",
 }
-_SPOT = {
-    "Amazon EC2": (
-        "http://169.254.169.254",
-        "/latest/meta-data/instance-life-cycle",
-        {},
-        "spot",
-    ),
-    "Google Cloud": (
-        "http://169.254.169.254",
-        "/computeMetadata/v1/instance/scheduling/preemptible",
-        {"Metadata-Flavor": "Google"},
-        "TRUE",
-    ),
-    "Azure": (
-        "http://169.254.169.254",
-        "/metadata/instance/compute/priority?api-version=2021-02-01&format=text",
-        {"Metadata": "true"},
-        "Spot",
-    ),
-}
-"""Source: the clouds' pages on their metadata services."""
+_CLOUDS = {"Amazon EC2": "aws", "Google Cloud": "gcp", "Azure": "azure"}
 
 
 @dataclass(frozen=True)
@@ -90,7 +69,7 @@ def where_it_runs(environ: Mapping[str, str], root: Path = _ROOT) -> Place:
         return Place("Amazon EC2", dmi["product_name"], layers)
     if dmi["product_name"] == "Google Compute Engine" or dmi["sys_vendor"] == "Google":
         return Place("Google Cloud", "", layers)
-    if dmi["chassis_asset_tag"] == _AZURE_TAG:
+    if dmi["chassis_asset_tag"] == AZURE_ASSET_TAG:
         return Place("Azure", "", layers)
     cloud = next((name for word, name in _HOSTERS.items() if word in every), "")
     kind = next((name for word, name in _HYPERVISORS.items() if word in every), "")
@@ -99,7 +78,7 @@ def where_it_runs(environ: Mapping[str, str], root: Path = _ROOT) -> Place:
 
 def examine_place(environ: Mapping[str, str], root: Path = _ROOT) -> Iterator[Finding]:
     place = where_it_runs(environ, root)
-    spot = is_spot(place.cloud, environ) if place.cloud in _SPOT else None
+    spot = is_spot(place.cloud, environ) if place.cloud in _CLOUDS else None
     name = f"{place.cloud} {place.kind}".strip() or "no cloud recognised"
     parts = [name, *place.layers]
     if spot is not None:
@@ -110,16 +89,10 @@ def examine_place(environ: Mapping[str, str], root: Path = _ROOT) -> Iterator[Fi
 
 def is_spot(cloud: str, environ: Mapping[str, str]) -> bool | None:
     """Whether the machine may be taken away, if its cloud says it."""
-    address, path, headers, yes = _SPOT[cloud]
-    if cloud == "Amazon EC2":
-        if environ.get("AWS_EC2_METADATA_DISABLED", "").casefold() == "true":
-            return None
-        address = environ.get("AWS_EC2_METADATA_SERVICE_ENDPOINT", address).rstrip("/")
-        wanted = {"X-aws-ec2-metadata-token-ttl-seconds": "60"}
-        token = _ask(f"{address}/latest/api/token", wanted, "PUT")
-        headers = {"X-aws-ec2-metadata-token": token} if token else {}
-    answer = _ask(address + path, headers, "GET")
-    return None if answer is None else answer.strip() == yes
+    with suppress(DrError):
+        source = CLOUDS[_CLOUDS[cloud]].source(environ, "")
+        return None if source is None else source.is_spot()
+    return None
 
 
 def examine_confinement() -> Iterator[Finding]:
@@ -195,17 +168,6 @@ def _layers(environ: Mapping[str, str], root: Path) -> Iterator[str]:
         yield "in a systemd service"
     if "microsoft" in _text(root / "proc/sys/kernel/osrelease").casefold():
         yield "in WSL"
-
-
-def _ask(address: str, headers: Mapping[str, str], method: str) -> str | None:
-    request = urllib.request.Request(address, headers=dict(headers), method=method)
-    # No proxy knows this address.
-    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-    try:
-        with opener.open(request, timeout=METADATA_PATIENCE_S) as answer:
-            return str(answer.read(4096).decode("utf-8", "replace"))
-    except (OSError, ValueError):
-        return None
 
 
 def _threads(root: Path) -> int | None:

@@ -16,11 +16,10 @@ from drcli.checks.explain.explain_texts import (
     TRACE_COLUMNS,
     ErrorText,
 )
-from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
 from drcli.config.presets import model_file
 from drcli.config.settings import catalogue
-from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
-from drcli.model.files.hyperparameters import KEYS, Hyperparameters
+from drcli.learn.algorithms import ALGORITHMS, UPDATES_PER_STEP
+from drcli.model.files.hyperparameters import TEXTS, Hyperparameters
 from drcli.records.trace import CSV_HEADER
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 
@@ -102,7 +101,7 @@ def explain(question: str) -> list[Entry]:
 
 def every_entry() -> tuple[Entry, ...]:
     return (
-        *map(_hyperparameter, _keys()),
+        *map(_hyperparameter, TEXTS),
         *(Entry("term", name, text, page="glossary.md") for name, text in GLOSSARY.items()),
         *map(_parameter, REWARD_PARAMETERS),
         *(
@@ -160,12 +159,8 @@ def _letters(text: str) -> str:
     return " ".join(re.sub(r"[^\w/]+", " ", text.casefold()).split())
 
 
-def _keys() -> list[str]:
-    return [key for key in HYPERPARAMETER_TEXTS if key in KEYS]
-
-
 def _hyperparameter(key: str) -> Entry:
-    text = HYPERPARAMETER_TEXTS[key]
+    text = TEXTS[key]
     details = [
         *_details(("Higher" if text.lower else "Effect", text.higher), ("Lower", text.lower)),
         *_details(("Advice", text.advice), ("Shipped value", shipped_value(key))),
@@ -183,7 +178,9 @@ def value_if_left_out(key: str) -> str:
     if key == "sac_updates_per_step":
         return f"{UPDATES_PER_STEP['cpu']:g}, or {UPDATES_PER_STEP['cuda']:g} on a GPU"
     default = Hyperparameters.model_fields[key].default
-    return _value(getattr(SACConfig(), key, None) if default is None else default) or "off"
+    own = (getattr(each.config(), key, None) for each in ALGORITHMS.values())
+    found = (value for value in (default, *own) if value is not None)
+    return _value(next(found, None)) or "off"
 
 
 def shipped_value(key: str) -> str:

@@ -9,22 +9,16 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from types import FrameType
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from drcli.base.errors import Absent, SettingsError
 from drcli.base.processes import STOPS, handle, is_alive, restore, started_s
 from drcli.cli import console
-from drcli.outside.notices.notice_watch import (
-    Announced,
-    Notice,
-    NoticeWatch,
-    cloud_of_machine,
-    command_words,
-    soonest,
-    source_of,
-)
+from drcli.clouds.cloud import Notice
+from drcli.clouds.registry import CLOUDS, cloud_of_machine
+from drcli.outside.notices.notice_watch import Announced, NoticeWatch, command_words, soonest
 from drcli.run.interruption_watch import MARGIN_S, SAVE_S, due
 from drcli.run.outcome import INTERRUPTED
 
@@ -33,6 +27,7 @@ from drcli.run.outcome import INTERRUPTED
 
 POLL_S = 0.2
 
+_CLOUDS = ("auto", *CLOUDS)
 TERM_GRACE_S = 30.0
 """Of Kubernetes and Slurm before SIGKILL."""
 
@@ -225,6 +220,12 @@ def _ended(name: str, code: int) -> WatchReport:
     return WatchReport(None, None, None, None, f"{name} ended with exit code {shown}.", shown)
 
 
+def _known_cloud(name: str) -> str:
+    if name not in _CLOUDS:
+        raise typer.BadParameter(f"{name!r} is not one of {', '.join(map(repr, _CLOUDS))}.")
+    return name
+
+
 def watch(
     command: Annotated[
         list[str] | None,
@@ -258,8 +259,13 @@ def watch(
         bool, typer.Option("--once", help="Ask once, and exit 1 if there is no notice.")
     ] = False,
     cloud: Annotated[
-        Literal["auto", "aws", "gcp", "azure"],
-        typer.Option("--cloud", help="Whose metadata service to ask."),
+        str,
+        typer.Option(
+            "--cloud",
+            metavar=f"[{'|'.join(_CLOUDS)}]",
+            callback=_known_cloud,
+            help="Whose metadata service to ask.",
+        ),
     ] = "auto",
     hook: Annotated[
         str,
@@ -291,7 +297,7 @@ def watch(
     words = command_words(hook, "--hook")
     found = cloud_of_machine(os.environ) if cloud == "auto" else cloud
     address = os.environ.get("DR_METADATA_SERVICE_URL", "")
-    source = None if found is None else source_of(found, os.environ, address)
+    source = None if found is None else CLOUDS[found].source(os.environ, address)
     if source is None and not words:
         what = "This machine belongs to no cloud whose notices could be read."
         if not command and pid is None:

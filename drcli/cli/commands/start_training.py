@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.live import Live
@@ -28,6 +28,7 @@ from drcli.cli.views import iterations, training_view
 from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings
 from drcli.model.model_store import ModelStore
+from drcli.train.goals import OPTIONS
 
 if TYPE_CHECKING:
     from drcli.config.run_config import RunConfig
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 with lazy_imports():
     from drcli.bucket import connect
     from drcli.model import history, lease, model_prefix
+    from drcli.model.files import hyperparameters
     from drcli.records import run_record
     from drcli.run import early_training, plan, status, training
     from drcli.run import resume_or_start as run_resume_or_start
@@ -167,15 +169,23 @@ def _reports(config: "RunConfig", stop: threading.Event | None = None) -> "Itera
 
 _LONGEST_MINUTES = 10_000_000
 
-_LONGEST_LAP_S = 10_000.0
-"""Finite, for the workers' JSON."""
-
 
 def _a_number(minutes: float | None) -> float | None:
     """NaN passes comparisons with limits."""
     if minutes is not None and math.isnan(minutes):
         raise typer.BadParameter("nan is not a number of minutes.")
     return minutes
+
+
+def _goal(key: str) -> Any:
+    option = OPTIONS[key]
+    return typer.Option(
+        min=option.low,
+        max=option.high,
+        callback=None if option.whole else _a_number,
+        metavar=option.metavar,
+        help=option.help,
+    )
 
 
 def start_training(
@@ -227,27 +237,8 @@ def start_training(
             help="Stop after M minutes.",
         ),
     ] = None,
-    until_laps: Annotated[
-        int | None,
-        typer.Option(
-            "--until-laps",
-            min=1,
-            metavar="N",
-            help="Stop when all evaluation laps of a checkpoint are clean, N or more, and then 38 "
-            "of 40 from other starts.",
-        ),
-    ] = None,
-    until_lap_time: Annotated[
-        float | None,
-        typer.Option(
-            "--until-lap-time",
-            min=0.1,
-            max=_LONGEST_LAP_S,
-            callback=_a_number,
-            metavar="S",
-            help="Stop when each of these laps takes S seconds or less.",
-        ),
-    ] = None,
+    until_laps: Annotated[int | None, _goal("until_laps")] = None,
+    until_lap_time: Annotated[float | None, _goal("until_lap_time_s")] = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -318,20 +309,17 @@ def start_training(
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
     how = _How(quiet, verbose, foreground, followed)
     with nullcontext() if foreground or resume_or_start else early_training.begun(loaded):
-        from drcli.model.files.hyperparameters import method_of
-        from drcli.run.plan import StartOptions
-
         bring_tracks(loaded)
         if wipe and not (resume or resume_or_start) and not force and prompts.may_ask():
             _agree_to_wipe(loaded)
-        options = StartOptions(
+        asked = {"until_laps": until_laps, "until_lap_time_s": until_lap_time}
+        options = plan.StartOptions(
             wipe,
             resume,
             max_minutes,
-            until_laps,
             seed,
-            until_lap_time_s=until_lap_time,
-            method=None if teacher is None else method_of(teacher),
+            goals={key: value for key, value in asked.items() if value is not None},
+            method=None if teacher is None else hyperparameters.method_of(teacher),
         )
         if not resume_or_start:
             raise typer.Exit(_run(loaded, _planned(loaded, options), how))

@@ -2,6 +2,7 @@
 
 from typing import Literal
 
+from drcli.clouds.registry import CLOUDS
 from drcli.config.fields import Group, setting
 from drcli.config.groups.race import FULL_SPEED
 from drcli.config.value_types import (
@@ -357,11 +358,12 @@ class InterruptionSettings(Group, title="Interruptions"):
         "Complete the training so many minutes after its first start, pauses included; 0 never.",
         between=(0.0, 10_000_000.0),
     )
-    interruption_watch: Literal["auto", "aws", "gcp", "azure", "off"] = setting(
+    interruption_watch: str = setting(
         "DR_INTERRUPTION_WATCH",
         "auto",
         "Whose notices to watch for: those of the cloud that this machine belongs to, or this one.",
         file="system.env",
+        choices=("auto", *CLOUDS, "off"),
     )
     interruption_command: Command = setting(
         "DR_INTERRUPTION_COMMAND",

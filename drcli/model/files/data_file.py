@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args
 
@@ -149,11 +149,11 @@ Whole = Annotated[int, BeforeValidator(_number)]
 
 
 def choice(literal: Any, spellings: Mapping[str, str] | None = None) -> BeforeValidator:
-    """A word of a `Literal` in any case, or another of its `spellings`."""
-    words: tuple[str, ...] = get_args(literal)
-    by_fold = {word.casefold(): word for word in words} | dict(spellings or {})
+    """A word of a `Literal` or of a table in any case, or another of its `spellings`."""
 
     def read(written: Any) -> str:
+        words: Sequence[str] = get_args(literal) or tuple(literal)
+        by_fold = {word.casefold(): word for word in words} | dict(spellings or {})
         folded = written.strip().casefold() if isinstance(written, str) else ""
         if folded not in by_fold:
             raise BadValue(f"is not one of {', '.join(words)}", one_of(words, str(written)))

@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from typing import Annotated, Any, Literal
 
@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from drcli.base.errors import Problem, ProblemsError, SettingsError, closest, refuse, shown
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.config.new_folder import FolderPlan
+from drcli.learn.algorithms import ALGORITHMS, Algorithm, algorithm_named
 from drcli.model import keys
 from drcli.model.files.custom_files import InputFile
 from drcli.model.files.data_file import (
@@ -71,45 +72,343 @@ RULES = {
 """V-46 is about all others, V-04 about unknown keys."""
 
 
+@dataclass(frozen=True)
+class Text:
+    """What a hyperparameter does; `advice`: where to begin."""
+
+    meaning: str
+    higher: str = ""
+    lower: str = ""
+    advice: str = ""
+
+
 class Hyperparameters(BaseModel):
     """Defaults are those of the reference trainer."""
 
     model_config = ConfigDict(frozen=True)
 
-    batch_size: Whole = Field(64, ge=1)
-    lr: Number = Field(0.0003, ge=1e-8, le=1e-3)
-    discount_factor: Number = Field(0.999, ge=0, le=1)
-    num_epochs: Whole = Field(10, ge=1)
-    beta_entropy: Number = Field(0.01, ge=0, le=1)
-    loss_type: _Loss = "mean squared error"
-    exploration_type: _Exploration = "categorical"
-    e_greedy_value: Number = Field(0.05, ge=0, le=1)
-    epsilon_steps: Whole = Field(10_000, ge=1)
-    num_episodes_between_training: Whole = Field(20, ge=1, le=100)
-    stack_size: Whole = Field(1, ge=1)
-    term_cond_max_episodes: Whole = Field(100_000, ge=1)
-    term_cond_avg_score: Number = 100_000.0
-    sac_alpha: Number = Field(0.2, ge=0, le=1)
+    batch_size: Annotated[
+        Whole,
+        Text(
+            "Steps in a minibatch. The weights change once for each minibatch.",
+            "Stabler: each change is a mean over more steps. Slower: there are fewer changes in an "
+            "iteration.",
+            "Faster at first, but noisier.",
+            "Begin with 64. If the reward zigzags, try 128 before you lower lr.",
+        ),
+    ] = Field(64, ge=1)
+    lr: Annotated[
+        Number,
+        Text(
+            "Learning rate: how far each change of the weights goes.",
+            "Converges faster, but the reward may zigzag or collapse. The largest allowed value is "
+            "0.001.",
+            "Stabler, but slow; much too low, the car never gets anywhere.",
+            "The shipped 0.001 reaches the first lap soonest. Divide it by three when the reward "
+            "zigzags or falls, or let it fall by itself with lr_schedule.",
+        ),
+    ] = Field(0.0003, ge=1e-8, le=1e-3)
+    discount_factor: Annotated[
+        Number,
+        Text(
+            "Weight of a reward that comes one step later. With a factor g, the car plans about "
+            "1 / (1 - g) steps ahead; 15 steps are one second.",
+            "Plans further ahead, which rewards at the finish need. Learning gets harder, "
+            "because more future steps add their chance to each estimate.",
+            "Learns faster and more stably, but does not see what comes later. Much too low, the "
+            "car takes a good moment now for a crash in two seconds.",
+            "The shipped 0.95 plans 20 steps (1.3 s) ahead, enough for rewards at each step. "
+            "Take 0.99 or 0.999 for rewards that come late.",
+        ),
+    ] = Field(0.999, ge=0, le=1)
+    num_epochs: Annotated[
+        Whole,
+        Text(
+            "Passes over the steps of an iteration.",
+            "Learns more from the same steps, but takes more computing and may overfit to them: "
+            "watch the KL divergence in the log.",
+            "Stabler and cheaper, but learns less from each step.",
+            "3. Try 10 if driving is the slow part, not learning.",
+        ),
+    ] = Field(10, ge=1)
+    beta_entropy: Annotated[
+        Number,
+        Text(
+            "Bonus for varied actions (entropy).",
+            "Explores longer and escapes bad habits, but the car stays restless and converges "
+            "later. Much too high, it drives at random.",
+            "Converges earlier, but may settle on a habit that is only fairly good. With 0, it "
+            "often settles too early.",
+            "Begin with 0.01. Lower it to 0.001 when laps are complete and you want them fast.",
+        ),
+    ] = Field(0.01, ge=0, le=1)
+    loss_type: Annotated[
+        _Loss,
+        Text(
+            "The critic's loss, in the critic's own units.",
+            "huber gives less weight to large errors: stabler, for example with a large bonus at "
+            "the finish. 'mean squared error' follows large errors at once: faster when rewards "
+            "are even, less stable when they are not.",
+            "",
+            "huber.",
+        ),
+    ] = "mean squared error"
+    exploration_type: Annotated[
+        _Exploration,
+        Text(
+            "How the car chooses actions while it trains.",
+            "categorical draws each action from the policy's probabilities. e-greedy (discrete "
+            "actions) "
+            "takes a random action with a share that falls, otherwise the most likely one. "
+            "additive_noise belongs to SAC.",
+            "",
+            "categorical for clipped_ppo, additive_noise for sac.",
+        ),
+    ] = "categorical"
+    e_greedy_value: Annotated[
+        Number,
+        Text(
+            "Only for exploration_type e-greedy: the share of random actions in the end.",
+            "Explores more for ever; training episodes end earlier.",
+            "Drives almost as in an evaluation, and learns little that is new.",
+            "0.05, and only if you chose e-greedy.",
+        ),
+    ] = Field(0.05, ge=0, le=1)
+    epsilon_steps: Annotated[
+        Whole,
+        Text(
+            "Only for exploration_type e-greedy: the number of steps in which the share of random "
+            "actions falls from 1 to e_greedy_value.",
+            "Explores for longer before the car drives as it has learned.",
+            "Trusts the policy earlier, perhaps before it has seen the whole track.",
+            "10000.",
+        ),
+    ] = Field(10_000, ge=1)
+    num_episodes_between_training: Annotated[
+        Whole,
+        Text(
+            "Episodes in an iteration, of all workers together. The policy is updated after them.",
+            "Stabler: each update knows more of the track. Slower: there are fewer updates.",
+            "Reacts fast, and zigzags. Below 5, an update sees too little of the track.",
+            "20; 40 with several workers, or when the curve zigzags.",
+        ),
+    ] = Field(20, ge=1, le=100)
+    stack_size: Annotated[
+        Whole,
+        Text(
+            "Frames that the network sees at once. The reference ignores this key.",
+            "Shows motion, of bots for example. Each step computes more, and the physical car "
+            "does not support it: a model with more than one frame cannot be exported for the "
+            "car.",
+            "1 is enough for a road without other cars.",
+            "1.",
+        ),
+    ] = Field(1, ge=1)
+    term_cond_max_episodes: Annotated[
+        Whole,
+        Text(
+            "Iterations after which the training ends. Despite its name it counts iterations, not "
+            "episodes, as in the reference.",
+            advice="Leave it at 100000, and use DR_TRAIN_MAX_MINUTES or --until-laps.",
+        ),
+    ] = Field(100_000, ge=1)
+    term_cond_avg_score: Annotated[
+        Number,
+        Text(
+            "Mean score at which a training should end. The reference ignores it, and so does "
+            "drcli.",
+            advice="Use DR_TRAIN_STOP_MEAN_SCORE.",
+        ),
+    ] = 100_000.0
+    sac_alpha: Annotated[
+        Number,
+        Text(
+            "Only for sac: the temperature, which says how much reward one nat of entropy is "
+            "worth. With sac_auto_alpha it is the first value, in the critics' own units.",
+            "Explores longer, and converges later.",
+            "Settles earlier, perhaps too early.",
+            "Set sac_auto_alpha and write 0.1; the training adapts it.",
+        ),
+    ] = Field(0.2, ge=0, le=1)
 
     # Beyond the reference. Left out of the file, each is as in the reference, or off.
-    clip_range: Number = Field(0.2, ge=0.01, le=1)
-    gae_lambda: Number = Field(0.95, ge=0, le=1)
-    clip_value: Annotated[Number, Field(ge=0.001)] | None = None
-    clip_advantage: Annotated[Number, Field(ge=0.1)] | None = None
-    target_kl: Annotated[Number, Field(ge=1e-6)] | None = None
-    max_grad_norm: Annotated[Number, Field(ge=1e-6)] | None = None
-    lr_schedule: _Schedule = "constant"
-    entropy_schedule: _Schedule = "constant"
-    schedule_steps: Whole = Field(500_000, ge=1)
-    critic: Annotated[Critic, choice(Critic)] = "camera"
-    training_method: Annotated[TrainingMethod, choice(TrainingMethod)] = "camera"
-    bootstrap_cut: bool = Field(False, strict=True)
-    sac_auto_alpha: bool = Field(False, strict=True)
-    sac_tau: Annotated[Number, Field(ge=1e-5, le=1)] | None = None
-    sac_n_step: Annotated[Whole, Field(ge=1, le=100)] | None = None
-    sac_updates_per_step: Annotated[Number, Field(ge=0.001, le=16)] | None = None
-    sac_replay_steps: Whole = Field(100_000, ge=1_000)
-    sac_learning_starts: Whole = Field(1_000, ge=1)
+    clip_range: Annotated[
+        Number,
+        Text(
+            "How far one iteration may change the probability of an action before it gains nothing "
+            "more by it (PPO's epsilon).",
+            "Larger updates: faster, less stable.",
+            "Smaller, safer updates: stabler, slower.",
+            "0.2.",
+        ),
+    ] = Field(0.2, ge=0.01, le=1)
+    gae_lambda: Annotated[
+        Number,
+        Text(
+            "How much an advantage trusts the rewards that followed, and how much the critic.",
+            "Trusts the rewards: right on average, but noisy. 1 trusts only them.",
+            "Trusts the critic: smooth, but wrong as long as the critic is. 0 trusts only the "
+            "critic.",
+            "0.95.",
+        ),
+    ] = Field(0.95, ge=0, le=1)
+    clip_value: Annotated[
+        Annotated[Number, Field(ge=0.001)] | None,
+        Text(
+            "How far a value prediction may move in an iteration before its loss is clipped; 5 "
+            "is the mean size of the returns. Off if left out.",
+            "The critic learns faster.",
+            "The critic moves more steadily.",
+            "Leave it out.",
+        ),
+    ] = None
+    clip_advantage: Annotated[
+        Annotated[Number, Field(ge=0.1)] | None,
+        Text(
+            "Largest advantage after it was normalised, so that one lucky step does not count for "
+            "more. Off if left out.",
+            "Lucky steps count for more.",
+            "Stabler, but rare successes count for less.",
+            "Leave it out; try 3 if one event throws the training off.",
+        ),
+    ] = None
+    target_kl: Annotated[
+        Annotated[Number, Field(ge=1e-6)] | None,
+        Text(
+            "An update ends early, after the first epoch in which the policy has changed by more "
+            "than this (KL divergence). Off if left out.",
+            "Larger updates: faster, less stable.",
+            "Smaller updates: stabler, slower.",
+            "0.02 is common when num_epochs is high.",
+        ),
+    ] = None
+    max_grad_norm: Annotated[
+        Annotated[Number, Field(ge=1e-6)] | None,
+        Text(
+            "Largest norm of a gradient. Off if left out.",
+            "Large errors change more at once.",
+            "Stabler: helps against a late collapse and against NaN.",
+            "0.5 is common.",
+        ),
+    ] = None
+    lr_schedule: Annotated[
+        _Schedule,
+        Text(
+            "Whether lr stays (constant) or falls to a twentieth over schedule_steps (linear).",
+            "linear converges fast at first and stably later.",
+            "",
+            "linear for long trainings; set schedule_steps to the steps that you plan.",
+        ),
+    ] = "constant"
+    entropy_schedule: Annotated[
+        _Schedule,
+        Text(
+            "Whether beta_entropy stays (constant) or falls to a twentieth over schedule_steps "
+            "(linear).",
+            "linear explores first and drives precisely later.",
+            "",
+            "linear for long trainings.",
+        ),
+    ] = "constant"
+    schedule_steps: Annotated[
+        Whole,
+        Text(
+            "Length of both schedules, in environment steps.",
+            "The values fall more slowly.",
+            "The values fall sooner; afterwards the model hardly changes any more.",
+            "About as many steps as the training will take.",
+        ),
+    ] = Field(500_000, ge=1)
+    critic: Annotated[
+        Annotated[Critic, choice(Critic)],
+        Text(
+            "What the critic sees: the camera picture (camera), or offset, speed, the road ahead "
+            "and objects (state). The policy never sees the state.",
+            "state gives better estimates, but then only the policy's gradient trains the layers "
+            "that read the camera.",
+            "",
+            "camera for PPO.",
+        ),
+    ] = "camera"
+    training_method: Annotated[
+        Annotated[TrainingMethod, choice(TrainingMethod)],
+        Text(
+            "How a training begins: with the camera alone (camera), or with a teacher that sees "
+            "the track (teacher). The teacher learns to drive first, then a student with a "
+            "camera learns from it, then PPO goes on. Only for clipped_ppo; docs/teacher.md "
+            "tells more.",
+            "teacher learns fast laps much sooner. The learning curve is another one than the "
+            "console's: "
+            "the camera policy has learned nothing until its phase begins.",
+            "",
+            "camera if you want to compare with the console, or study PPO; teacher if you want a "
+            "fast model soon.",
+        ),
+    ] = "camera"
+    bootstrap_cut: Annotated[
+        bool,
+        Text(
+            "Whether the critic's estimate is added to the return of an episode that the step "
+            "limit cut off.",
+            "true does not punish a car for a lap that takes too long.",
+            "",
+            "false.",
+        ),
+    ] = Field(False, strict=True)
+    sac_auto_alpha: Annotated[
+        bool,
+        Text(
+            "Only for sac: learns the temperature sac_alpha while it trains.",
+            "true needs no search for the right sac_alpha.",
+            "",
+            "true.",
+        ),
+    ] = Field(False, strict=True)
+    sac_tau: Annotated[
+        Annotated[Number, Field(ge=1e-5, le=1)] | None,
+        Text(
+            "Only for sac: how fast the target critics follow the critics.",
+            "Faster, less stable.",
+            "Stabler, slower.",
+            "0.02.",
+        ),
+    ] = None
+    sac_n_step: Annotated[
+        Annotated[Whole, Field(ge=1, le=100)] | None,
+        Text(
+            "Only for sac: rewards that a critic's target counts before it trusts a critic.",
+            "Rewards travel back faster along the lap, but depend on older policies.",
+            "1 is as in the reference: exact, but slow.",
+            "5.",
+        ),
+    ] = None
+    sac_updates_per_step: Annotated[
+        Annotated[Number, Field(ge=0.001, le=16)] | None,
+        Text(
+            "Only for sac: gradient steps for each step driven.",
+            "Learns more from each step, but takes more computing and is less stable.",
+            "Cheaper, slower.",
+            "0.5 on a processor, 1 on a GPU.",
+        ),
+    ] = None
+    sac_replay_steps: Annotated[
+        Whole,
+        Text(
+            "Only for sac: steps that the replay buffer holds; each frame takes 19.2 kB of memory.",
+            "Stabler: it does not forget how bad driving looked.",
+            "Less memory; follows the present policy more closely.",
+            "100000.",
+        ),
+    ] = Field(100_000, ge=1_000)
+    sac_learning_starts: Annotated[
+        Whole,
+        Text(
+            "Only for sac: steps driven at random before the first gradient step.",
+            "The critics begin with more variety.",
+            "Learning starts sooner, from less.",
+            "1000.",
+        ),
+    ] = Field(1_000, ge=1)
 
     problems: tuple[Problem, ...] = Field(default=(), exclude=True)
 
@@ -131,39 +430,34 @@ class Hyperparameters(BaseModel):
 
         Has the algorithm's keys (13 of clipped_ppo, 12 of sac), and ours with an effect.
         """
-        foreign = {"sac_alpha"}
-        if training_algorithm == "sac":
-            foreign = {"beta_entropy", "num_epochs"}
+        dropped = algorithm_named(training_algorithm).drops
         ours = self.model_dump(include=set(OWN_KEYS), exclude_defaults=True)
-        values = self.model_dump(include=set(REFERENCE_KEYS) - foreign) | ours
+        values = self.model_dump(include=set(REFERENCE_KEYS) - dropped) | ours
         return json.dumps(values, indent=2, sort_keys=True)
 
-    def conflict(self, algorithm: str, *, continuous: bool) -> str | None:
+    def conflict(self, algorithm: Algorithm, *, continuous: bool) -> str | None:
         """Why it does not fit a model, or None."""
-        if self.taught and algorithm == "sac":
+        if self.taught and not algorithm.teachable:
             return (
                 "training_method=teacher goes on with clipped_ppo, but model_metadata.json has "
-                "training_algorithm=sac."
+                f"training_algorithm={algorithm.name}."
             )
-        match self.exploration_type, algorithm:
-            case "e-greedy", "sac":
-                reason = "chooses from a list of actions, but sac needs ranges; use additive_noise"
-            case "e-greedy", "clipped_ppo" if continuous:
-                reason = (
-                    "chooses from a list of actions; this model has ranges, which clipped_ppo "
-                    "explores with categorical"
-                )
-            case "additive_noise", "clipped_ppo":
-                reason = "belongs to sac; clipped_ppo explores with categorical"
-            case _:
-                return None
-        return f"exploration_type={self.exploration_type} {reason}."
+        refused = {**algorithm.refuses, **(algorithm.refuses_with_ranges if continuous else {})}
+        reason = refused.get(self.exploration_type)
+        return None if reason is None else f"exploration_type={self.exploration_type} {reason}."
 
 
 KEYS = tuple(name for name in Hyperparameters.model_fields if name != "problems")
 REFERENCE_KEYS = KEYS[: KEYS.index("clip_range")]
 OWN_KEYS = KEYS[KEYS.index("clip_range") :]
 """Those that the reference does not know."""
+
+TEXTS: Mapping[str, Text] = {
+    key: text
+    for key in KEYS
+    for text in Hyperparameters.model_fields[key].metadata
+    if isinstance(text, Text)
+}
 
 EXAMPLES = Hyperparameters.model_validate({}).model_dump(exclude_none=True)
 
@@ -270,7 +564,7 @@ def with_method(data: bytes, method: TrainingMethod, *, own_line: bool = False) 
 
 
 def plan_with_method(plan: FolderPlan, teacher: bool) -> FolderPlan:
-    """Raises SettingsError without hyperparameters.json, or with sac."""
+    """Raises SettingsError without hyperparameters.json, or if the algorithm takes no teacher."""
     at = {PurePosixPath(file.name).name: file for file in plan.files}
     file, metadata = at.get(keys.HYPERPARAMETERS_FILE), at.get(keys.MODEL_METADATA_FILE)
     if file is None:
@@ -278,20 +572,18 @@ def plan_with_method(plan: FolderPlan, teacher: bool) -> FolderPlan:
             f"--teacher: there is no {keys.HYPERPARAMETERS_FILE} to write training_method into.",
             remedy="Start with `dr-start-training --teacher` instead.",
         )
-    if teacher and metadata is not None and is_sac(metadata.data):
+    algorithm = ALGORITHMS["clipped_ppo"]
+    if metadata is not None:
+        with suppress(ProblemsError):
+            algorithm = ModelMetadata.from_bytes(metadata.data).algorithm
+    if teacher and metadata is not None and not algorithm.teachable:
         raise SettingsError(
             "--teacher: training_method=teacher goes on with clipped_ppo, but "
-            f"{metadata.name} has training_algorithm=sac.",
+            f"{metadata.name} has training_algorithm={algorithm.name}.",
             remedy="Leave out --teacher, or choose another --preset.",
         )
     changed = replace(file, data=with_method(file.data, method_of(teacher), own_line=True))
     return replace(plan, files=tuple(changed if each is file else each for each in plan.files))
-
-
-def is_sac(metadata: bytes) -> bool:
-    with suppress(ProblemsError):
-        return ModelMetadata.from_bytes(metadata).training_algorithm == "sac"
-    return False
 
 
 def chosen_method(

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from drcli.base.errors import BadValue, Problem, closest, one_of, refuse, shown
+from drcli.learn.algorithms import ALGORITHMS, Algorithm, algorithm_named
 from drcli.model.files.action_space import (
     ACTION,
     RANGES,
@@ -36,7 +37,6 @@ Network = Literal[
     "COMPACT_CONVOLUTIONAL_NETWORK",
 ]
 """Includes a small one that learns faster."""
-Algorithm = Literal["clipped_ppo", "sac"]
 SpaceType = Literal["discrete", "continuous"]
 
 SINGLE_CAMERAS = ("FRONT_FACING_CAMERA", "observation", "LEFT_CAMERA")
@@ -108,7 +108,7 @@ class _File(BaseModel):
     """Defaults are the reference simulator's."""
 
     action_space_type: Annotated[SpaceType, choice(SpaceType)] = "discrete"
-    training_algorithm: Annotated[Algorithm, choice(Algorithm)] = "clipped_ppo"
+    training_algorithm: Annotated[str, choice(ALGORITHMS)] = "clipped_ppo"
     neural_network: Annotated[Network, choice(Network)] = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
     sensor: Annotated[tuple[str, ...], BeforeValidator(_sensors)] = ("observation",)
     version: Annotated[str, BeforeValidator(_version)] = "1.0"
@@ -134,7 +134,7 @@ class ModelMetadata:
     """
 
     action_space: ActionSpace
-    training_algorithm: Algorithm
+    training_algorithm: str
     neural_network: Network
     sensor: tuple[str, ...]
     version: str
@@ -157,6 +157,10 @@ class ModelMetadata:
         discretized = self.lidar.num_sectors * self.lidar.num_values_per_sector
         values = {"LIDAR": 64, "SECTOR_LIDAR": 8, "DISCRETIZED_SECTOR_LIDAR": discretized}
         return sum(values.get(name, 0) for name in self.sensor)
+
+    @property
+    def algorithm(self) -> Algorithm:
+        return algorithm_named(self.training_algorithm)
 
     @property
     def action_space_type(self) -> SpaceType:
@@ -212,8 +216,9 @@ def _other_type(file: JsonFile) -> Iterator[Problem]:
 
 
 def _contradictions(file: JsonFile, read: _Discrete | _Continuous) -> Iterator[Problem]:
-    if read.training_algorithm == "sac" and isinstance(read, _Discrete):
-        what = 'training_algorithm="sac" needs continuous actions.'
+    name = read.training_algorithm
+    if ALGORITHMS[name].ranges_only and isinstance(read, _Discrete):
+        what = f'training_algorithm="{name}" needs continuous actions.'
         remedy = (
             'Write "action_space_type": "continuous" with ranges, '
             'or "training_algorithm": "clipped_ppo".'

@@ -70,12 +70,12 @@ class Design:
 
     def conflicts(self) -> list[Problem]:
         conflict = self.parameters.conflict(
-            self.metadata.training_algorithm, continuous=self.metadata.action_space.continuous
+            self.metadata.algorithm, continuous=self.metadata.action_space.continuous
         )
         if conflict is None:
             return []
         place, remedy = self.parameters_origin, "Change one of the two files."
-        if self.parameters.taught and self.metadata.training_algorithm == "sac":
+        if self.parameters.taught and not self.metadata.algorithm.teachable:
             remedy = (
                 "Start with --no-teacher or remove training_method, or write "
                 '"training_algorithm": "clipped_ppo" into model_metadata.json.'

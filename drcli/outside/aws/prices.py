@@ -11,12 +11,12 @@ from typing import Any, Literal
 
 from drcli.base.errors import DrError, StorageError
 from drcli.base.installation import lazy_imports
-from drcli.base.json_record import RecordError, parse_json
+from drcli.base.json_record import RecordError, decode_json
 from drcli.bucket.endpoint import session_of
+from drcli.clouds.providers.amazon import ec2_metadata
 from drcli.config import secret_environment
 from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
 from drcli.outside.aws.instance_types import InstanceType
-from drcli.outside.notices.metadata_service import ec2_metadata
 
 with lazy_imports():
     import requests
@@ -56,7 +56,7 @@ def read_advisor() -> Advisor:
         with requests.get(address, timeout=_TIMEOUT_S, stream=True) as answer:
             answer.raise_for_status()
             data = answer.raw.read(_MOST_BYTES, decode_content=True)
-        return advisor_of(parse_json(data))
+        return advisor_of(decode_json(dict[str, Any], data))
     except (requests.RequestException, RecordError, OSError, ValueError) as error:
         raise StorageError(
             f"How often machines are interrupted is not known: {address} cannot be read "

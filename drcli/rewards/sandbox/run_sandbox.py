@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
 from time import monotonic
@@ -17,7 +17,14 @@ from drcli.base import early_process
 from drcli.base.early_process import ChildProcess, Order
 from drcli.base.errors import Problem
 from drcli.base.installation import installation_error
-from drcli.base.json_record import RecordError, from_json, json_default, parse_json
+from drcli.base.json_record import (
+    JsonRecord,
+    RecordError,
+    SafeInt,
+    Seconds,
+    decode_json,
+    json_default,
+)
 from drcli.config import secret_environment
 from drcli.config.run_config import RaceConfig
 from drcli.model.keys import REWARD_FUNCTION_FILE
@@ -60,7 +67,6 @@ REMEDIES: dict[FailureKind, str] = {
 }
 
 _REQUEST_FILE, _RESULT_FILE = "request.json", "result.json"
-_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -77,25 +83,25 @@ class SandboxRequest:
     name: str
     sequences: list[list[dict[str, Any]]] = field(default_factory=list)
     waypoints: list[list[list[float]]] = field(default_factory=list)
-    repeated: int = 0
+    repeated: SafeInt = 0
     races: list[RaceConfig] | None = None
-    call_s: float = 5.0
-    load_s: float = 60.0
+    call_s: Seconds = 5.0
+    load_s: Seconds = 60.0
 
     def write(self, folder: Path) -> None:
         (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=json_default), "utf-8")
 
     @staticmethod
     def read(folder: Path) -> "SandboxRequest":
-        return from_json(SandboxRequest, parse_json((folder / _REQUEST_FILE).read_bytes()))
+        return decode_json(SandboxRequest, (folder / _REQUEST_FILE).read_bytes())
 
 
 @dataclass(frozen=True)
 class CallIndex:
     """Numbers of the sequence and in it, from 0."""
 
-    sequence: int
-    index: int
+    sequence: SafeInt
+    index: SafeInt
 
 
 @dataclass(frozen=True)
@@ -113,12 +119,12 @@ class Failure:
 
     kind: FailureKind
     reason: str
-    line: int | None = None
+    line: SafeInt | None = None
     source: str = ""
     state: str = ""
     params: str = ""
     missing: str = ""
-    times: int = 0
+    times: SafeInt = 0
     unusual: bool = False
 
     @property
@@ -136,8 +142,8 @@ class Effect:
 
     kind: EffectKind
     what: str
-    line: int
-    times: int
+    line: SafeInt
+    times: SafeInt
 
 
 @dataclass(frozen=True)
@@ -147,8 +153,8 @@ class Difference:
     place: CallIndex
     value: float | None
     other: float | None
-    times: int
-    of: int
+    times: SafeInt
+    of: SafeInt
 
 
 @dataclass(frozen=True)
@@ -159,31 +165,31 @@ class SharedState:
     """
 
     names: list[str]
-    times: int
-    of: int
+    times: SafeInt
+    of: SafeInt
 
 
 @dataclass(frozen=True)
 class Printed:
     """In counted calls."""
 
-    lines: int = 0
-    characters: int = 0
-    line: int | None = None
+    lines: SafeInt = 0
+    characters: SafeInt = 0
+    line: SafeInt | None = None
 
 
 @dataclass(frozen=True)
 class Timing:
     """Of calls."""
 
-    median_s: float
-    mean_s: float
-    worst_s: float
+    median_s: Seconds
+    mean_s: Seconds
+    worst_s: Seconds
     worst: CallIndex
 
 
 @dataclass(frozen=True)
-class SandboxResult:
+class SandboxResult(JsonRecord):
     """What the sandbox found.
 
     Attributes:
@@ -196,14 +202,17 @@ class SandboxResult:
         finished: Whether the function has been tried.
     """
 
+    VERSION = 2
+    """Written, so that no other file is taken for one."""
+
     problems: list[Problem] = field(default_factory=list)
     values: list[list[float | None]] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
-    returned: dict[str, int] = field(default_factory=dict)
-    line: int | None = None
+    returned: dict[str, SafeInt] = field(default_factory=dict)
+    line: SafeInt | None = None
     timing: Timing | None = None
-    calls: int = 0
-    counted: int = 0
+    calls: SafeInt = 0
+    counted: SafeInt = 0
     effects: list[Effect] = field(default_factory=list)
     printed: Printed = Printed()
     random: Difference | None = None
@@ -213,20 +222,16 @@ class SandboxResult:
 
     def write(self, folder: Path) -> None:
         unfinished = folder / f"{_RESULT_FILE}.part"
-        unfinished.write_text(json.dumps({"version": _VERSION, **asdict(self)}), "utf-8")
+        unfinished.write_bytes(self.encode())
         unfinished.rename(folder / _RESULT_FILE)
 
     @staticmethod
     def read(folder: Path) -> "SandboxResult | None":
         """None if not written; RecordError if overwritten."""
         try:
-            record = parse_json((folder / _RESULT_FILE).read_bytes())
+            return SandboxResult.decode((folder / _RESULT_FILE).read_bytes())
         except FileNotFoundError:
             return None
-        result = from_json(SandboxResult, record)
-        if record.get("version") != _VERSION:
-            raise RecordError(f"its version is {record.get('version')} instead of {_VERSION}")
-        return result
 
 
 SANDBOX = "drcli.rewards.sandbox.sandbox_process"

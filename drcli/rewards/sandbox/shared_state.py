@@ -24,7 +24,7 @@ from time import monotonic
 from types import FrameType, FunctionType, ModuleType
 from typing import Any
 
-from drcli.base.json_record import RecordError, from_json, parse_json
+from drcli.base.json_record import RecordError, decode_json
 from drcli.rewards.sandbox.run_sandbox import Effect, EffectKind, Printed, SharedState
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import USER_MODULE, RewardParams, checked_reward
@@ -53,8 +53,7 @@ class SharedStateTrial:
         """None for nothing, and where it cannot be told."""
         try:
             loaded = [name for name in sys.modules if name not in self._before]
-            answer = parse_json(self._copy.answer(" ".join(loaded), _PATIENCE_S))
-            return None if answer is None else from_json(SharedState, answer)
+            return decode_json(SharedState, self._copy.answer(" ".join(loaded), _PATIENCE_S))
         except RecordError:  # it ended, or took too long
             return None
 
@@ -132,8 +131,7 @@ def _in_copy(
 ) -> dict[str, Any] | None:
     copy = _Copy(lambda _: _played(file, own, other))
     try:
-        played: dict[str, Any] | None = parse_json(copy.answer("", _PATIENCE_S))
-        return played
+        return decode_json(dict[str, Any], copy.answer("", _PATIENCE_S))
     except RecordError:
         return None
     finally:

@@ -4,7 +4,6 @@ For a node, this process takes log, pulse and signals from one side to the other
 the trainer does.
 """
 
-import json
 import math
 import os
 import shutil
@@ -14,14 +13,14 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.installation import lazy_imports
-from drcli.base.json_record import from_json, json_default
+from drcli.base.json_record import from_json, plain_json
 from drcli.base.log import RotatingFile, get_logger, traces
 from drcli.config import secret_environment
 from drcli.metrics.open_sinks import tensorboard_folder
@@ -378,7 +377,7 @@ def place(ray: Any, job: Job, gpus: int, cores: int) -> Any:
         train = train.replaced(threads=train.threads or train.train_learners)
     public = job.without_addresses()
     sent = replace(public, config=replace(public.config, train=train), began_s=0.0)
-    data = json.loads(json.dumps(asdict(sent), default=json_default))
+    data = plain_json(sent)
     options = ray.remote(TrainerHost).options(num_cpus=cores, num_gpus=gpus, max_restarts=0)
     return options.remote(data, versions(), keys_for_nodes(*FIGURE_KEYS))
 

@@ -1,6 +1,5 @@
 """A model's traces in the bucket, and what is known without reading them."""
 
-import json
 import math
 import re
 from collections.abc import Iterable
@@ -15,7 +14,7 @@ from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.model.repair import readable_history
 from drcli.model.traces import models_in
-from drcli.records.episode_metrics import TrialMetrics
+from drcli.records.episode_metrics import decode_metrics_file
 from drcli.records.iteration import IterationRecord
 
 TraceKind = Literal["training", "evaluation", "opponent"]
@@ -218,9 +217,8 @@ def _evaluation_numbers(
         if key not in there:
             continue
         try:
-            trials = json.loads(bucket.get(key))["metrics"]
-            read = [TrialMetrics.from_json(trial) for trial in trials]
-        except (ValueError, KeyError, TypeError, RecursionError, RecordError):
+            read = decode_metrics_file(bucket.get(key))
+        except RecordError:
             notes.append(f"s3://{bucket.name}/{key} is damaged: it has no readable trials.")
             continue
         if read:

@@ -11,15 +11,15 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from drcli.learn.encoders import Encoder
+from drcli.learn.network import Head
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation
 from drcli.view.saliency.policy_outputs import (
     ExplainedPolicy,
     Float32s,
-    Heads,
     NotExplainable,
     PolicyOutputs,
     action_table,
-    heads_of,
+    head_of,
     outputs_of,
     range_widths,
 )
@@ -62,17 +62,17 @@ def grad_cam(
     if target == "value" and not subject.sees_value:
         raise NotExplainable("The critic of this model does not see the picture.")
     with torch.enable_grad(), _Kept(network.body) as kept:
-        heads = heads_of(subject, seen)
+        head = head_of(subject, seen)
         total = torch.zeros(())
         features = kept.features()
-        scores = _scores(subject, heads, target)
+        scores = _scores(subject, head, target)
         for number, score in enumerate(scores):
             (slope,) = torch.autograd.grad(
                 score.sum(), features, retain_graph=number + 1 < len(scores)
             )
             weights = slope.mean(dim=(2, 3), keepdim=True) if averaged else slope
             evidence = (weights * features.detach()).sum(dim=1)
-            signed = target == "action" and heads.logits is not None
+            signed = target == "action" and not subject.policy.spec.continuous
             total = total + (evidence.relu() if signed else evidence.abs())
     own = total[: len(seen.frames)]  # a body adds frames to a single one
     maps: Float32s = _over_picture(network.body, own).float().numpy()
@@ -127,21 +127,21 @@ def _over_picture(body: Encoder, evidence: Tensor) -> Tensor:
     return weights[0] @ evidence @ weights[1].T
 
 
-def _scores(subject: ExplainedPolicy, heads: Heads, target: Target) -> Sequence[Tensor]:
+def _scores(subject: ExplainedPolicy, head: Head, target: Target) -> Sequence[Tensor]:
     if target == "value":
-        assert heads.value is not None
-        return [heads.value]
-    if heads.logits is not None:
+        assert head.value is not None
+        return [head.value]
+    if not subject.policy.spec.continuous:
         if target == "action":
-            best = heads.logits.argmax(-1, keepdim=True)
-            return [heads.logits.gather(-1, best).squeeze(-1)]
+            best = head.raw.argmax(-1, keepdim=True)
+            return [head.raw.gather(-1, best).squeeze(-1)]
         column = torch.from_numpy(action_table(subject.actions)[:, int(target == "speed")])
-        return [heads.logits.softmax(-1) @ column.to(heads.logits.dtype)]
-    assert heads.mean is not None
+        return [head.raw.softmax(-1) @ column.to(head.raw.dtype)]
+    mean = subject.squash(head.raw)
     if target == "action":
-        return list(heads.mean.unbind(-1))
+        return list(mean.unbind(-1))
     dimension = int(target == "speed")
-    return [heads.mean[:, dimension] * float(range_widths(subject.actions)[dimension])]
+    return [mean[:, dimension] * float(range_widths(subject.actions)[dimension])]
 
 
 # Perturbation maps: how much blurring a place changes the action.

@@ -20,8 +20,8 @@ from drcli.convert.runtimes import policy_of_file
 from drcli.convert.stored_checkpoint import driving_graph, load_checkpoint
 from drcli.drive.build_race import actions_of, sensors_of_model
 from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.network import Head, Network
 from drcli.learn.policy import Observation, Policy
-from drcli.learn.sac_networks import SACAgent
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
@@ -68,33 +68,17 @@ class ExplainedPolicy:
         return sensors_of_model(self.metadata)
 
     @property
-    def network(self) -> ActorCritic | SACAgent | None:
+    def network(self) -> Network | None:
         """None without gradients."""
-        return self.policy if isinstance(self.policy, ActorCritic | SACAgent) else None
+        return self.policy if isinstance(self.policy, Network) else None
+
+    def squash(self, raw: Tensor) -> Tensor:
+        return raw if self.network is None else self.network.squash(raw)
 
     @property
     def sees_value(self) -> bool:
         has_critic = self.network is not None and self.is_complete
         return has_critic and not self.policy.spec.state_dims
-
-
-@dataclass(frozen=True, eq=False)
-class Heads:
-    """Outputs with gradients; None where missing.
-
-    Attributes:
-        logits: Discrete. Shape (n, num_actions).
-        mean: Continuous, -1 to 1; PPO's may exceed it. Shape (n, 2).
-        std: Of `raw_mean`. Shape (n, 2).
-        raw_mean: Before the tanh of SAC. Shape (n, 2).
-        value: In reward. Shape (n,).
-    """
-
-    logits: Tensor | None
-    mean: Tensor | None
-    std: Tensor | None
-    raw_mean: Tensor | None
-    value: Tensor | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,48 +116,26 @@ class PolicyOutputs:
         return PolicyOutputs(**columns)
 
 
-def heads_of(subject: ExplainedPolicy, seen: Observation) -> Heads:
+def head_of(subject: ExplainedPolicy, seen: Observation) -> Head:
     """Without a value where `seen` lacks the state."""
     policy = subject.policy
-    continuous = policy.spec.continuous
-    judges = subject.is_complete and (not policy.spec.state_dims or seen.state.shape[1] > 0)
-    if isinstance(policy, ActorCritic):
-        return _of_ppo(policy, seen, judges=judges, spreads=subject.is_complete)
-    if isinstance(policy, SACAgent):
-        features = policy.features(seen)
-        raw, log_std = policy(features)
-        value = None
-        if judges:
-            judged = policy.critics(policy.critic_input(features, seen), torch.tanh(raw)).amin(0)
-            value = policy.returns(judged)
-        return Heads(None, torch.tanh(raw), log_std.exp(), raw, value)
+    if isinstance(policy, Network):
+        judged = subject.is_complete and (not policy.spec.state_dims or seen.state.shape[1] > 0)
+        head = policy.head(seen, judged=judged)
+        return head if subject.is_complete else head._replace(std=None)
     if isinstance(policy, GraphPolicy):
         values = torch.from_numpy(policy.outputs(seen.frames.numpy(), seen.scan.numpy()))
-        if continuous:
-            return Heads(None, values, None, values, None)
-        return Heads(values.clamp(min=1e-30).log(), None, None, None, None)
+        raw = values if policy.spec.continuous else values.clamp(min=1e-30).log()
+        return Head(raw, None, None)
     raise NotExplainable(f"A policy of the class {type(policy).__name__} cannot be explained.")
-
-
-def _of_ppo(policy: ActorCritic, seen: Observation, *, judges: bool, spreads: bool) -> Heads:
-    features = policy.body(seen).to(policy.policy_head.weight.dtype)
-    value = None
-    if judges:
-        judged = policy.value_head(seen.state if policy.spec.state_dims else features)
-        value = policy.returns(judged.squeeze(-1))
-    output = policy.policy_head(features)
-    if not policy.spec.continuous:
-        return Heads(output, None, None, None, value)
-    std = policy.log_std_bounded().exp().expand_as(output) if spreads else None
-    return Heads(None, output, std, output, value)
 
 
 def outputs_of(subject: ExplainedPolicy, seen: Observation) -> PolicyOutputs:
     with torch.no_grad():
-        heads = heads_of(subject, seen)
-    value = None if heads.value is None else _array(heads.value)
-    if heads.logits is not None:
-        logits = heads.logits.double()
+        raw, std, worth = head_of(subject, seen)
+    value = None if worth is None else _array(worth)
+    if not subject.policy.spec.continuous:
+        logits = raw.double()
         probabilities = _array(logits.softmax(-1))
         chosen = logits.argmax(-1).numpy()
         entropy = -(logits.softmax(-1) * logits.log_softmax(-1)).sum(-1)
@@ -189,15 +151,12 @@ def outputs_of(subject: ExplainedPolicy, seen: Observation) -> PolicyOutputs:
             _array(entropy),
             value,
         )
-    assert heads.mean is not None
-    assert heads.raw_mean is not None
-    steering_deg, speed_mps = subject.actions.requests(heads.mean.numpy())
-    expected, low, high = _requests(subject, heads.mean), None, None
-    if heads.std is not None:
-        squash = torch.tanh if isinstance(subject.policy, SACAgent) else torch.Tensor.clone
-        low = _requests(subject, squash(heads.raw_mean - heads.std))
-        high = _requests(subject, squash(heads.raw_mean + heads.std))
-        draws = [_requests(subject, squash(heads.raw_mean + heads.std * share)) for share in _DRAWS]
+    expected = _requests(subject, raw)
+    steering_deg, speed_mps = expected.T
+    low = high = None
+    if std is not None:
+        low, high = _requests(subject, raw - std), _requests(subject, raw + std)
+        draws = [_requests(subject, raw + std * share) for share in _DRAWS]
         expected = np.mean(draws, axis=0)
     return PolicyOutputs(None, None, steering_deg, speed_mps, expected, low, high, None, value)
 
@@ -215,8 +174,8 @@ def range_widths(actions: Actions) -> Float64s:
     return np.array([(high - low) / 2.0 for low, high in ranges])
 
 
-def _requests(subject: ExplainedPolicy, actions: Tensor) -> Float64s:
-    return np.stack(subject.actions.requests(actions.numpy()), axis=1)
+def _requests(subject: ExplainedPolicy, raw: Tensor) -> Float64s:
+    return np.stack(subject.actions.requests(subject.squash(raw).numpy()), axis=1)
 
 
 def _array(values: Tensor) -> Float64s:

@@ -8,8 +8,6 @@ import { debounced } from "/setting_fields.js";
 
 const PATH = "/api/metadata";
 const WORDS = {
-  clipped_ppo: "PPO (clipped_ppo): a list of actions or ranges",
-  sac: "SAC (sac): ranges only",
   DEEP_CONVOLUTIONAL_NETWORK_SHALLOW: "shallow, of the reference",
   DEEP_CONVOLUTIONAL_NETWORK: "middle, of the reference",
   DEEP_CONVOLUTIONAL_NETWORK_DEEP: "deep, of the reference",
@@ -34,17 +32,11 @@ function field(label, control, help = "") {
     help ? h("p", { class: "help" }, help) : null,
   );
 }
-const choice = (words, change) =>
+const choice = (values, change, words = WORDS) =>
   h(
     "select",
     { change },
-    words.map((value) =>
-      h(
-        "option",
-        { value },
-        WORDS[value] ? `${value.length > 12 ? "" : ""}${WORDS[value]}` : value,
-      ),
-    ),
+    values.map((value) => h("option", { value }, words[value] ?? value)),
   );
 const figure = (value, change) =>
   h("input", {
@@ -82,11 +74,15 @@ export function actionSteps(facts, { saved, algorithmChanged }, signal) {
     h("option", { value: "" }, "none"),
     facts.lidars.map((value) => h("option", { value }, WORDS[value])),
   );
-  const algorithm = choice(facts.algorithms, () => {
-    changed();
-    algorithmChanged();
-    draw();
-  });
+  const algorithm = choice(
+    facts.algorithms,
+    () => {
+      changed();
+      algorithmChanged();
+      draw();
+    },
+    facts.words,
+  );
   const network = choice(facts.networks, changed);
   const sensors = editStep(
     {

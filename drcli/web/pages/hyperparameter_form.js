@@ -38,7 +38,8 @@ export function hyperparameterStep(facts, { algorithm, saved }, signal) {
   for (const key of facts.keys) {
     const row = fieldOf(key);
     rows.set(key.key, row);
-    (USUAL.includes(key.key) || key.key.startsWith("sac_") ? usual : more).append(row.element);
+    const own = key.algorithms.some((name) => key.key.startsWith(`${name}_`));
+    (own || USUAL.includes(key.key) ? usual : more).append(row.element);
   }
   showValues(facts.values);
   show(facts.problems);

@@ -36,20 +36,8 @@ export function startSteps({ unsaved, lead }, signal) {
     ),
   };
 
-  const laps = h("input", {
-    type: "text",
-    inputmode: "numeric",
-    id: "until-laps",
-    placeholder: "no limit",
-    autocomplete: "off",
-  });
-  const lapTime = h("input", {
-    type: "text",
-    inputmode: "decimal",
-    id: "until-lap-time",
-    placeholder: "no limit",
-    autocomplete: "off",
-  });
+  const goals = new Map(),
+    goalFields = h("div", { class: "fields narrow" });
   const seed = h("input", {
     type: "text",
     inputmode: "numeric",
@@ -81,31 +69,10 @@ export function startSteps({ unsaved, lead }, signal) {
       { class: "step", id: "step-start", "aria-labelledby": "title-start" },
       h("h2", { id: "title-start", tabindex: "-1" }, "Start"),
       about,
+      goalFields,
       h(
         "div",
         { class: "fields narrow" },
-        h(
-          "div",
-          { class: "field" },
-          h("label", { for: "until-laps" }, "Stop after laps (this start only)"),
-          laps,
-          h(
-            "p",
-            { class: "help" },
-            "Ends when all evaluation laps of a checkpoint are clean, this many or more, and then 38 of 40 from other starts.",
-          ),
-        ),
-        h(
-          "div",
-          { class: "field" },
-          h("label", { for: "until-lap-time" }, "Stop at a lap time, s (this start only)"),
-          lapTime,
-          h(
-            "p",
-            { class: "help" },
-            "Ends when each of these laps takes this many seconds or less.",
-          ),
-        ),
         h(
           "div",
           { class: "field" },
@@ -192,6 +159,7 @@ export function startSteps({ unsaved, lead }, signal) {
       }
       return;
     }
+    if (!goals.size) fill(goalFields, facts.goals.map(goalField));
     const texts = [`The model is called ${facts.model}.`];
     if (facts.pretrained) texts.push(`It begins with the weights of ${facts.pretrained}.`);
     if (facts.trains)
@@ -232,12 +200,30 @@ export function startSteps({ unsaved, lead }, signal) {
     }
     return Number(text);
   };
-  const seconds = (control, name) => {
+  function goalField(goal) {
+    const id = goal.key.replaceAll("_", "-");
+    const control = h("input", {
+      type: "text",
+      inputmode: goal.whole ? "numeric" : "decimal",
+      id,
+      placeholder: "no limit",
+      autocomplete: "off",
+    });
+    goals.set(goal, control);
+    return h(
+      "div",
+      { class: "field" },
+      h("label", { for: id }, goal.label),
+      control,
+      h("p", { class: "help" }, goal.hint),
+    );
+  }
+  const number = (control, { noun, unit }) => {
     const text = control.value.trim();
     if (!text) return null;
     if (!/^\d+(\.\d+)?$/.test(text)) {
       control.focus();
-      throw Object.assign(new Error(`${name} ${text} is not a number of seconds.`), {
+      throw Object.assign(new Error(`${noun} ${text} is not a number of ${unit}.`), {
         remedy: "Write a number such as 8.5, or leave it empty.",
       });
     }
@@ -247,11 +233,9 @@ export function startSteps({ unsaved, lead }, signal) {
     fill(result);
     let wanted;
     try {
-      wanted = {
-        until_laps: whole(laps, "Laps"),
-        until_lap_time_s: seconds(lapTime, "Lap time"),
-        seed: whole(seed, "Seed"),
-      };
+      wanted = { seed: whole(seed, "Seed") };
+      for (const [goal, control] of goals)
+        wanted[goal.key] = goal.whole ? whole(control, goal.noun) : number(control, goal);
     } catch (error) {
       startState.textContent = "Not started.";
       fill(result, failure(error));

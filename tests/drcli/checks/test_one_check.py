@@ -51,7 +51,7 @@ def told(folder, drive_once, monkeypatch, tmp_path):
         folder.reward(text)
         settings = load_settings(folder.path, environ={})
         files = find(settings.custom_files, None)
-        job = Job(settings.run, "abc", 0, None, None, tmp_path, os.getpid())
+        job = Job(settings.run, "abc", 0, None, tmp_path, os.getpid())
         report, validated = check.check(settings, None, folder.path), folder.report()
         live = live_check.LiveCheck().check(settings, text.encode(), folder.path, "", Event())
         found = {

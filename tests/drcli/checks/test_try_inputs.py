@@ -113,7 +113,7 @@ def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
     ends = []
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", wait)
     monkeypatch.setattr("drcli.checks.before_start.review_disk", interrupt)
-    job = Job(settings.run, "abc", 0, None, None, tmp_path, os.getpid())
+    job = Job(settings.run, "abc", 0, None, tmp_path, os.getpid())
 
     with pytest.raises(KeyboardInterrupt):
         examine(settings, job, {}, None)

@@ -66,7 +66,7 @@ def job(working_folder: Path) -> Job:
     with (working_folder / "system.env").open("a") as file:
         file.write("AWS_SECRET_ACCESS_KEY=sesame0\n")
     settings = load_settings(working_folder)
-    return Job(settings.run, "abc", 7, None, None, working_folder, os.getpid())
+    return Job(settings.run, "abc", 7, None, working_folder, os.getpid())
 
 
 def test_secrets_are_told_from_what_anybody_may_read():

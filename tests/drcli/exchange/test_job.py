@@ -34,7 +34,16 @@ def job(working_folder) -> Job:
         "DR_RACE_TYPE=OBJECT_AVOIDANCE\nDR_OA_OBJECT_POSITIONS=0.25,-1;0.5,1\n"
     )
     config = load_settings(working_folder, environ={}).run
-    return Job(config, "abc", 7, 3, 1.5, working_folder / "data", os.getpid(), term=2)
+    return Job(
+        config,
+        "abc",
+        7,
+        1.5,
+        working_folder / "data",
+        os.getpid(),
+        term=2,
+        goals={"until_laps": 3.0},
+    )
 
 
 def read(job: Job) -> str:
@@ -56,7 +65,7 @@ def test_a_job_of_another_version_is_refused_with_a_reason(job, monkeypatch):
 
     told = read(job)
 
-    assert "not written in version 1" in told
+    assert "Invalid enum value 2 - at `$.version`" in told
     assert "start it again" in told
 
 
@@ -79,8 +88,8 @@ def test_a_process_without_a_job_that_fits_says_so_in_one_line(job, monkeypatch,
 
     assert process.returncode == 3
     assert told == (
-        "This process cannot read its job: it is not written in version 1. Stop the run and start "
-        "it again; drcli may have been updated in the meantime.\n"
+        "This process cannot read its job: Invalid enum value 2 - at `$.version`. Stop the run and "
+        "start it again; drcli may have been updated in the meantime.\n"
     )
 
 

@@ -64,7 +64,7 @@ def test_a_record_comes_back_from_its_bytes(record: Any):
 @every_record
 @pytest.mark.parametrize("data", [b"", b"null", b"[]", b"7", b"{}", b"{", b"\xff", b"{" * 3_000])
 def test_other_bytes_are_refused_with_a_reason(record: Any, data: bytes):
-    with pytest.raises(RecordError, match=r"\w+ \w+"):
+    with pytest.raises(RecordError, match=r"\w+ `?\w+"):
         type(record).decode(data)
 
 
@@ -73,7 +73,7 @@ def test_a_record_with_a_value_of_another_type_is_refused_and_its_key_named(reco
     fields = json.loads(record.encode())
     key = next(iter(fields))
 
-    with pytest.raises(RecordError, match=f"'{key}'"):
+    with pytest.raises(RecordError, match=rf"at `\$\.{key}"):
         type(record).decode(json.dumps({**fields, key: [[]]}).encode())
 
 
@@ -109,7 +109,7 @@ def test_metrics_of_another_version_are_read_if_their_records_fit(version):
 
     assert file["version"] == 2.0
     assert decode_metrics(json.dumps(later).encode()) == [RECORDS[9]]
-    with pytest.raises(RecordError, match="'reward_score' is missing"):
+    with pytest.raises(RecordError, match="missing required field `reward_score`"):
         decode_metrics(json.dumps({**later, "metrics": [{"episode": 1}]}).encode())
 
 

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from drcli.base.errors import SettingsError
 from drcli.checks.explain.explain_texts import EXIT_CODES, GLOSSARY, TRACE_COLUMNS
 from drcli.checks.explain.lookup import Explanation, every_entry, explain, shipped_values
-from drcli.checks.explain.parameter_texts import HYPERPARAMETER_TEXTS
 from drcli.config.settings import catalogue
-from drcli.model.files.hyperparameters import KEYS
+from drcli.model.files.hyperparameters import KEYS, TEXTS
 from drcli.records.trace import CSV_HEADER
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 from drsim.episode.simulation import Simulation
@@ -26,7 +25,7 @@ def kinds(question: str) -> list[str]:
 
 
 def test_every_hyperparameter_column_code_and_parameter_is_explained():
-    assert set(KEYS) <= set(HYPERPARAMETER_TEXTS)
+    assert set(KEYS) <= set(TEXTS)
     assert set(CSV_HEADER.split(",")) == set(TRACE_COLUMNS)
     assert {entry.name for entry in every_entry() if entry.kind == "setting"} == set(catalogue())
     assert {entry.name for entry in every_entry() if entry.kind == "exit code"} == {
@@ -90,7 +89,7 @@ def test_a_hyperparameter_that_is_left_out_has_the_value_that_a_training_takes(k
 
 
 def test_texts_about_hyperparameters_name_settings_as_they_are_called_now():
-    texts = [text for key in HYPERPARAMETER_TEXTS.values() for text in astuple(key)]
+    texts = [text for key in TEXTS.values() for text in astuple(key)]
     named = set(re.findall(r"DR_[A-Z_]+", " ".join(texts)))
 
     assert named

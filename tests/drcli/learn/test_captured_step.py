@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.algorithm_config import PPOConfig, SACConfig
+from drcli.learn.algorithms import PPOConfig, SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.cuda import WARM_UP, CapturedStep, GpuPolicy, ReusedMemory
 from drcli.learn.policy import Observation, PolicySpec, decide

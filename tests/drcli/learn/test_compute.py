@@ -9,7 +9,7 @@ import torch
 
 from drcli.learn import compute as precision
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute, choose_compute
 from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO

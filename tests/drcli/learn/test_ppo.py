@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.policy import Observation, PolicySpec, decide
 from drcli.learn.ppo import PPO, minibatches

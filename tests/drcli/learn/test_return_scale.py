@@ -9,7 +9,7 @@ from safetensors.torch import load, save
 
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.advantages import UNITS, ReturnScale
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.policy import Observation, PolicySpec, decide
 from drcli.learn.ppo import PPO

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from drcli.learn.algorithm_config import SACConfig
+from drcli.learn.algorithms import SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.policy import Decision, Observation, PolicySpec, decide
 from drcli.learn.replay_buffer import Transitions

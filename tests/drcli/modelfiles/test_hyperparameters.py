@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
+from drcli.learn.algorithms import ALGORITHMS
 from drcli.model.files.hyperparameters import REFERENCE_KEYS, Hyperparameters
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -246,7 +247,7 @@ def test_an_unusual_value_is_used_with_a_warning(line, warning):
 def test_an_exploration_that_does_not_fit_the_model_is_explained(kind, algorithm, continuous, fits):
     values = Hyperparameters.from_bytes(json.dumps({"exploration_type": kind}).encode())
 
-    conflict = values.conflict(algorithm, continuous=continuous)
+    conflict = values.conflict(ALGORITHMS[algorithm], continuous=continuous)
 
     assert (conflict is None) is fits
     assert fits or conflict.startswith(f"exploration_type={kind} ")

@@ -11,7 +11,8 @@ import pytest
 
 from drcli.base.errors import Absent, SettingsError
 from drcli.cli.commands.spot_watch import ForeignWatch, NoticeHandling, signal_named
-from drcli.outside.notices.notice_watch import Notice, NoticeWatch
+from drcli.clouds.cloud import Notice
+from drcli.outside.notices.notice_watch import NoticeWatch
 
 
 class Source:

@@ -5,9 +5,10 @@ from typing import ClassVar
 
 import pytest
 
+from drcli.clouds.cloud import Notice
 from drcli.config.loading import load_settings
 from drcli.model.model_store import ModelStore
-from drcli.outside.notices.notice_watch import Announced, Notice
+from drcli.outside.notices.notice_watch import Announced
 from drcli.records.job import Job
 from drcli.run import interruption_watch
 from drcli.run.interruption_watch import InterruptionWatch, chosen_source
@@ -53,7 +54,7 @@ def watch(tmp_path, monkeypatch):
 
     def start(**settings: str) -> SimpleNamespace:
         config = settings_of(tmp_path, settings)
-        job = Job(config, "a", 1, None, None, tmp_path, 1)
+        job = Job(config, "a", 1, None, tmp_path, 1)
         duty = InterruptionWatch(tmp_path)
         duty.start(SimpleNamespace(job=job, journal=journal))
         return SimpleNamespace(duty=duty, clock=clock, journal=journal, laid=Laid)

@@ -71,9 +71,7 @@ def run(racer, monkeypatch):
             for number, (prefix, world) in enumerate(outcomes)
         ]
         worlds = list(dict.fromkeys(world for _, world in outcomes))
-        job = Job(
-            racer.settings().run, "s", 0, None, None, folder, launcher_pid=1, tasks=tuple(tasks)
-        )
+        job = Job(racer.settings().run, "s", 0, None, folder, launcher_pid=1, tasks=tuple(tasks))
 
         def start(job, name, module, *arguments):
             started.append((name, arguments))

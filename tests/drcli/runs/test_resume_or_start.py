@@ -100,8 +100,9 @@ def test_a_finished_run_does_nothing(again, racer, ended):
     assert {info.key: info.etag for info in racer.bucket.list("")} == before
 
 
-@pytest.mark.parametrize("options", [{"until_laps": 3}, {"until_lap_time_s": 8.0}, {}])
-def test_a_run_that_version_0_1_0_has_finished_does_nothing(again, racer, ended, options):
+@pytest.mark.parametrize("asked", [{"until_laps": 3}, {"until_lap_time_s": 8.0}, {}])
+def test_a_run_that_version_0_1_0_has_finished_does_nothing(again, racer, ended, asked):
+    options = {"goals": asked}
     racer.run_env(
         f"DR_LOCAL_S3_MODEL_PREFIX={MODEL}",
         "DR_TRAIN_STOP_LAP_TIME=9.5",

@@ -89,7 +89,6 @@ def run(tmp_path, monkeypatch):
         config=load_settings(tmp_path, environ={}).run,
         session="start",
         seed=1,
-        until_laps=None,
         max_minutes=None,
         folder=tmp_path / "run",
         launcher_pid=os.getpid(),

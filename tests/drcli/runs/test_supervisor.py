@@ -68,7 +68,6 @@ class Stage:
             config=load_settings(folder, environ={}).run,
             session="start",
             seed=1,
-            until_laps=None,
             max_minutes=None,
             folder=folder,
             launcher_pid=os.getpid(),

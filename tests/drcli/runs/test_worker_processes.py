@@ -26,7 +26,7 @@ STUBBORN = (
 def job(racer) -> Job:
     folder = racer.folder / "data" / "job"
     folder.mkdir(parents=True)
-    return Job(racer.settings().run, "ours", 7, None, None, folder, 1)
+    return Job(racer.settings().run, "ours", 7, None, folder, 1)
 
 
 @pytest.fixture

@@ -8,8 +8,11 @@ from email.utils import format_datetime
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.outside.notices.metadata_service import Ec2Metadata, MetadataService, MetadataSilent
-from drcli.outside.notices.notice_watch import AzureNotices, Ec2Notices, GoogleNotices, source_of
+from drcli.clouds.cloud import MetadataService, MetadataSilent
+from drcli.clouds.providers.amazon import Ec2Metadata, Ec2Notices
+from drcli.clouds.providers.google import GoogleNotices
+from drcli.clouds.providers.microsoft import AzureNotices
+from drcli.clouds.registry import CLOUDS
 from metadata_server import MetadataServer
 
 SPOT = "/latest/meta-data/spot/instance-action"
@@ -219,14 +222,14 @@ def test_the_standard_variables_name_the_service(metadata):
     metadata.interrupt()
     named = {"AWS_EC2_METADATA_SERVICE_ENDPOINT": f"{metadata.address}/"}
 
-    source = source_of("aws", named)
+    source = CLOUDS["aws"].source(named, "")
 
     assert source is not None
     assert len(source.ask()) == 1
 
 
 def test_ec2_can_be_forbidden_to_ask():
-    assert source_of("aws", {"AWS_EC2_METADATA_DISABLED": "TRUE"}) is None
+    assert CLOUDS["aws"].source({"AWS_EC2_METADATA_DISABLED": "TRUE"}, "") is None
 
 
 @pytest.mark.parametrize(
@@ -234,4 +237,4 @@ def test_ec2_can_be_forbidden_to_ask():
 )
 def test_an_address_that_is_none_is_explained(address):
     with pytest.raises(SettingsError, match="is not the address of a metadata service"):
-        source_of("azure", {}, address)
+        CLOUDS["azure"].source({}, address)

@@ -8,11 +8,10 @@ import pytest
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import SettingsError
+from drcli.clouds.cloud import MetadataSilent, Notice
 from drcli.outside.notices import notice_watch
-from drcli.outside.notices.metadata_service import MetadataSilent
 from drcli.outside.notices.notice_watch import (
     Announced,
-    Notice,
     NoticeWatch,
     command_words,
     notice_of_command,

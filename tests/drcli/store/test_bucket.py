@@ -99,9 +99,9 @@ def test_a_record_comes_back_as_it_went_on_one_line(bucket):
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        (b"{", "it is not JSON"),
-        (b"{}", "'session' is missing"),
-        (b'{"session": "s", "reason": "r", "format": 0}', "its format is 0, not 1"),
+        (b"{", "Input data was truncated"),
+        (b"{}", "Object missing required field `session`"),
+        (b'{"session": "s", "reason": "r", "format": 0}', r"Expected `int` >= 1 - at `\$\.format`"),
     ],
 )
 def test_an_object_that_is_not_the_record_is_named_with_the_reason(bucket, data, reason):

@@ -118,7 +118,7 @@ def test_a_manifest_comes_back_from_its_bytes(memory):
 def test_other_bytes_are_not_a_manifest(memory, data):
     memory.put(keys.rollout_manifest(PREFIX, 3, 0), data)
 
-    with pytest.raises(RecordError, match=r"empty|instead of an object|is missing"):
+    with pytest.raises(RecordError, match=r"truncated|Expected `object`|missing required field"):
         Manifest.decode(data)
     assert find_manifest(ModelStore(memory, PREFIX), 3, 0) is None
 

@@ -12,13 +12,13 @@ from safetensors.torch import save
 
 from drcli.convert.build_network import STATE_DIMS, policy_spec
 from drcli.drive.build_race import sensors_of_model
-from drcli.learn.algorithm_config import PPOConfig, SACConfig
+from drcli.learn.algorithms import PPOConfig, SACConfig, algorithm_config
 from drcli.learn.compute import Compute
 from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
-from drcli.train.build_learner import algorithm_config, build_learner
+from drcli.train.build_learner import build_learner
 from drcli.train.checkpoint_publisher import restore_optimizer
 from drsim.episode.teacher_features import PRIVILEGED_DIMS
 
@@ -55,7 +55,7 @@ def test_the_template_of_sac_is_taken_without_a_warning_and_says_what_it_relies_
     read = ModelMetadata.from_bytes((SAC_PRESET / "model_metadata.json").read_bytes())
 
     assert (parameters.problems, read.problems) == ((), ())
-    assert parameters.conflict("sac", continuous=read.action_space.continuous) is None
+    assert parameters.conflict(read.algorithm, continuous=read.action_space.continuous) is None
     assert policy_spec(read, parameters).state_dims == STATE_DIMS
     config = algorithm_config(SACConfig, parameters)
     assert config.sac_auto_alpha

@@ -8,7 +8,7 @@ from safetensors.torch import load
 
 from drcli.base.errors import StorageError
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.algorithms import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO

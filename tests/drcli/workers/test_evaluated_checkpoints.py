@@ -17,15 +17,15 @@ pytestmark = pytest.mark.nightly
 ITERATIONS = 4
 
 
-@pytest.mark.parametrize("options", [{}, {"until_laps": 1}, {"until_lap_time_s": 3.0}])
+@pytest.mark.parametrize("goals", [{}, {"until_laps": 1}, {"until_lap_time_s": 3.0}])
 def test_evaluations_keep_to_their_share_whatever_ends_the_training(
-    working_folder, monkeypatch, options
+    working_folder, monkeypatch, goals
 ):
     training = TrainingInMemory(working_folder, monkeypatch, DR_TRAIN_MAX_ITERATIONS=ITERATIONS)
     share = iter([True, False, True])
     monkeypatch.setattr(sim.EvaluationBudget, "allows_another", lambda *_, **__: next(share, False))
 
-    training.train(**options)
+    training.train(goals=goals)
 
     history = read_history(ModelStore(training.bucket, PREFIX))
     assert len(history) == ITERATIONS
@@ -63,7 +63,7 @@ def test_a_checkpoint_that_completes_its_laps_by_luck_does_not_end_the_training(
     monkeypatch.setattr(SimWorker, "_iterate", noted)
     monkeypatch.setattr(Driver, "drive", lucky)
 
-    training.train(until_laps=2)
+    training.train(goals={"until_laps": 2})
 
     history = read_history(ModelStore(training.bucket, PREFIX))[:4]
     assert [len(r.evaluation_progress) for r in history] == [2, 2, 2, 2]

@@ -143,7 +143,7 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     config = racer.settings().run
     entry = entries(config, "20260102030405", ["0_Step-0.ckpt"])[0]
     lifeline = SimpleNamespace(should_stop=lambda: False, step_done=lambda: False)
-    job = Job(config, "s", 3, None, None, tmp_path / "job", launcher_pid=1)
+    job = Job(config, "s", 3, None, tmp_path / "job", launcher_pid=1)
 
     found = evaluate(job, lifeline, [entry], threads=1)
 

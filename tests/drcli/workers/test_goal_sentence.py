@@ -1,6 +1,5 @@
 """A start says in one line what ends the training."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,8 +16,9 @@ def told(tmp_path):
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
         settings = load_settings(tmp_path, environ={})
-        job = Job(settings.run, "s", 1, until_laps, max_minutes, Path(), 1)
-        job = replace(job, until_lap_time_s=lap_time_s)
+        asked = {"until_laps": until_laps, "until_lap_time_s": lap_time_s}
+        goals = {key: each for key, each in asked.items() if each is not None}
+        job = Job(settings.run, "s", 1, max_minutes, Path(), 1, goals=goals)
         return ending(job, Hyperparameters(**parameters))
 
     return tell

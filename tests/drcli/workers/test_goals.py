@@ -11,8 +11,9 @@ from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.history import collapse
 from drcli.records.iteration import IterationRecord
 from drcli.records.job import Job
+from drcli.train import goals as table
 from drcli.train.episode_share import EvaluationBudget
-from drcli.train.goals import Goals, mean_score
+from drcli.train.goals import Goal, Goals, Target, ending, mean_score
 from iterations import iteration_record
 
 
@@ -26,6 +27,8 @@ def goals(tmp_path):
     def make(
         *lines: str,
         until_laps=None,
+        lap_time_s=None,
+        asked=MappingProxyType({}),
         max_minutes=None,
         clock=lambda: 0.0,
         before_s=0.0,
@@ -35,14 +38,15 @@ def goals(tmp_path):
     ):
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
+        wanted = {"until_laps": until_laps, "until_lap_time_s": lap_time_s, **asked}
         job = Job(
             config=load_settings(tmp_path, environ={}).run,
             session="s",
             seed=1,
-            until_laps=until_laps,
             max_minutes=max_minutes,
             folder=Path(),
             launcher_pid=1,
+            goals={key: each for key, each in wanted.items() if each is not None},
             **job_changes,
         )
         return Goals(job, Hyperparameters(**parameters), clock, before_s=before_s, now=now)
@@ -122,7 +126,7 @@ def test_laps_are_reached_when_a_checkpoint_completes_them_all_and_38_of_40_othe
 def test_a_lap_time_is_reached_when_all_laps_and_38_of_40_others_are_fast_enough(
     goals, until_laps, laps
 ):
-    limited = goals(until_laps=until_laps, job_changes={"until_lap_time_s": 8.0})
+    limited = goals(until_laps=until_laps, lap_time_s=8.0)
 
     def after(*times: float, again: Sequence[float] = [7.0] * 40) -> str | None:
         return limited.reached([driven(0, *times, again=again)])
@@ -316,3 +320,19 @@ def test_what_a_teacher_drives_reaches_no_mean_reward(goals):
     assert watched.reached(taught) is None
     assert watched.reached([*taught, own[0]]) is None
     assert "the mean reward of the last 40 episodes is 10.0" in watched.reached([*taught, *own])
+
+
+def test_a_row_of_the_table_is_all_that_a_goal_needs(goals, monkeypatch):
+    share = Goal(
+        "--until-progress",
+        lambda job: job.goals.get("until_progress"),
+        lambda job, least: f"at {least:g} % in one evaluation",
+        target=lambda name, job, least: Target(name, progress=least),
+    )
+    monkeypatch.setattr(table, "GOALS", (*table.GOALS, share))
+    limited = goals(asked={"until_progress": 90.0})
+
+    job = limited._job
+    assert "at 90 % in one evaluation (--until-progress)" in ending(job, Hyperparameters())
+    assert limited.reached([driven(0, *[8.0] * 4, of=9, again=[8.0] * 40)]) is not None
+    assert limited.reached([driven(0, *[8.0] * 4, of=9, again=[8.0] * 31)]) is None

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 
+from drcli.base.json_record import from_json
 from drcli.drive.driving import Driven
 from drcli.drive.evaluator import recording_of_race
 from drcli.records.evaluation_task import RaceRecording
@@ -20,7 +21,7 @@ def recorded(racer, drives, episodes=None, shapes=("box_obstacle",)):
     made = recording_of_race(
         racer.settings().run, "m", [SHAPES[name] for name in shapes], drives, episodes or drives
     )
-    return RaceRecording.from_json(json.loads(made.encode()))
+    return from_json(RaceRecording, json.loads(made.encode()))
 
 
 def test_boxes_are_recorded_once_and_bots_in_every_row(racer):

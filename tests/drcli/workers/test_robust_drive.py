@@ -40,7 +40,7 @@ def drive(racer, tmp_path):
     config = racer.settings().run
 
     def drive(*cells, lifeline=None):
-        job = Job(config, "s", 3, None, None, tmp_path, launcher_pid=1)
+        job = Job(config, "s", 3, None, tmp_path, launcher_pid=1)
         [entry] = entries(config, "20260102030405", ["0_Step-0.ckpt"])
         return drive_cells(job, lifeline or Untold(), racer.bucket, entry, config, cells, threads=1)
 

@@ -39,7 +39,7 @@ def logs(tmp_path):
         (tmp_path / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=team/model\n")
         (tmp_path / "system.env").write_text("".join(f"{n}={v}\n" for n, v in settings.items()))
         config = load_settings(tmp_path, environ={}).run
-        job = Job(config, "start", 1, None, None, tmp_path, os.getpid())
+        job = Job(config, "start", 1, None, tmp_path, os.getpid())
         path = log_file(tmp_path, "team/model", "sim-1")
         path.parent.mkdir(parents=True)
         with path.open("ab") as log:

@@ -61,7 +61,7 @@ process.run("sim-0", main)
 @pytest.fixture
 def job(working_folder, tmp_path):
     """A start whose folder is for this test alone."""
-    return Job(load_settings(working_folder).run, "abc", 0, None, None, tmp_path, os.getpid())
+    return Job(load_settings(working_folder).run, "abc", 0, None, tmp_path, os.getpid())
 
 
 def ended(job: Job, script: str) -> tuple[int, WorkerExit | None]:

@@ -24,6 +24,7 @@ from drcli.analysis.findings.steering import SteeringBalance
 from drcli.analysis.findings.update_advice import SMALL_JUMP
 from drcli.analysis.findings.verdict import judge
 from drcli.analysis.run import Run
+from drcli.learn.algorithms import algorithm_named
 from drcli.records.iteration import Laps
 from synthetic_plans import Plan
 from synthetic_runs import make
@@ -457,7 +458,7 @@ def test_probabilities_that_stay_equal_are_no_policy(source, spread, iterations,
     changed = {"learner": None, "actions": use}
     if source == "entropy":
         entropy = pd.DataFrame({"entropy": [spread * math.log(7)] * iterations})
-        changed = {"learner": learner_health(entropy, sac=False, actions=7)}
+        changed = {"learner": learner_health(entropy, algorithm_named("clipped_ppo"), actions=7)}
     curve = curve_of(np.full(iterations, 9.0), evidence.curve)
 
     found = advise(replace(evidence, run=run, curve=curve, fall=None, **changed))
@@ -471,7 +472,7 @@ def test_probabilities_that_are_certain_before_the_car_can_drive_are_no_explorat
     evidence = gather(made_healthy())
     entropy = pd.DataFrame({"entropy": [0.05 * math.log(7)] * 20})
     curve = curve_of(np.full(20, 9.0), evidence.curve)
-    learner = learner_health(entropy, sac=False, actions=7)
+    learner = learner_health(entropy, algorithm_named("clipped_ppo"), actions=7)
 
     found = advise(replace(evidence, curve=curve, fall=None, learner=learner))
 

@@ -12,6 +12,7 @@ from drcli.analysis.findings.driven_steps import DrivenSteps, driven_steps, epis
 from drcli.analysis.findings.evidence import learner_health
 from drcli.analysis.findings.reward_rate import RewardRate, reward_function_time, reward_rate
 from drcli.analysis.findings.steering import snaking, steering_balance, wheels_off
+from drcli.learn.algorithms import ALGORITHMS
 from drcli.model.files.action_space import ActionSpace
 from drsim.track.track import Track
 
@@ -230,7 +231,9 @@ def test_the_entropy_rises_only_if_it_does_for_long():
     falls, rises = np.linspace(1.6, 0.6, 30), np.linspace(0.6, 1.1, 20)
 
     def since(values: np.ndarray, *, sac: bool = False) -> int | None:
-        return learner_health(pd.DataFrame({"entropy": values}), sac=sac).rising_since
+        return learner_health(
+            pd.DataFrame({"entropy": values}), ALGORITHMS["sac" if sac else "clipped_ppo"]
+        ).rising_since
 
     both = np.concatenate([falls, rises])
     assert since(falls) is None

@@ -203,7 +203,7 @@ class PaperRun:
         self.options = options
         if self.refusal is not None:
             raise self.refusal
-        job = Job(settings.run, "abc", 7, None, None, settings.directory / "data", 1)
+        job = Job(settings.run, "abc", 7, None, settings.directory / "data", 1)
         names = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
         files = (InputFile(name, b"", f"custom_files/{name}") for name in names)
         return RunPlan(job, Inputs(*files), self.warnings, None, "Ends some day.", wiped=self.wiped)
@@ -562,7 +562,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("races.queue_process.stop_queue", QueueStopped("cup", 4242))
     text = "EC2 announces that it will terminate this instance in 120 s."
     notice = WatchReport("aws", "interruption", "terminate", 120.0, text, 0)
-    answer("outside.notices.notice_watch.cloud_of_machine", "aws")
+    answer("clouds.registry.cloud_of_machine", "aws")
     answer("cli.commands.spot_watch.ForeignWatch.once", notice)
     answer("run.worker_processes.simulations", [worker])
     answer("run.worker_processes.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))

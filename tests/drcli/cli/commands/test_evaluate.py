@@ -452,7 +452,7 @@ def launched(working_folder, monkeypatch):
     def prepare(settings, *, clone, seed, own, opponent, on_progress):
         seen["clone"] = clone
         on_progress("Evaluation of model s3://bucket/model starting.")
-        job = Job(settings.run, "abc", 7, None, None, settings.directory / "data", 1)
+        job = Job(settings.run, "abc", 7, None, settings.directory / "data", 1)
         return EvaluationPlan(job, ["8_Step-4000.ckpt"], "20260102030405")
 
     def launch(plan):

@@ -216,8 +216,8 @@ def test_options_reach_the_start(dr, run, make_report):
     assert run.options is not None
     assert run.options.wipe
     assert not run.options.resume
-    assert (run.options.max_minutes, run.options.until_laps, run.options.seed) == (1.5, 3, 5)
-    assert run.options.until_lap_time_s == 8.5
+    assert (run.options.max_minutes, run.options.seed) == (1.5, 5)
+    assert run.options.goals == {"until_laps": 3, "until_lap_time_s": 8.5}
 
 
 def test_in_the_foreground_this_process_runs_the_training(dr, run, make_report, capsys):

@@ -137,7 +137,7 @@ def test_a_result_that_racers_code_has_written_is_refused_with_a_reason(begin):
     [failure] = begin(text).result().failures
 
     assert failure.kind == "ends"
-    assert "its version is None" in failure.reason
+    assert "its format is 1, not 2" in failure.reason
 
 
 def test_secrets_are_kept_from_racers_code(begin, monkeypatch):

@@ -54,9 +54,9 @@ def test_without_a_result_there_is_none(tmp_path):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"version": 2}, "its version is 2 instead of 1"),
-        ({"values": "many"}, "'values' cannot be"),
-        ({"failures": [{"kind": "tired"}]}, "in 'failures': 'kind' cannot be"),
+        ({"format": 1}, "its format is 1, not 2"),
+        ({"values": "many"}, r"at `\$\.values`"),
+        ({"failures": [{"kind": "tired"}]}, r"at `\$\.failures\[0\]\.kind`"),
     ],
 )
 def test_a_foreign_result_is_refused_with_a_reason(tmp_path, change, reason):

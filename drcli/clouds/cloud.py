@@ -1,15 +1,14 @@
-"""Asks the metadata service of a cloud machine, and reads EC2's.
+"""Notices in one form for all clouds, and the metadata service of a machine that gives them.
 
 Its address is link-local: no proxy, and an answer takes milliseconds or does not come.
 """
 
 import json
-import math
-import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
-from typing import Any
+from typing import Any, Literal, Protocol
 from urllib.parse import urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
@@ -20,17 +19,82 @@ with lazy_imports():
     from urllib import error as urllib_error
     from urllib import request as urllib_request
 
+Kind = Literal["interruption", "rebalance"]
+
 TIMEOUT_S = 1.0
 """As EC2's own libraries."""
 
 LARGEST_ANSWER = 1 << 20
 
-EC2_IPV4, EC2_IPV6 = "http://169.254.169.254", "http://[fd00:ec2::254]"
+LEAVING_S = 60.0
+"""Assumed for an end announced without a time."""
 
-TOKEN_S = 21_600
-"""The longest life of an EC2 token."""
 
-TOKEN_RENEW_S = 0.5 * TOKEN_S
+@dataclass(frozen=True)
+class Notice:
+    """Something takes this machine away, or may do so soon.
+
+    Attributes:
+        source: Name of a cloud, "command" or "signal".
+        kind: "interruption" is certain, "rebalance" a recommendation.
+    """
+
+    source: str
+    kind: Kind
+    action: str
+    seconds_left: float | None
+    text: str
+
+
+class NoticeSource(Protocol):
+    name: str
+
+    def ask(self) -> list[Notice]:
+        """What is announced now.
+
+        Raises:
+            MetadataSilent: No usable answer.
+        """
+
+    def is_spot(self) -> bool:
+        """Whether this machine may be taken away.
+
+        Raises:
+            MetadataSilent: No usable answer.
+        """
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A module in `providers` has one, as `CLOUD`.
+
+    Attributes:
+        name: In DR_INTERRUPTION_WATCH.
+        title: For people.
+        variable: With the address of its metadata service; machines that have it are its own.
+        owns: By the texts in `registry.DMI_FOLDER` by name.
+        source: By the environment and an address, which may be empty. None if the environment
+            forbids asking. Raises SettingsError if the address is wrong.
+    """
+
+    name: str
+    title: str
+    variable: str
+    owns: Callable[[Mapping[str, str]], bool]
+    source: Callable[[Mapping[str, str], str], NoticeSource | None]
+
+
+def moment(value: object) -> float | None:
+    from email.utils import parsedate_to_datetime
+
+    text = str(value or "")
+    for read in (datetime.fromisoformat, parsedate_to_datetime):
+        try:
+            found = read(text)
+        except (ValueError, TypeError, IndexError):
+            continue
+        return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+    return None
 
 
 class MetadataSilent(StorageError):
@@ -122,53 +186,3 @@ def checked_address(address: str) -> str:
             "AWS_EC2_METADATA_SERVICE_ENDPOINT, GCE_METADATA_HOST and DR_METADATA_SERVICE_URL.",
         )
     return stripped
-
-
-class Ec2Metadata:
-    """Reads with IMDSv2."""
-
-    def __init__(self, service: MetadataService) -> None:
-        self._service = service
-        self._token = ""
-        self._token_s = -math.inf
-
-    def read(self, path: str) -> Answer | None:
-        """What is below `latest/meta-data/`, or None.
-
-        Raises:
-            MetadataSilent: No usable answer in time.
-        """
-        answer = self._with_token(path)
-        if answer.status == 401:  # the token has expired, or belongs to an earlier boot
-            self._token_s = -math.inf
-            answer = self._with_token(path)
-        if answer.status == 404:
-            return None
-        if answer.status != 200:
-            raise silent(f"of EC2 answers {answer.status} for {path}")
-        return answer
-
-    def _with_token(self, path: str) -> Answer:
-        if time.monotonic() - self._token_s > TOKEN_RENEW_S:
-            ttl = {"X-aws-ec2-metadata-token-ttl-seconds": str(TOKEN_S)}
-            answer = self._service.ask("latest/api/token", ttl, "PUT")
-            if answer.status not in (200, 404, 405):  # those two: a service of the first version
-                raise silent(f"of EC2 gives no token (it answers {answer.status})")
-            self._token = answer.text if answer.status == 200 else ""
-            self._token_s = time.monotonic()
-        headers = {"X-aws-ec2-metadata-token": self._token} if self._token else {}
-        return self._service.ask(f"latest/meta-data/{path}", headers)
-
-
-def ec2_metadata(environment: Mapping[str, str], address: str = "") -> Ec2Metadata | None:
-    """None if Amazon's variables forbid it; an empty address means theirs, or the usual one.
-
-    Raises:
-        SettingsError: The address is wrong.
-    """
-    if environment.get("AWS_EC2_METADATA_DISABLED", "").strip().casefold() == "true":
-        return None
-    mode = environment.get("AWS_EC2_METADATA_SERVICE_ENDPOINT_MODE", "").strip().casefold()
-    usual = EC2_IPV6 if mode == "ipv6" else EC2_IPV4
-    named = environment.get("AWS_EC2_METADATA_SERVICE_ENDPOINT", "").strip()
-    return Ec2Metadata(MetadataService(address or named or usual))

@@ -1,0 +1,1 @@
+"""Clouds, and how each announces that it takes a machine away."""

@@ -1,0 +1,1 @@
+"""One module for each cloud; its `CLOUD` is all that others read."""
