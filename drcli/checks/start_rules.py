@@ -24,7 +24,7 @@ from drcli.model import keys, lease
 from drcli.model.files.network_shape import Design
 from drcli.model.model_prefix import KIND_WORDS, is_used, model_kind
 from drcli.model.model_store import ModelStore
-from drcli.model.repair_model import find_lost
+from drcli.model.repair import find_lost
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.records.training_record import budget_of
 from drcli.transfer import pretrained

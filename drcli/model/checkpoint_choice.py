@@ -10,10 +10,10 @@ from drcli.bucket.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing
 from drcli.config.value_types import WORDS, CheckpointChoice, CheckpointWord
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_evaluation
-from drcli.model.milestones import Milestone, Milestones, readable_milestones
+from drcli.model.milestones import Milestone, Milestones
 from drcli.model.model_prefix import what_helps
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import readable_history, readable_scores
+from drcli.model.reconstruct import readable_history, readable_milestones, readable_scores
 from drcli.records.checkpoint import CheckpointName, checkpoint_name
 from drcli.records.iteration import IterationRecord, Laps
 from drcli.records.scores import Score, Scores
@@ -43,19 +43,27 @@ class ModelCheckpoints:
     names: tuple[CheckpointName, ...]
     scores: Scores | None
     milestones: Milestones
+    history: list[IterationRecord]
+    damaged: tuple[str, ...]
 
     @staticmethod
     def read(model: ModelStore) -> "ModelCheckpoints":
         """Reconstructs damaged records, but writes nothing."""
-        bucket, prefix = model.bucket, model.prefix
-        listed = bucket.list(keys.model_folder(prefix))
-        found = {keys.checkpoint_of(prefix, info.key) for info in listed}
-        scores, _ = readable_scores(model)
-        history, _ = readable_history(model)
-        milestones, _ = readable_milestones(ModelStore(bucket, prefix), history)
-        names = tuple(sorted(name for name in found if name is not None))
-        url = f"s3://{bucket.name}/{prefix}"
-        return ModelCheckpoints(url, prefix, listed, names, scores, milestones)
+        listed = model.bucket.list(keys.model_folder(model.prefix))
+        found = {keys.checkpoint_of(model.prefix, info.key) for info in listed}
+        scores, damaged = readable_scores(model)
+        history, of_history = readable_history(model)
+        milestones, of_milestones = readable_milestones(model, history)
+        return ModelCheckpoints(
+            model.url,
+            model.prefix,
+            listed,
+            tuple(sorted(name for name in found if name is not None)),
+            scores,
+            milestones,
+            history,
+            (*damaged, *of_history, *of_milestones),
+        )
 
     def words_for(self, name: CheckpointName) -> list[CheckpointWord]:
         found: list[CheckpointWord] = []

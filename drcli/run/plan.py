@@ -34,7 +34,7 @@ from drcli.model.files.network_shape import Design, model_files
 from drcli.model.model_prefix import is_aborted_start, is_used, newest_checkpoint, what_helps, wipe
 from drcli.model.model_store import ModelStore
 from drcli.model.notes import describe
-from drcli.model.repair_model import find_lost, repair_all
+from drcli.model.repair import find_lost, repair
 from drcli.model.run_metadata import describe_start, read_start
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.records.checkpoint import CheckpointName, Counters
@@ -224,7 +224,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         )
     model = ModelStore.of(settings.model, bucket, prefix)
     conversion = plan_conversion(store) if options.resume else None
-    repairs = repair_all(model) if options.resume and conversion is None else []
+    repairs = repair(model) if options.resume and conversion is None else []
     for sentence in repairs:
         # Show these now: the plan's warnings are lost if the start is refused.
         errors.warn(sentence)

@@ -23,7 +23,7 @@ from drcli.model.model_list import CheckpointEntry
 from drcli.model.model_prefix import newest_checkpoint
 from drcli.model.model_store import ModelStore
 from drcli.model.notes import read_notes
-from drcli.model.repair import find_damage, readable_history, readable_scores
+from drcli.model.reconstruct import readable_history, readable_scores
 from drcli.model.training_state import (
     GONE_S,
     Rollback,
@@ -234,8 +234,8 @@ class RunReport:
         newest_laps: The newest evaluation; None before the first.
         warning: Problems with the learning curve; empty if there is none.
         advice: What to do about them, a sentence for each.
-        damaged: What is wrong with each damaged object in the bucket, and what to do about it. The
-            history and the checkpoints are reconstructed then, as far as possible.
+        damaged: What is wrong with each damaged object that this needs, and what to do about it;
+            what it told is worked out from others, as far as possible.
         unreachable: Why the bucket cannot be read; iterations and checkpoints are then missing.
             Empty if it can be.
         iterations: Finished iterations.
@@ -375,8 +375,6 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             counted = read_reward_errors(ModelStore(bucket, record.prefix))
             if counted:
                 failed = sum_of(each.total for each in counted)
-            if reader is None:  # whoever looks again and again need not read everything
-                damaged = find_damage(model)
             try:
                 rollbacks = read_rollbacks(ModelStore(bucket, record.prefix)).entries
             except ObjectDamaged as error:

@@ -15,9 +15,8 @@ from drcli.drive.driving import Driven, columns_of
 from drcli.metrics.figure_events import episode_points
 from drcli.metrics.open_sinks import sender_of_episodes
 from drcli.model import keys
-from drcli.model.growing_file import GrowingFile, Layout, list_parts
+from drcli.model.growing_file import GrowingFile, Layout, list_parts, read_all_metrics
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics
 from drcli.model.traces import TraceRetention
 from drcli.model.training_state import read_rollbacks
 from drcli.records.checkpoint import CheckpointName, checkpoint_name

@@ -30,7 +30,7 @@ from drcli.model.checkpoint_list import (
 from drcli.model.files.params_yaml import training_parameters
 from drcli.model.model_prefix import contains
 from drcli.model.model_store import ModelStore
-from drcli.model.repair_model import repair_or_warn
+from drcli.model.repair import repair_unless_trained
 from drcli.model.write_probe import prove_writing
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord
 from drcli.transfer.put_model import POINTERS, Delivery, Progress, TransferReport, replay_bytes
@@ -368,7 +368,8 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     )
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     model = ModelStore(here, source)
-    repair_or_warn(settings.model, model, may_write=not options.dry_run)
+    if not options.dry_run:
+        repair_unless_trained(settings.model, model)
     refuse_incomplete(settings.model, model)
     chosen = take_choice(ModelStore.of(settings.model, here, source), options.choice)
     there.list(keys.model_folder(target))  # fails here if the target cannot be reached

@@ -18,9 +18,10 @@ from drcli.config.editing import raised
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys, lease
 from drcli.model.checkpoint_list import list_checkpoints
+from drcli.model.growing_file import read_all_metrics
 from drcli.model.model_list import signature_of
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics, readable_history, readable_scores
+from drcli.model.reconstruct import readable_history, readable_scores
 from drcli.model.traces import models_in
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.episode_metrics import EpisodeMetrics

@@ -12,7 +12,7 @@ from drcli.bucket.bucket import Bucket, ObjectInfo
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import readable_history
+from drcli.model.reconstruct import readable_history
 from drcli.model.traces import models_in
 from drcli.records.episode_metrics import decode_metrics_file
 from drcli.records.iteration import IterationRecord

@@ -14,7 +14,7 @@ from drcli.model.checkpoints import CheckpointsLost, checkpoint_objects
 from drcli.model.history import write_history
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import traced_iterations
-from drcli.model.repair_model import find_lost, refuse_lost
+from drcli.model.repair import find_lost, refuse_lost
 from drcli.records.iteration import IterationRecord
 from drcli.run.plan import StartOptions, prepare
 from drcli.run.resume_or_start import prepare_next

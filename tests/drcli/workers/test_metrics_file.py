@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from drcli.model import growing_file, keys
-from drcli.model.growing_file import list_parts
+from drcli.model.growing_file import list_parts, read_all_metrics
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics, repair_metrics
+from drcli.model.repair import repair_metrics
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.records.trace import Episode, Row, csv_text, schedule
 from drcli.train.drive_results import TrainingMetrics

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from drcli.model import keys
+from drcli.model.growing_file import read_all_metrics
 from drcli.model.history import read_history
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics
 from drcli.model.training_state import read_reward_errors
 from drcli.records.reward import MOST_ERRORS, RewardErrorRecord, sum_of
 from drcli.records.trace import read_csv
