@@ -241,8 +241,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     found_files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
     if conversion is not None:
         found_files |= conversion.own_files(found_files)
-    before_this = prefix if options.resume else _pretrained_prefix(settings)
-    kept = kept_method(bucket, before_this) if options.method is None else None
+    before_this = store if options.resume else _pretrained(settings, bucket)
+    kept = kept_method(before_this) if before_this is not None and not options.method else None
     files = chosen_method(found_files, options.method, kept)
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
@@ -262,9 +262,9 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     found = of_severity([*clock, *examined.problems], "warning")
     warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, found)]
     if before_this is not None and not design.parameters.taught:
-        warnings += _steps_too_large(bucket, before_this, design)
-    if files != found_files and kept is not None:
-        warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this))
+        warnings += _steps_too_large(before_this, design)
+    if files != found_files and kept is not None and before_this is not None:
+        warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this.prefix))
     if resumes is not None and design.metadata.algorithm.replay:
         warnings += _replay_lost(design, store, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
@@ -340,22 +340,23 @@ def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, buc
     return ending(replace(job, stages=staged.stages), parameters)
 
 
-def _pretrained_prefix(settings: Settings) -> str | None:
-    return None if settings.pretrained_model is None else settings.pretrained_model.prefix
+def _pretrained(settings: Settings, bucket: Bucket) -> ModelStore | None:
+    given = settings.pretrained_model
+    return None if given is None else ModelStore(bucket, given.prefix)
 
 
-def _steps_too_large(bucket: Bucket, before: str, design: Design) -> list[str]:
+def _steps_too_large(before: ModelStore, design: Design) -> list[str]:
     lr = design.parameters.lr
-    if lr <= FINE_LR or kept_method(bucket, before) is None:
+    if lr <= FINE_LR or kept_method(before) is None:
         return []
     return [
-        f"{design.parameters_origin}: lr={lr:g} is high for the weights of {before}, which learned "
-        f"from a teacher: they may be lost within a few updates. Write lr={FINE_LR:g} and "
+        f"{design.parameters_origin}: lr={lr:g} is high for the weights of {before.prefix}, which "
+        f"learned from a teacher: they may be lost within a few updates. Write lr={FINE_LR:g} and "
         "target_kl=0.03 to go on without a teacher."
     ]
 
 
-def _keeps_teacher(file: str, before: str | None) -> str:
+def _keeps_teacher(file: str, before: str) -> str:
     return (
         f"{file} has no training_method, so that of {before} is kept: teacher. --no-teacher, or "
         '"training_method": "camera" in the file, goes on without it.'

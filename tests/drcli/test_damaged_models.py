@@ -306,8 +306,6 @@ def is_told(name: str, damage: str) -> bool:
         return damage in ("empty", "cut short", "a list")
     if (name, damage) == ("hyperparameters", "no keys"):
         return False  # that is a file with nothing but defaults
-    if (name, damage) == ("evaluation", "a bit in its middle"):
-        return False  # that may be the name of something that need not be there
     return name not in ("finished", "parameters")
 
 

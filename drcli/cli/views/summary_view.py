@@ -13,7 +13,7 @@ from drcli.cli.views.layout import counted, fitted
 if TYPE_CHECKING:
     from drcli.records.training_record import DayBudget
     from drcli.run.stopping import StopReport
-    from drcli.run.summary import Addresses, BucketState, Running, Summary
+    from drcli.run.summary import Addresses, Running, Summary
     from drcli.run.worker_processes import SpeedReport
 
 WIDE = 120
@@ -23,7 +23,7 @@ Rows = list[tuple[str, RenderableType]]
 
 @fitted
 def summary(columns: int, report: "Summary") -> RenderableType:
-    left = [("Model", _model_rows(report)), ("Bucket", _bucket_rows(report.bucket, report.prefix))]
+    left = [("Model", _model_rows(report)), ("Bucket", _bucket_rows(report))]
     right = [("Running", _running_rows(report.running)), ("Machine", _machine_rows(report))]
     head: list[RenderableType] = [Text(report.folder, style="bold")]
     origin = [f"experiment {report.experiment}"] if report.experiment else []
@@ -108,7 +108,8 @@ def _model_rows(report: "Summary") -> Rows:
     ]
 
 
-def _bucket_rows(bucket: "BucketState", prefix: str) -> Rows:
+def _bucket_rows(report: "Summary") -> Rows:
+    bucket, prefix = report.bucket, report.prefix
     states = {
         "answers": Text("answers", style="green"),
         "stopped": Text("not running; it starts when needed", style="yellow"),
