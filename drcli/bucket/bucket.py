@@ -82,7 +82,6 @@ def read_record(
     bucket: Bucket,
     key: str,
     decode: Callable[[bytes], T],
-    remedy: str,
     *,
     written: bool = False,
     pause: Callable[[float], None] = time.sleep,
@@ -100,17 +99,25 @@ def read_record(
     """
     for pause_s in _OVERWRITTEN_S:
         try:
-            return _decoded(bucket, key, decode, remedy)
+            return _decoded(bucket, key, decode)
         except ObjectDamaged:
             pause(pause_s)
         except ObjectMissing:
             if not written:
                 raise
             pause(pause_s)
-    return _decoded(bucket, key, decode, remedy)
+    return _decoded(bucket, key, decode)
 
 
-def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str) -> T:
+def find_record(bucket: Bucket, key: str, decode: Callable[[bytes], T]) -> T | None:
+    """As `read_record`; None if it does not exist."""
+    try:
+        return read_record(bucket, key, decode)
+    except ObjectMissing:
+        return None
+
+
+def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T]) -> T:
     data = bucket.get(key)
     try:
         return decode(data)
@@ -120,7 +127,7 @@ def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str
             remedy="Update drcli on this machine.",
         ) from e
     except RecordError as e:
-        raise ObjectDamaged(f"{bucket.name}/{key} is damaged: {e}.", remedy=remedy) from e
+        raise ObjectDamaged(f"{bucket.name}/{key} is damaged: {e}.", remedy=remedy_of(key)) from e
 
 
 _PLACEHOLDERS = ("_$folder$", "/.keep", "/.gitkeep", "/.bzEmpty", "/.emptyFolderPlaceholder")

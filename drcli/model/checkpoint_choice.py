@@ -10,7 +10,7 @@ from drcli.bucket.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing
 from drcli.config.value_types import WORDS, CheckpointChoice, CheckpointWord
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_evaluation
-from drcli.model.milestones import Milestone, Milestones
+from drcli.model.milestones import Milestones
 from drcli.model.model_prefix import what_helps
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import readable_history, readable_milestones, readable_scores
@@ -199,14 +199,13 @@ def find_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = ""
         SettingsError: The model has no checkpoint.
     """
     bucket, prefix = model.bucket, model.prefix
-    store = ModelStore(bucket, prefix)
     scores, _ = readable_scores(model)
     if choice == "last" or choice == "best":
         if scores is None:
             raise SettingsError(
                 f"No checkpoint file available at s3://{bucket.name}/"
                 f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
-                remedy=what_helps(store),
+                remedy=what_helps(model),
             )
         score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
         listed = bucket.list(keys.model_folder(prefix))
@@ -221,7 +220,7 @@ def find_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = ""
             return Chosen(choice, _score(scores, name), _parts(listed, prefix, str(name)))
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(store))
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(model))
     if isinstance(choice, int):
         name = _numbered(has, choice, remedy)
     else:
@@ -274,7 +273,8 @@ def _numbered(has: ModelCheckpoints, number: int, remedy: str) -> CheckpointName
 
 
 def _reached(has: ModelCheckpoints, word: CheckpointWord, remedy: str) -> CheckpointName:
-    milestone = _milestone(has.milestones, word)
+    reached = has.milestones.reached()
+    milestone = next((found for kind, found in reached if kind == word), None)
     if milestone is None:
         raise _gone(has, f"There is no checkpoint {word}: {_NEVER[word]}.", remedy)
     if milestone.name not in has.names:
@@ -283,10 +283,6 @@ def _reached(has: ModelCheckpoints, word: CheckpointWord, remedy: str) -> Checkp
             has, f"Checkpoint {number}, which is {word}, is not there: it was deleted.", remedy
         )
     return milestone.name
-
-
-def _milestone(milestones: Milestones, word: CheckpointWord) -> Milestone | None:
-    return next((found for kind, found in milestones.reached() if kind == word), None)
 
 
 def _incomplete(bucket: Bucket, missing: Iterable[str]) -> str:

@@ -270,7 +270,7 @@ class CheckpointStore:
         key = keys.checkpoint_record(self._model.prefix, name)
         decode = partial(CheckpointRecord.decode_of, name)
         # `attach_optimizer` writes it a second time, just when the workers read it.
-        return read_record(self._model.bucket, key, decode, remedy_of(key), written=True)
+        return read_record(self._model.bucket, key, decode, written=True)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Raises ObjectMissing or ObjectDamaged, with the file."""

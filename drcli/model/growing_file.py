@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 from drcli.base.errors import DrError, StorageError
 from drcli.base.json_record import RecordError, decode_json
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import Bucket, ObjectMissing, read_record
 from drcli.model import keys
 from drcli.records.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
 from drcli.records.iteration import IterationRecord, decode_history, encode_history
@@ -286,7 +286,7 @@ def read_growing(
     """Empty if missing; raises ObjectDamaged."""
 
     def read(key: str) -> list[R]:
-        return read_record(bucket, key, decode, remedy_of(key))
+        return read_record(bucket, key, decode)
 
     parts = read_parts(bucket, key, read)
     try:

@@ -4,7 +4,7 @@ from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from drcli.bucket.bucket import ObjectInfo, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import ObjectInfo, ObjectMissing, read_record
 from drcli.model import keys
 from drcli.model.growing_file import (
     GrowingFile,
@@ -146,7 +146,7 @@ class HistoryReader:
         for each in sorted(infos, reverse=True):  # the whole object last, see `read_parts`
             if each not in self._known:
                 try:
-                    records = read_record(model.bucket, each, decode_history, remedy_of(each))
+                    records = read_record(model.bucket, each, decode_history)
                 except ObjectMissing:  # deleted since the listing: the whole object has it
                     self._known.clear()
                     return read_history(model)

@@ -52,18 +52,19 @@ KEPT_DAMAGED, KEPT_BYTES = 100, 256 << 20
 """How many damaged objects of a model are kept, and the largest size of the older ones."""
 
 
-def repair_unless_trained(config: ModelConfig, store: ModelStore) -> None:
-    """Repair a model, and say so, while nobody trains it."""
+def repair_unless_trained(config: ModelConfig, store: ModelStore, *, missing: bool = False) -> None:
+    """Repair a model, and say so, while nobody trains it; `missing` as in `repair`."""
     if lease.live_holder(store) is None:
-        for sentence in repair(ModelStore.of(config, store.bucket, store.prefix)):
+        for sentence in repair(ModelStore.of(config, store.bucket, store.prefix), missing=missing):
             errors.warn(sentence)
 
 
-def repair(model: ModelStore) -> list[str]:
+def repair(model: ModelStore, *, missing: bool = True) -> list[str]:
     """Set damaged objects aside and write them again, and missing ones; only while nobody trains.
 
     The embedded server deletes an old object before renaming the new. If killed then, no client can
-    write it again. A model of the reference stays as it is: its checkpoints do not help.
+    write it again. A model of the reference stays as it is: its checkpoints do not help. `missing`:
+    a pointer to no checkpoint counts as damaged.
 
     Returns:
         For each, what was wrong, and what was done.
@@ -73,7 +74,7 @@ def repair(model: ModelStore) -> list[str]:
     """
     if model_kind(model) == "tensorflow":
         return []
-    return _repaired(model, model_objects(model))
+    return _repaired(model, model_objects(model, missing=missing))
 
 
 def repair_metrics(model: ModelStore) -> list[str]:
@@ -150,10 +151,10 @@ def _fault(model: ModelStore, item: ModelObject) -> tuple[str, bytes | None]:
 def _refuse_newer(model: ModelStore) -> None:
     for item in model_objects(model):
         with suppress(ObjectMissing, ObjectDamaged):
-            read_record(model.bucket, item.key, item.decode, remedy="")
+            read_record(model.bucket, item.key, item.decode)
 
 
-def model_objects(model: ModelStore) -> Iterator[ModelObject]:
+def model_objects(model: ModelStore, *, missing: bool = False) -> Iterator[ModelObject]:
     """All that a training reads again, in the order in which each needs those before."""
     prefix = model.prefix
 
@@ -179,9 +180,19 @@ def model_objects(model: ModelStore) -> Iterator[ModelObject]:
         _refuse_missing(model, found.best_checkpoint.name, found.last_checkpoint.name)
 
     key = keys.coach_checkpoint(prefix)
-    yield ModelObject(key, pointer, partial(_write_pointer, model), partial(_missing, model, key))
+    yield ModelObject(
+        key,
+        pointer if missing else decode_pointer,
+        partial(_write_pointer, model),
+        partial(_missing, model, key),
+    )
     key = keys.deepracer_checkpoints(prefix)
-    yield ModelObject(key, scores, partial(_write_scores, model), partial(_missing, model, key))
+    yield ModelObject(
+        key,
+        scores if missing else Scores.decode,
+        partial(_write_scores, model),
+        partial(_missing, model, key),
+    )
     key = keys.milestones(prefix)
     yield ModelObject(key, Milestones.decode, partial(_write_milestones, model))
     yield from _metrics(model)

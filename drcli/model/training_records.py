@@ -15,8 +15,8 @@ from drcli.bucket.bucket import (
     ObjectDamaged,
     ObjectMissing,
     ObjectNewer,
+    find_record,
     read_record,
-    remedy_of,
 )
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -51,11 +51,8 @@ def read_training(model: ModelStore, training: str) -> TrainingRecord | None:
         ObjectDamaged: It is unreadable.
         ObjectNewer: A newer drcli wrote it.
     """
-    try:
-        key = keys.training_record(model.prefix, training)
-        return read_record(model.bucket, key, TrainingRecord.decode, remedy_of(key))
-    except ObjectMissing:
-        return None
+    key = keys.training_record(model.prefix, training)
+    return find_record(model.bucket, key, TrainingRecord.decode)
 
 
 def write_training(bucket: Bucket, record: TrainingRecord) -> None:
@@ -88,11 +85,10 @@ def read_trainings(bucket: Bucket, prefix: str = "") -> tuple[list[TrainingRecor
 
 
 def read_files(model: ModelStore, training: str) -> Mapping[str, str]:
-    try:
-        key = keys.training_files(model.prefix, training)
-        return read_record(model.bucket, key, TrainingFiles.decode, remedy_of(key)).texts
-    except (ObjectMissing, ObjectDamaged, ObjectNewer):
-        return {}
+    key = keys.training_files(model.prefix, training)
+    with suppress(ObjectMissing, ObjectDamaged, ObjectNewer):
+        return read_record(model.bucket, key, TrainingFiles.decode).texts
+    return {}
 
 
 def add_files(model: ModelStore, training: str, texts: Mapping[str, str]) -> None:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Literal
@@ -14,8 +15,7 @@ from drcli.bucket.bucket import (
     ObjectDamaged,
     ObjectInfo,
     ObjectMissing,
-    read_record,
-    remedy_of,
+    find_record,
 )
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -37,11 +37,9 @@ FORGOTTEN_S = 600.0
 
 def read_shares_record(model: ModelStore) -> SharesRecord | None:
     """None before a worker joined, or if damaged."""
-    key = keys.shares(model.prefix)
-    try:
-        return read_record(model.bucket, key, SharesRecord.decode, remedy_of(key))
-    except (ObjectMissing, ObjectDamaged):
-        return None
+    with suppress(ObjectDamaged):
+        return find_record(model.bucket, keys.shares(model.prefix), SharesRecord.decode)
+    return None
 
 
 def read_shares(model: ModelStore, session: str, iteration: int) -> Shares | None:
@@ -243,11 +241,8 @@ NO_ROLLBACKS = Rollbacks()
 
 
 def read_rollbacks(model: ModelStore) -> Rollbacks:
-    key = keys.rollbacks(model.prefix)
-    try:
-        return read_record(model.bucket, key, Rollbacks.decode, remedy_of(key))
-    except ObjectMissing:
-        return Rollbacks()
+    found = find_record(model.bucket, keys.rollbacks(model.prefix), Rollbacks.decode)
+    return found or Rollbacks()
 
 
 def write_rollbacks(model: ModelStore, rollbacks: Rollbacks) -> None:
@@ -264,11 +259,8 @@ def read_outcome(model: ModelStore) -> RunOutcome | None:
     Raises:
         ObjectNewer: A newer drcli wrote it.
     """
-    key = keys.outcome(model.prefix)
     try:
-        return read_record(model.bucket, key, RunOutcome.decode, remedy_of(key))
-    except ObjectMissing:
-        return None
+        return find_record(model.bucket, keys.outcome(model.prefix), RunOutcome.decode)
     except ObjectDamaged as error:
         errors.warn(f"{error} {error.remedy}")
         return None

@@ -7,14 +7,19 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from types import FrameType
 
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import RecordError, from_json
 from drcli.base.processes import handle, restore, started_s
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import (
+    Bucket,
+    ObjectDamaged,
+    ObjectMissing,
+    find_record,
+)
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.start_rules import refuse_second_run
 from drcli.config.run_config import RaceConfig
@@ -219,11 +224,9 @@ class JoinedMachine:
         return end.session == session
 
     def _join_record(self) -> JoinRecord | None:
-        key = keys.join_record(self._prefix)
-        try:
-            return read_record(self._bucket, key, JoinRecord.decode, remedy_of(key))
-        except (ObjectMissing, ObjectDamaged):
-            return None
+        with suppress(ObjectDamaged):
+            return find_record(self._bucket, keys.join_record(self._prefix), JoinRecord.decode)
+        return None
 
     def _own_job(self, record: JoinRecord) -> Job:
         try:

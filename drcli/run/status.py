@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
 from drcli.base.processes import exists
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.bucket.connect import open_running_bucket
 from drcli.bucket.request_count import read_counts
 from drcli.config.run_config import RunConfig
@@ -525,7 +525,7 @@ def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
 def _said(model: ModelStore, name: str) -> ActivityRecord:
     key = keys.status(model.prefix, name)
     try:
-        return read_record(model.bucket, key, ActivityRecord.decode, remedy_of(key))
+        return read_record(model.bucket, key, ActivityRecord.decode)
     except ObjectMissing:
         return _here("starting")
     except ObjectDamaged as error:

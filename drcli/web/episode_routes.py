@@ -10,7 +10,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import StorageError
-from drcli.bucket.bucket import ObjectDamaged, ObjectInfo, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import ObjectDamaged, ObjectInfo, ObjectMissing, read_record
 from drcli.model import keys
 from drcli.model.growing_file import combined_metrics
 from drcli.model.history import HistoryReader
@@ -133,7 +133,7 @@ class MetricsReader:
         for key in sorted(infos, reverse=True):
             if key not in kept:
                 with suppress(ObjectMissing, ObjectDamaged):
-                    records = read_record(model.bucket, key, decode_metrics, remedy_of(key))
+                    records = read_record(model.bucket, key, decode_metrics)
                     kept[key] = infos[key], records
         self._episodes = _sorted(kept, folder)
         return self._episodes

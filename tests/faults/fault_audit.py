@@ -76,7 +76,7 @@ class Audit:
         model = ModelStore(self.bucket, self.prefix, metrics, workers=range(self.workers))
         for item in model_objects(model):
             try:
-                read_record(self.bucket, item.key, item.decode, remedy="")
+                read_record(self.bucket, item.key, item.decode)
             except ObjectMissing:
                 continue
             except ObjectDamaged as error:
