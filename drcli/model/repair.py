@@ -345,83 +345,51 @@ def _write_start(model: ModelStore, key: str) -> str:
 # Beginning again at iteration 0 would overwrite the rest of it.
 
 
-_PREFIX = "DR_LOCAL_S3_MODEL_PREFIX"
+_PREFIX, _METRICS = "DR_LOCAL_S3_MODEL_PREFIX", "DR_LOCAL_S3_METRICS_PREFIX"
 
 
-@dataclass(frozen=True)
-class Lost:
-    """What a model without a readable checkpoint has lost, and what is left of it.
+def refuse_lost(
+    model: ModelStore, *, metrics_too: bool = False, in_environment: bool = False
+) -> None:
+    """Raise CheckpointsLost if a training must not begin here, with the command that starts over.
 
-    Attributes:
-        trained: Iterations.
-        checkpoints: Like the next two, a number with first and last.
-        beside: An unused prefix.
-    """
-
-    model: str
-    trained: int
-    checkpoints: str
-    curve: str
-    traces: str
-    files: int
-    beside: str
-
-    def refusal(self, *also: str, set_in_environment: bool = False) -> CheckpointsLost:
-        """The error, with the command that starts over."""
-        values = " ".join((f"{_PREFIX}={self.beside}", *also))
-        command = f"dr-config set {values} && dr-start-training"
-        if set_in_environment:
-            command = f"{values} dr-start-training"
-        return CheckpointsLost(
-            f"{self.model} was trained for {self.trained} iterations, but has no checkpoint that "
-            f"can be read. Lost: {self.checkpoints}. Left: the learning curve of {self.curve}, "
-            f"traces of {self.traces}, {self.files} files with content in all. Nothing was "
-            "changed.",
-            remedy="Restore a checkpoint from a copy, or start over beside it, which deletes "
-            f"nothing: `{command}`.",
-        )
-
-
-def find_lost(model: ModelStore) -> Lost | None:
-    """None if a checkpoint can be read or reconstructed, or none was published.
-
-    The reference's count as readable. Nothing is changed.
+    Unless a checkpoint can be read or reconstructed, or none was published. The reference's count
+    as readable. Nothing is changed. `metrics_too`: a setting names their place, too;
+    `in_environment`: these settings are there.
     """
     listed = {info.key: info.size_bytes for info in model.bucket.list(keys.folder(model.prefix))}
     if not any(_tells_of_training(model.prefix, key) for key in listed):
-        return None
+        return
     store = CheckpointStore(model)
     try:
         found = store.load_latest() is not None
     except CheckpointsLost:
         found = False
     if found or any(map(keys.is_tensorflow_part, listed)):
-        return None
+        return
     history = reconstruct_history(model)
-    for name in whole_checkpoints(model):
-        if reconstruct_record(model, name, history) is not None:
-            return None
+    whole = whole_checkpoints(model)
+    if any(reconstruct_record(model, name, history) is not None for name in whole):
+        return
     names = {keys.checkpoint_of(model.prefix, key) for key in listed} | {store.pointed()}
     numbers = sorted({name.number for name in names if name is not None})
     traced = traced_iterations(model).items()
     traces = [n for n, own in traced if all(listed[key] for key in own.values())]
-    trained = max([-1, *traces, *(r.iteration for r in history), *(n - 1 for n in numbers)]) + 1
-    return Lost(
-        model.url,
-        trained,
-        _counted(numbers, "checkpoint"),
-        _counted([r.iteration for r in history], "iteration"),
-        _counted(traces, "iteration"),
-        sum(size > 0 for size in listed.values()),
-        _free_name(model),
+    known = [r.iteration for r in history]
+    trained = max([-1, *traces, *known, *(n - 1 for n in numbers)]) + 1
+    beside = _free_name(model)
+    values = f"{_PREFIX}={beside}"
+    if metrics_too:
+        values += f" {_METRICS}={keys.metrics_prefix(beside)}"
+    command = f"{values} " if in_environment else f"dr-config set {values} && "
+    raise CheckpointsLost(
+        f"{model.url} was trained for {trained} iterations, but has no checkpoint that can be "
+        f"read. Lost: {_counted(numbers, 'checkpoint')}. Left: the learning curve of "
+        f"{_counted(known, 'iteration')}, traces of {_counted(traces, 'iteration')}, "
+        f"{sum(map(bool, listed.values()))} files with content in all. Nothing was changed.",
+        remedy="Restore a checkpoint from a copy, or start over beside it, which deletes "
+        f"nothing: `{command}dr-start-training`.",
     )
-
-
-def refuse_lost(model: ModelStore) -> None:
-    """Raise CheckpointsLost if a training must not begin here."""
-    lost = find_lost(model)
-    if lost is not None:
-        raise lost.refusal()
 
 
 def _tells_of_training(prefix: str, key: str) -> bool:

@@ -34,7 +34,7 @@ from drcli.model.files.network_shape import Design, model_files
 from drcli.model.model_prefix import is_aborted_start, is_used, newest_checkpoint, what_helps, wipe
 from drcli.model.model_store import ModelStore
 from drcli.model.notes import describe
-from drcli.model.repair import find_lost, repair
+from drcli.model.repair import refuse_lost, repair
 from drcli.model.run_metadata import describe_start, read_start
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.records.checkpoint import CheckpointName, Counters
@@ -421,14 +421,11 @@ def _resumable(model: ModelStore) -> tuple[str | None, list[str]]:
 
 def _refuse_lost(settings: Settings, bucket: Bucket) -> None:
     """Rather than iteration 0 among a model's remains."""
-    lost = find_lost(ModelStore(bucket, settings.model_prefix))
-    if lost is None:
-        return
     metrics = written(settings, METRICS)
-    stays = metrics is not None and "$" not in metrics  # so it would be that of the old model
-    raise lost.refusal(
-        *([f"{METRICS}={keys.metrics_prefix(lost.beside)}"] if stays else []),
-        set_in_environment=settings.source(MODEL) == "environment",
+    refuse_lost(
+        ModelStore(bucket, settings.model_prefix),
+        metrics_too=metrics is not None and "$" not in metrics,  # it would be that of the old model
+        in_environment=settings.source(MODEL) == "environment",
     )
 
 
