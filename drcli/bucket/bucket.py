@@ -3,6 +3,7 @@
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol, TypeVar
@@ -115,6 +116,18 @@ def find_record(bucket: Bucket, key: str, decode: Callable[[bytes], T]) -> T | N
         return read_record(bucket, key, decode)
     except ObjectMissing:
         return None
+
+
+def readable_record(bucket: Bucket, key: str, decode: Callable[[bytes], T]) -> T | None:
+    """None also if it is damaged: for what is soon written again."""
+    with suppress(ObjectMissing, RecordError):
+        return decode(bucket.get(key))
+    return None
+
+
+def readable_records(bucket: Bucket, folder: str, decode: Callable[[bytes], T]) -> list[T]:
+    found = (readable_record(bucket, info.key, decode) for info in bucket.list(folder))
+    return [record for record in found if record is not None]
 
 
 def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T]) -> T:

@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
 
-from drcli.base.json_record import RecordError
 from drcli.bucket.bucket import (
     Bucket,
     ObjectDamaged,
@@ -17,6 +16,8 @@ from drcli.bucket.bucket import (
     ObjectNewer,
     find_record,
     read_record,
+    readable_record,
+    readable_records,
 )
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -151,21 +152,16 @@ _STATES: Mapping[str, TrainingState] = {
 
 
 def known_outcome(model: ModelStore) -> RunOutcome | None:
-    with suppress(ObjectMissing, RecordError):
-        return RunOutcome.decode(model.bucket.get(keys.outcome(model.prefix)))
-    return None
+    return readable_record(model.bucket, keys.outcome(model.prefix), RunOutcome.decode)
 
 
 # What a training's starts have cost.
 
 
 def read_spending(model: ModelStore) -> dict[str, StartSpending]:
-    found = {}
-    for info in model.bucket.list(keys.spending_folder(model.prefix)):
-        with suppress(ObjectMissing, RecordError):
-            one = StartSpending.decode(model.bucket.get(info.key))
-            found[one.session] = one
-    return found
+    folder = keys.spending_folder(model.prefix)
+    found = readable_records(model.bucket, folder, StartSpending.decode)
+    return {one.session: one for one in found}
 
 
 def with_spending(record: TrainingRecord, spent: Mapping[str, StartSpending]) -> TrainingRecord:

@@ -9,13 +9,14 @@ from datetime import datetime
 from typing import Literal
 
 from drcli.base import errors
-from drcli.base.json_record import JsonRecord, RecordError, Seconds
+from drcli.base.json_record import JsonRecord, Seconds
 from drcli.bucket.bucket import (
     READS_FAR,
     ObjectDamaged,
     ObjectInfo,
-    ObjectMissing,
     find_record,
+    readable_record,
+    readable_records,
 )
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -80,10 +81,7 @@ class MemberReader:
 
     def _records(self, changed: Mapping[str, ObjectInfo]) -> dict[str, MemberRecord | None]:
         def read(info: ObjectInfo) -> MemberRecord | None:
-            try:
-                return MemberRecord.decode(self._model.bucket.get(info.key))
-            except (ObjectMissing, RecordError):
-                return None
+            return readable_record(self._model.bucket, info.key, MemberRecord.decode)
 
         if len(changed) < 2:
             return {name: read(info) for name, info in changed.items()}
@@ -132,12 +130,8 @@ def read_reward_errors(model: ModelStore) -> list[RewardErrorRecord]:
     Raises:
         StorageError: The bucket does not answer.
     """
-    found = []
-    for info in model.bucket.list(keys.reward_errors_folder(model.prefix)):
-        try:
-            found.append(RewardErrorRecord.decode(model.bucket.get(info.key)))
-        except (ObjectMissing, RecordError):  # its worker writes it again
-            continue
+    folder = keys.reward_errors_folder(model.prefix)
+    found = readable_records(model.bucket, folder, RewardErrorRecord.decode)
     return sorted(found, key=lambda record: record.worker)
 
 

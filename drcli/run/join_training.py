@@ -17,8 +17,8 @@ from drcli.base.processes import handle, restore, started_s
 from drcli.bucket.bucket import (
     Bucket,
     ObjectDamaged,
-    ObjectMissing,
     find_record,
+    readable_record,
 )
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.start_rules import refuse_second_run
@@ -217,11 +217,8 @@ class JoinedMachine:
         return None
 
     def _is_complete(self, session: str) -> bool:
-        try:
-            end = TrainingEnd.decode(self._bucket.get(keys.finished(self._prefix)))
-        except (ObjectMissing, RecordError):
-            return False
-        return end.session == session
+        end = readable_record(self._bucket, keys.finished(self._prefix), TrainingEnd.decode)
+        return end is not None and end.session == session
 
     def _join_record(self) -> JoinRecord | None:
         with suppress(ObjectDamaged):

@@ -5,11 +5,11 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from drcli.base import errors
 from drcli.base.errors import BadValue, SettingsError
-from drcli.base.json_record import RecordError
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, readable_record
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.editing import RunEnvEdit, plan_edit, raised, written
 from drcli.config.loading import load_settings
@@ -281,11 +281,8 @@ def _is_ours(model: ModelStore, name: CheckpointName, found: list[str]) -> bool:
     record = keys.checkpoint_record(model.prefix, str(name))
     if record not in found or keys.checkpoint_tensors(model.prefix, str(name)) not in found:
         return False
-    try:
-        CheckpointRecord.decode_of(str(name), model.bucket.get(record))
-    except (RecordError, ObjectMissing):
-        return False
-    return True
+    decode = partial(CheckpointRecord.decode_of, str(name))
+    return readable_record(model.bucket, record, decode) is not None
 
 
 def _pointed(model: ModelStore) -> set[CheckpointName]:
