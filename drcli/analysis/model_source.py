@@ -300,7 +300,7 @@ def _in_own_bucket(settings: Settings, prefix: str, *, named: bool) -> ModelSour
         keys.folder(prefix)
     ):
         metrics = settings.metrics_prefix
-    return _in_bucket(bucket, prefix, metrics=metrics, setting=not named)
+    return _in_bucket(ModelStore(bucket, prefix), metrics=metrics, setting=not named)
 
 
 def _at_address(settings: Settings, address: str, *, local: bool) -> ModelSource:
@@ -312,14 +312,16 @@ def _at_address(settings: Settings, address: str, *, local: bool) -> ModelSource
             remedy="Write it as s3://bucket/team/model-1.",
         )
     if found[1] == settings.transfer.own.bucket and not local:
-        return _in_bucket(bucket_to_look_at(settings.transfer, upload=False), prefix)
+        bucket = bucket_to_look_at(settings.transfer, upload=False)
+        return _in_bucket(ModelStore(bucket, prefix))
     bucket = source_bucket(settings.transfer, found[1], local=local, patience_s=PATIENCE_S)
-    return _in_bucket(bucket, prefix)
+    return _in_bucket(ModelStore(bucket, prefix))
 
 
 def _in_bucket(
-    bucket: Bucket, prefix: str, *, metrics: str | None = None, setting: bool = False
+    model: ModelStore, *, metrics: str | None = None, setting: bool = False
 ) -> ModelSource:
+    bucket, prefix = model.bucket, model.prefix
     folder = keys.folder(prefix) if prefix else ""
     infos = {info.key.removeprefix(folder): info for info in bucket.list(folder)}
     real = {name: folder + name for name in infos}
@@ -333,7 +335,7 @@ def _in_bucket(
         if setting:
             remedy = "Train it with `dr-start-training`, or name another one; " + remedy
         else:
-            remedy = _similar(ModelStore(bucket, prefix)) + remedy
+            remedy = _similar(model) + remedy
         raise SettingsError(f"There is nothing at {origin}.", remedy=remedy)
     objects = Objects(
         {name: info.size_bytes for name, info in infos.items()},

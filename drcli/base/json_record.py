@@ -88,7 +88,8 @@ def decode_json(kind: type[T], data: bytes) -> T:
     """
     if b"\\ud" in data:  # half a pair, as in a path that is not UTF-8, is refused by msgspec
         return _checked(lambda: msgspec.convert(json.loads(data), kind, dec_hook=_read))
-    return _checked(lambda: msgspec.json.decode(data, type=kind, dec_hook=_read))
+    # Decoded first: msgspec skips names of keys that are not UTF-8, which are damaged ones.
+    return _checked(lambda: msgspec.json.decode(data.decode(), type=kind, dec_hook=_read))
 
 
 def from_json(kind: type[T], value: Any) -> T:

@@ -3,6 +3,7 @@
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol, TypeVar
@@ -82,7 +83,6 @@ def read_record(
     bucket: Bucket,
     key: str,
     decode: Callable[[bytes], T],
-    remedy: str,
     *,
     written: bool = False,
     pause: Callable[[float], None] = time.sleep,
@@ -100,17 +100,37 @@ def read_record(
     """
     for pause_s in _OVERWRITTEN_S:
         try:
-            return _decoded(bucket, key, decode, remedy)
+            return _decoded(bucket, key, decode)
         except ObjectDamaged:
             pause(pause_s)
         except ObjectMissing:
             if not written:
                 raise
             pause(pause_s)
-    return _decoded(bucket, key, decode, remedy)
+    return _decoded(bucket, key, decode)
 
 
-def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str) -> T:
+def find_record(bucket: Bucket, key: str, decode: Callable[[bytes], T]) -> T | None:
+    """As `read_record`; None if it does not exist."""
+    try:
+        return read_record(bucket, key, decode)
+    except ObjectMissing:
+        return None
+
+
+def readable_record(bucket: Bucket, key: str, decode: Callable[[bytes], T]) -> T | None:
+    """None also if it is damaged: for what is soon written again."""
+    with suppress(ObjectMissing, RecordError):
+        return decode(bucket.get(key))
+    return None
+
+
+def readable_records(bucket: Bucket, folder: str, decode: Callable[[bytes], T]) -> list[T]:
+    found = (readable_record(bucket, info.key, decode) for info in bucket.list(folder))
+    return [record for record in found if record is not None]
+
+
+def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T]) -> T:
     data = bucket.get(key)
     try:
         return decode(data)
@@ -120,7 +140,7 @@ def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str
             remedy="Update drcli on this machine.",
         ) from e
     except RecordError as e:
-        raise ObjectDamaged(f"{bucket.name}/{key} is damaged: {e}.", remedy=remedy) from e
+        raise ObjectDamaged(f"{bucket.name}/{key} is damaged: {e}.", remedy=remedy_of(key)) from e
 
 
 _PLACEHOLDERS = ("_$folder$", "/.keep", "/.gitkeep", "/.bzEmpty", "/.emptyFolderPlaceholder")

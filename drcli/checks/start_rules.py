@@ -21,10 +21,11 @@ from drcli.config.run_config import PretrainedConfig
 from drcli.config.settings import Settings
 from drcli.metrics.open_sinks import check_figures
 from drcli.model import keys, lease
+from drcli.model.checkpoints import CheckpointsLost
 from drcli.model.files.network_shape import Design
 from drcli.model.model_prefix import KIND_WORDS, is_used, model_kind
 from drcli.model.model_store import ModelStore
-from drcli.model.repair_model import find_lost
+from drcli.model.repair import refuse_lost
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.records.training_record import budget_of
 from drcli.transfer import pretrained
@@ -146,10 +147,10 @@ def review_prefix(store: ModelStore) -> list[Problem]:
         return []
     model = store.url
     kind = model_kind(store)
-    lost = find_lost(store)
-    if lost is not None:
-        refusal = lost.refusal()
-        return [Problem("V-09", "error", model, None, str(refusal), refusal.remedy)]
+    try:
+        refuse_lost(store)
+    except CheckpointsLost as lost:
+        return [Problem("V-09", "error", model, None, str(lost), lost.remedy)]
     what = f"Selected path {model} exists. It holds {KIND_WORDS[kind]}. Exiting."
     remedy = "Choose another DR_LOCAL_S3_MODEL_PREFIX in run.env; -w would delete what is there."
     if kind in ("drcli", "tensorflow"):

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drcli.bucket.bucket import ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import find_record, read_record
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import checkpoint_name
@@ -96,11 +96,7 @@ def _rank(episodes: EvaluationEpisodes) -> tuple[float, float]:
 
 def read_scores(model: ModelStore) -> Scores | None:
     """None before the first checkpoint; raises ObjectDamaged."""
-    key = keys.deepracer_checkpoints(model.prefix)
-    try:
-        return read_record(model.bucket, key, Scores.decode, remedy_of(key))
-    except ObjectMissing:
-        return None
+    return find_record(model.bucket, keys.deepracer_checkpoints(model.prefix), Scores.decode)
 
 
 def write_scores(model: ModelStore, scores: Scores) -> None:
@@ -127,7 +123,7 @@ def unscored(score: Score) -> Score:
 
 def read_evaluation(model: ModelStore, number: int) -> EvaluationResult:
     key = keys.evaluation_result(model.prefix, number)
-    return read_record(model.bucket, key, EvaluationResult.decode, remedy_of(key))
+    return read_record(model.bucket, key, EvaluationResult.decode)
 
 
 def write_evaluation(model: ModelStore, number: int, result: EvaluationResult) -> None:

@@ -10,10 +10,10 @@ from drcli.bucket.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing
 from drcli.config.value_types import WORDS, CheckpointChoice, CheckpointWord
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_evaluation
-from drcli.model.milestones import Milestone, Milestones, readable_milestones
+from drcli.model.milestones import Milestones
 from drcli.model.model_prefix import what_helps
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import readable_history, readable_scores
+from drcli.model.reconstruct import readable_history, readable_milestones, readable_scores
 from drcli.records.checkpoint import CheckpointName, checkpoint_name
 from drcli.records.iteration import IterationRecord, Laps
 from drcli.records.scores import Score, Scores
@@ -43,19 +43,27 @@ class ModelCheckpoints:
     names: tuple[CheckpointName, ...]
     scores: Scores | None
     milestones: Milestones
+    history: list[IterationRecord]
+    damaged: tuple[str, ...]
 
     @staticmethod
     def read(model: ModelStore) -> "ModelCheckpoints":
         """Reconstructs damaged records, but writes nothing."""
-        bucket, prefix = model.bucket, model.prefix
-        listed = bucket.list(keys.model_folder(prefix))
-        found = {keys.checkpoint_of(prefix, info.key) for info in listed}
-        scores, _ = readable_scores(model)
-        history, _ = readable_history(model)
-        milestones, _ = readable_milestones(ModelStore(bucket, prefix), history)
-        names = tuple(sorted(name for name in found if name is not None))
-        url = f"s3://{bucket.name}/{prefix}"
-        return ModelCheckpoints(url, prefix, listed, names, scores, milestones)
+        listed = model.bucket.list(keys.model_folder(model.prefix))
+        found = {keys.checkpoint_of(model.prefix, info.key) for info in listed}
+        scores, damaged = readable_scores(model)
+        history, of_history = readable_history(model)
+        milestones, of_milestones = readable_milestones(model, history)
+        return ModelCheckpoints(
+            model.url,
+            model.prefix,
+            listed,
+            tuple(sorted(name for name in found if name is not None)),
+            scores,
+            milestones,
+            history,
+            (*damaged, *of_history, *of_milestones),
+        )
 
     def words_for(self, name: CheckpointName) -> list[CheckpointWord]:
         found: list[CheckpointWord] = []
@@ -191,14 +199,13 @@ def find_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = ""
         SettingsError: The model has no checkpoint.
     """
     bucket, prefix = model.bucket, model.prefix
-    store = ModelStore(bucket, prefix)
     scores, _ = readable_scores(model)
     if choice == "last" or choice == "best":
         if scores is None:
             raise SettingsError(
                 f"No checkpoint file available at s3://{bucket.name}/"
                 f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
-                remedy=what_helps(store),
+                remedy=what_helps(model),
             )
         score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
         listed = bucket.list(keys.model_folder(prefix))
@@ -213,7 +220,7 @@ def find_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = ""
             return Chosen(choice, _score(scores, name), _parts(listed, prefix, str(name)))
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(store))
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(model))
     if isinstance(choice, int):
         name = _numbered(has, choice, remedy)
     else:
@@ -266,7 +273,8 @@ def _numbered(has: ModelCheckpoints, number: int, remedy: str) -> CheckpointName
 
 
 def _reached(has: ModelCheckpoints, word: CheckpointWord, remedy: str) -> CheckpointName:
-    milestone = _milestone(has.milestones, word)
+    reached = has.milestones.reached()
+    milestone = next((found for kind, found in reached if kind == word), None)
     if milestone is None:
         raise _gone(has, f"There is no checkpoint {word}: {_NEVER[word]}.", remedy)
     if milestone.name not in has.names:
@@ -275,10 +283,6 @@ def _reached(has: ModelCheckpoints, word: CheckpointWord, remedy: str) -> Checkp
             has, f"Checkpoint {number}, which is {word}, is not there: it was deleted.", remedy
         )
     return milestone.name
-
-
-def _milestone(milestones: Milestones, word: CheckpointWord) -> Milestone | None:
-    return next((found for kind, found in milestones.reached() if kind == word), None)
 
 
 def _incomplete(bucket: Bucket, missing: Iterable[str]) -> str:

@@ -1,12 +1,13 @@
 """Lists a model's checkpoints with their evaluations."""
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, Literal
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
 from drcli.base.report import Col, Styled, View, bold, counted, size_text, table
-from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.config.run_config import ModelConfig
 from drcli.config.value_types import CheckpointWord
 from drcli.model import keys
@@ -20,7 +21,7 @@ from drcli.model.milestones import KINDS, MilestoneKind, MilestoneReport
 from drcli.model.model_prefix import is_tensorflow, what_helps
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import readable_evaluations
-from drcli.model.repair import find_damage, readable_history
+from drcli.model.training_records import at_once
 from drcli.records.checkpoint import CheckpointName, checkpoint_name
 from drcli.records.iteration import Laps
 from drcli.records.stage import is_untaught
@@ -101,8 +102,8 @@ class CheckpointList:
     size_bytes: Annotated[int, "Of all checkpoints."]
     damaged: Annotated[
         list[str],
-        "What is wrong with each damaged object, and what to do about it; what the list "
-        "needs is reconstructed as far as possible.",
+        "What is wrong with each damaged object that the list needs, and what to do about "
+        "it; it is reconstructed as far as possible.",
     ] = field(default_factory=list)
 
     def view(self) -> View:
@@ -141,7 +142,7 @@ def list_checkpoints(
     has = ModelCheckpoints.read(model)
     if not has.names:
         raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(store))
-    history, _ = readable_history(model)
+    history = has.history
     results = readable_evaluations(store).values()
     # By number: where driving and learning overlap, an older one drove the iteration.
     evaluated = {
@@ -200,14 +201,25 @@ def list_checkpoints(
         for kind, found in has.milestones.reached()
     ]
     words_known = {entry.word for entry in reached}
+    records = [str(n) for n in has.names if keys.checkpoint_record(has.prefix, str(n)) in there]
     return CheckpointList(
         has.url,
         listed,
         reached,
         [kind for kind in KINDS if kind not in words_known],
         sum(sizes.values()),
-        find_damage(model),
+        [*has.damaged, *filter(None, at_once(partial(_damage, checkpoints), records))],
     )
+
+
+def _damage(store: CheckpointStore, name: str) -> str:
+    try:
+        store.record(name)
+    except ObjectDamaged as error:
+        return f"{error} {error.remedy}"
+    except (ObjectMissing, ObjectNewer):
+        pass
+    return ""
 
 
 def _mean(progress: list[float]) -> float | None:

@@ -9,8 +9,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from drcli.base.errors import StorageError
-from drcli.base.json_record import Fingerprint, RecordError
-from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.base.json_record import Fingerprint
+from drcli.bucket.bucket import (
+    ObjectDamaged,
+    ObjectMissing,
+    read_record,
+    readable_record,
+    remedy_of,
+)
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.model import best_checkpoint, keys
 from drcli.model.best_checkpoint import read_scores, write_scores
@@ -240,10 +246,8 @@ class CheckpointStore:
 
     def pointed(self) -> CheckpointName | None:
         """None before the first, or if damaged: the trainer repairs it."""
-        try:
-            return decode_pointer(self._model.bucket.get(keys.coach_checkpoint(self._model.prefix)))
-        except (ObjectMissing, RecordError):
-            return None
+        key = keys.coach_checkpoint(self._model.prefix)
+        return readable_record(self._model.bucket, key, decode_pointer)
 
     def stage_of_newest(self) -> StageMark | None:
         return self.counters_of_newest().stage
@@ -270,7 +274,7 @@ class CheckpointStore:
         key = keys.checkpoint_record(self._model.prefix, name)
         decode = partial(CheckpointRecord.decode_of, name)
         # `attach_optimizer` writes it a second time, just when the workers read it.
-        return read_record(self._model.bucket, key, decode, remedy_of(key), written=True)
+        return read_record(self._model.bucket, key, decode, written=True)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Raises ObjectMissing or ObjectDamaged, with the file."""

@@ -19,13 +19,14 @@ from typing import Any, TypeVar
 from drcli.base.errors import DrError, StorageError
 from drcli.base.json_record import RecordError, decode_json
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.bucket.bucket import Bucket, ObjectMissing, read_record
 from drcli.model import keys
 from drcli.records.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
 from drcli.records.iteration import IterationRecord, decode_history, encode_history
 
 _logger = get_logger(__name__)
 
+R = TypeVar("R")
 T = TypeVar("T")
 
 SMALL_BYTES = 128 << 10
@@ -276,6 +277,34 @@ def read_parts(bucket: Bucket, key: str, read: Callable[[str], T]) -> list[T]:
     return found
 
 
+def read_growing(
+    bucket: Bucket,
+    key: str,
+    decode: Callable[[bytes], list[R]],
+    combine: Callable[[Sequence[R], Sequence[Sequence[R]]], list[R]],
+) -> list[R]:
+    """Empty if missing; raises ObjectDamaged."""
+
+    def read(key: str) -> list[R]:
+        return read_record(bucket, key, decode)
+
+    parts = read_parts(bucket, key, read)
+    try:
+        return combine(read(key), parts)
+    except ObjectMissing:
+        return combine([], parts)
+
+
+def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
+    return read_growing(bucket, key, decode_metrics, combined_metrics)
+
+
+def write_whole(bucket: Bucket, key: str, data: bytes) -> None:
+    parts = list_parts(bucket, key)
+    bucket.put(key, data)
+    bucket.delete(parts)
+
+
 # Growing files of a running training, read as if complete.
 
 
@@ -302,8 +331,6 @@ def read_complete(bucket: Bucket, key: str) -> bytes:
 def combined_history(
     whole: Sequence[IterationRecord], parts: Sequence[Sequence[IterationRecord]]
 ) -> list[IterationRecord]:
-    if not parts:
-        return list(whole)
     known = {record.iteration: record for record in whole}
     for part in parts:
         for record in part:
@@ -316,8 +343,6 @@ def combined_history(
 def combined_metrics(
     whole: Sequence[EpisodeMetrics], parts: Sequence[Sequence[EpisodeMetrics]]
 ) -> list[EpisodeMetrics]:
-    if not parts:
-        return list(whole)
     in_parts: dict[int, list[EpisodeMetrics]] = {}
     for part in parts:
         for record in part:

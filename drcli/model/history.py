@@ -4,9 +4,16 @@ from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from drcli.bucket.bucket import Bucket, ObjectInfo, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import ObjectInfo, ObjectMissing, read_record
 from drcli.model import keys
-from drcli.model.growing_file import GrowingFile, Layout, combined_history, list_parts, read_parts
+from drcli.model.growing_file import (
+    GrowingFile,
+    Layout,
+    combined_history,
+    list_parts,
+    read_growing,
+    write_whole,
+)
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.iteration import (
@@ -126,10 +133,10 @@ class HistoryReader:
     def __init__(self) -> None:
         self._known: dict[str, tuple[ObjectInfo, list[IterationRecord]]] = {}
 
-    def read(self, bucket: Bucket, prefix: str) -> list[IterationRecord]:
+    def read(self, model: ModelStore) -> list[IterationRecord]:
         """Only what changed; oldest first. Raises ObjectDamaged."""
-        key = keys.history(prefix)
-        listed = bucket.list(key.rpartition("/")[0] + "/")
+        key = keys.history(model.prefix)
+        listed = model.bucket.list(key.rpartition("/")[0] + "/")
         infos = {
             i.key: i for i in listed if i.key == key or keys.part_number(key, i.key) is not None
         }
@@ -139,10 +146,10 @@ class HistoryReader:
         for each in sorted(infos, reverse=True):  # the whole object last, see `read_parts`
             if each not in self._known:
                 try:
-                    records = read_record(bucket, each, decode_history, remedy_of(each))
+                    records = read_record(model.bucket, each, decode_history)
                 except ObjectMissing:  # deleted since the listing: the whole object has it
                     self._known.clear()
-                    return read_history(ModelStore(bucket, prefix))
+                    return read_history(model)
                 self._known[each] = infos[each], records
         parts = [self._known[part][1] for part in sorted(infos) if part != key]
         return combined_history(self._known[key][1] if key in infos else [], parts)
@@ -150,21 +157,11 @@ class HistoryReader:
 
 def read_history(model: ModelStore) -> list[IterationRecord]:
     key = keys.history(model.prefix)
-
-    def read(key: str) -> list[IterationRecord]:
-        return read_record(model.bucket, key, decode_history, remedy_of(key))
-
-    parts = read_parts(model.bucket, key, read)
-    try:
-        return combined_history(read(key), parts)
-    except ObjectMissing:
-        return combined_history([], parts)
+    return read_growing(model.bucket, key, decode_history, combined_history)
 
 
 def write_history(model: ModelStore, records: Sequence[IterationRecord]) -> None:
-    parts = list_parts(model.bucket, keys.history(model.prefix))
-    model.bucket.put(keys.history(model.prefix), encode_history(records))
-    model.bucket.delete(parts)
+    write_whole(model.bucket, keys.history(model.prefix), encode_history(records))
 
 
 class Fall:

@@ -118,8 +118,7 @@ def recording_of(trace: str) -> str:
     return trace.rpartition("evaluation-simtrace/")[0] + "recording.json"
 
 
-def opponent_trace(prefix: str) -> str:
-    return f"{folder(prefix)}evaluation-simtrace/0-iteration.csv"
+opponent_trace = _in_model("evaluation-simtrace/0-iteration.csv")
 
 
 def opponent_metrics(metrics: str, stamp: str) -> str:
@@ -134,8 +133,7 @@ def log(prefix: str, kind: str, file: str) -> str:
     return f"{folder(prefix)}logs/{kind}/{file}"
 
 
-def event_folder(prefix: str) -> str:
-    return f"{folder(prefix)}tensorboard/"
+event_folder = _in_model("tensorboard/")
 
 
 def event_file(prefix: str, name: str) -> str:
@@ -154,24 +152,24 @@ def run_folder(prefix: str) -> str:
     return f"runs/{folder(prefix)}"
 
 
-def lease(prefix: str) -> str:
-    return run_folder(prefix) + "lease.json"
+def _in_run(path: str) -> Callable[[str], str]:
+    return lambda prefix: run_folder(prefix) + path
 
 
-def outcome(prefix: str) -> str:
-    return run_folder(prefix) + "outcome.json"
+lease = _in_run("lease.json")
 
 
-def spending_folder(prefix: str) -> str:
-    return run_folder(prefix) + "spending/"
+outcome = _in_run("outcome.json")
+
+
+spending_folder = _in_run("spending/")
 
 
 def spending(prefix: str, term: int, session: str) -> str:
     return f"{spending_folder(prefix)}{term:06d}-{session}.json"
 
 
-def journal_folder(prefix: str) -> str:
-    return folder(prefix) + "journal/"
+journal_folder = _in_model("journal/")
 
 
 def journal(prefix: str, term: int, session: str) -> str:
@@ -183,8 +181,7 @@ def journal_session(prefix: str, key: str) -> str | None:
     return found[1] if found else None
 
 
-def notes_folder(prefix: str) -> str:
-    return folder(prefix) + "notes/"
+notes_folder = _in_model("notes/")
 
 
 def note(prefix: str, name: str) -> str:
@@ -209,8 +206,7 @@ def training_of(key: str) -> tuple[str, str] | None:
     return (found[1], found[2]) if found else None
 
 
-def damaged_folder(prefix: str) -> str:
-    return f"{run_folder(prefix)}damaged/"
+damaged_folder = _in_run("damaged/")
 
 
 def damaged(prefix: str, key: str, stamp: str) -> str:
@@ -219,25 +215,21 @@ def damaged(prefix: str, key: str, stamp: str) -> str:
     return f"{damaged_folder(prefix)}{name}.{stamp}"
 
 
-def status_folder(prefix: str) -> str:
-    return run_folder(prefix) + "status/"
+status_folder = _in_run("status/")
 
 
 def status(prefix: str, name: str) -> str:
     return f"{status_folder(prefix)}{name}.json"
 
 
-def join_record(prefix: str) -> str:
-    return run_folder(prefix) + "join.json"
+join_record = _in_run("join.json")
 
 
-def shares(prefix: str) -> str:
-    """Missing until a worker has joined."""
-    return run_folder(prefix) + "shares.json"
+shares = _in_run("shares.json")
+"""Missing until a worker has joined."""
 
 
-def members_folder(prefix: str) -> str:
-    return run_folder(prefix) + "members/"
+members_folder = _in_run("members/")
 
 
 def member(prefix: str, name: str) -> str:
@@ -249,8 +241,7 @@ def member_of(prefix: str, key: str) -> str | None:
     return found[1] if found else None
 
 
-def reward_errors_folder(prefix: str) -> str:
-    return run_folder(prefix) + "reward-errors/"
+reward_errors_folder = _in_run("reward-errors/")
 
 
 def reward_errors(prefix: str, worker: int) -> str:
@@ -335,8 +326,7 @@ def rollouts_folder(prefix: str) -> str:
     return f"rollouts/{folder(prefix)}"
 
 
-def evaluations_folder(prefix: str) -> str:
-    return f"{run_folder(prefix)}evaluations/"
+evaluations_folder = _in_run("evaluations/")
 
 
 def evaluation_result(prefix: str, iteration: int) -> str:

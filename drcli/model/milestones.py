@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal, get_args
 
 from drcli.base.json_record import JsonRecord, SafeInt, Seconds
-from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import ObjectDamaged, find_record
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName, NameText, checkpoint_name
@@ -51,19 +51,9 @@ class Milestones(JsonRecord):
     best_lap: Milestone | None = None
     spaced: list[NameText] = field(default_factory=list)
 
-    def of_kind(self, kind: MilestoneKind) -> Milestone | None:
-        found = {
-            "first-lap": self.first_lap,
-            "three-laps": self.three_laps,
-            "best-lap": self.best_lap,
-        }
-        return found[kind]
-
     def reached(self) -> Iterator[tuple[MilestoneKind, Milestone]]:
-        for kind in KINDS:
-            milestone = self.of_kind(kind)
-            if milestone is not None:
-                yield kind, milestone
+        found = zip(KINDS, (self.first_lap, self.three_laps, self.best_lap), strict=True)
+        yield from ((kind, milestone) for kind, milestone in found if milestone is not None)
 
     def with_evaluation(
         self, checkpoint: str, progress: Sequence[float], lap_s: Sequence[float]
@@ -128,11 +118,7 @@ def read_milestones(model: ModelStore) -> Milestones | None:
     Raises:
         ObjectDamaged: It is unreadable.
     """
-    key = keys.milestones(model.prefix)
-    try:
-        return read_record(model.bucket, key, Milestones.decode, remedy_of(key))
-    except ObjectMissing:
-        return None
+    return find_record(model.bucket, keys.milestones(model.prefix), Milestones.decode)
 
 
 def write_milestones(model: ModelStore, milestones: Milestones) -> None:

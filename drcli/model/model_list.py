@@ -1,6 +1,6 @@
 """Lists the models in a bucket with their checkpoints."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Annotated
@@ -11,7 +11,7 @@ from drcli.model import keys, lease, race_keys
 from drcli.model.model_prefix import Kind, kind_of
 from drcli.model.model_store import ModelStore
 from drcli.model.notes import headline
-from drcli.model.repair import find_small_damage, readable_scores
+from drcli.model.reconstruct import readable_scores
 from drcli.model.run_metadata import metric_of
 from drcli.records.iteration import Laps
 from drcli.records.scores import Score
@@ -97,8 +97,8 @@ class ModelEntry:
     training: Annotated[bool, "Whether it is being trained now."]
     damaged: Annotated[
         list[str],
-        "What is wrong with each of its damaged small objects, and what to do about it; "
-        "`best` and `last` are reconstructed then.",
+        "What is wrong with its scores, and what to do about it; `best` and `last` are "
+        "reconstructed then.",
     ] = field(default_factory=list)
     note: Annotated[
         str, "Its description, else its newest note; empty without one.", Col("note", abridged)
@@ -146,21 +146,15 @@ class ModelListReader:
         objects = list(bucket.list("") if listed is None else listed)
         prefixes = {prefix for prefix in _prefixes(objects) if _fits(prefix, pattern)}
         own = _by_model(objects, _prefixes(objects))
-        listed_keys = {info.key for info in objects}
+        leases = {info.key for info in objects}.intersection(map(keys.lease, prefixes))
         known = {}
         for prefix in sorted(prefixes):
-            signature = signature_of(own[prefix])
+            model, signature = ModelStore(bucket, prefix), signature_of(own[prefix])
             before = self._known.get(prefix)
-            if before is not None and before[0] == signature:
-                training = keys.lease(prefix) in listed_keys and _is_trained(
-                    ModelStore(bucket, prefix)
-                )
-                known[prefix] = (signature, replace(before[1], training=training))
-            else:
-                known[prefix] = (
-                    signature,
-                    _entry(ModelStore(bucket, prefix), own[prefix], listed_keys),
-                )
+            unchanged = before is not None and before[0] == signature
+            entry = before[1] if before is not None and unchanged else _entry(model, own[prefix])
+            training = keys.lease(prefix) in leases and lease.live_holder(model) is not None
+            known[prefix] = signature, replace(entry, training=training)
         self._known = known
         return ModelList(bucket.name, pattern, [entry for _, entry in known.values()])
 
@@ -175,10 +169,6 @@ def signature_of(objects: Iterable[ObjectInfo]) -> Signature:
         size += info.size_bytes
         newest = max(newest, info.modified.timestamp())
     return count, size, newest
-
-
-def _is_trained(model: ModelStore) -> bool:
-    return lease.live_holder(model) is not None
 
 
 def model_prefixes(bucket: Bucket) -> set[str]:
@@ -217,25 +207,24 @@ def _fits(prefix: str, pattern: str) -> bool:
     return fnmatchcase(prefix, pattern) if has_wildcards else pattern in prefix
 
 
-def _entry(store: ModelStore, objects: list[ObjectInfo], listed: Collection[str]) -> ModelEntry:
-    names = {keys.checkpoint_of(store.prefix, info.key) for info in objects} - {None}
-    model = ModelStore(store.bucket, store.prefix)
-    scores, _ = readable_scores(model)
+def _entry(model: ModelStore, objects: list[ObjectInfo]) -> ModelEntry:
+    names = {keys.checkpoint_of(model.prefix, info.key) for info in objects} - {None}
+    scores, damaged = readable_scores(model)
     metric = ""
     if scores is not None and any(
-        info.key == keys.training_start(store.prefix) for info in objects
+        info.key == keys.training_start(model.prefix) for info in objects
     ):
-        metric = metric_of(store)
+        metric = metric_of(model)
     return ModelEntry(
-        prefix=store.prefix,
+        prefix=model.prefix,
         checkpoints=len(names),
         best=None if scores is None else CheckpointEntry.of(scores.best_checkpoint, metric),
         last=None if scores is None else CheckpointEntry.of(scores.last_checkpoint, metric),
         objects=len(objects),
         size_bytes=sum(info.size_bytes for info in objects),
         modified=max(info.modified for info in objects).isoformat(timespec="seconds"),
-        training=_is_trained(store),
-        damaged=find_small_damage(model, listed),
-        note=headline(store, {info.key: info for info in objects}),
-        kind=kind_of([info.key.removeprefix(keys.folder(store.prefix)) for info in objects]),
+        training=False,
+        damaged=damaged,
+        note=headline(model, {info.key: info for info in objects}),
+        kind=kind_of([info.key.removeprefix(keys.folder(model.prefix)) for info in objects]),
     )

@@ -11,10 +11,8 @@ from drcli.base.json_record import JsonRecord, SafeInt, Seconds, Words
 from drcli.bucket.bucket import (
     ObjectDamaged,
     ObjectInfo,
-    ObjectMissing,
     ObjectNewer,
-    read_record,
-    remedy_of,
+    find_record,
 )
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -101,14 +99,11 @@ def _name_of(prefix: str, key: str) -> str | None:
 
 
 def _read(model: ModelStore, name: str) -> StoredNote | None:
-    key = keys.note(model.prefix, name)
     try:
-        record = read_record(model.bucket, key, NoteRecord.decode, remedy_of(key))
-    except ObjectMissing:
-        return None
+        record = find_record(model.bucket, keys.note(model.prefix, name), NoteRecord.decode)
     except (ObjectDamaged, ObjectNewer) as error:
         return StoredNote(name, None, str(error))
-    return StoredNote(name, record)
+    return None if record is None else StoredNote(name, record)
 
 
 def _write(model: ModelStore, name: str, record: NoteRecord) -> StoredNote:

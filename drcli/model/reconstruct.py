@@ -1,4 +1,8 @@
-"""Computes damaged objects of a model from undamaged ones; writes nothing."""
+"""What a model has, whatever is damaged; reads and computes, writes nothing.
+
+Weights with their records, the learning curve, evaluations and traces are the truth. Pointer,
+scores, milestones and metrics are worked out from them, and so is what the curve has lost.
+"""
 
 import json
 import math
@@ -12,18 +16,27 @@ from typing import TypeVar
 
 from drcli.base.installation import lazy_imports
 from drcli.base.json_record import Fingerprint, decode_json
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.model import keys
 from drcli.model.best_checkpoint import (
     evaluated_numbers,
     read_evaluation,
+    read_scores,
     score_of,
     with_evaluation,
 )
 from drcli.model.checkpoints import KEEP, CheckpointStore, checkpoint_objects
 from drcli.model.growing_file import combined_history, list_parts
+from drcli.model.history import HistoryReader
 from drcli.model.history import with_evaluation as evaluated_record
-from drcli.model.milestones import NO_MILESTONES, Milestone, Milestones, with_history, with_results
+from drcli.model.milestones import (
+    NO_MILESTONES,
+    Milestone,
+    Milestones,
+    read_milestones,
+    with_history,
+    with_results,
+)
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_rollbacks
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters
@@ -37,21 +50,44 @@ with lazy_imports():
 
 _TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
+K = TypeVar("K")
 T = TypeVar("T")
 
 
-def whole_records(data: bytes, read: Callable[[bytes], T]) -> list[T]:
-    text = data.decode("utf-8", "replace")
-    decoder = json.JSONDecoder()
-    found: list[T] = []
-    begin = text.find("{")
-    while begin >= 0:
-        try:
-            _, end = decoder.raw_decode(text, begin)
-            found.append(read(text[begin:end].encode()))
-        except (ValueError, RecursionError):  # RecordError is a ValueError
-            end = begin + 1
-        begin = text.find("{", end)
+def readable_history(
+    model: ModelStore, reader: HistoryReader | None = None
+) -> tuple[list[IterationRecord], list[str]]:
+    """Like the next two, for readers that never write; and a sentence on damage."""
+    reader = reader or HistoryReader()
+    return _or_rebuilt(partial(reader.read, model), partial(reconstruct_history, model))
+
+
+def readable_scores(model: ModelStore) -> tuple[Scores | None, list[str]]:
+    return _or_rebuilt(
+        partial(read_scores, model), partial(reconstruct_scores, model, model.metric)
+    )
+
+
+def readable_milestones(
+    model: ModelStore, records: Iterable[IterationRecord]
+) -> tuple[Milestones, list[str]]:
+    """Filled in from the learning curve."""
+    known, damaged = _or_rebuilt(partial(read_milestones, model), lambda: NO_MILESTONES)
+    return with_history(known or NO_MILESTONES, records), damaged
+
+
+def _or_rebuilt(read: Callable[[], T], rebuild: Callable[[], T]) -> tuple[T, list[str]]:
+    try:
+        return read(), []
+    except ObjectDamaged as error:
+        return rebuild(), [f"{error} {error.remedy}"]
+
+
+def _readable(read: Callable[[K], T], items: Iterable[K]) -> dict[K, T]:
+    found = {}
+    for item in items:
+        with suppress(ObjectMissing, ObjectDamaged):
+            found[item] = read(item)
     return found
 
 
@@ -66,40 +102,44 @@ def whole_checkpoints(model: ModelStore) -> list[CheckpointName]:
 
 
 def readable_records(model: ModelStore) -> list[CheckpointRecord]:
-    store = CheckpointStore(model)
-    found = []
-    for name in whole_checkpoints(model):
-        try:
-            found.append(store.record(str(name)))
-        except (ObjectMissing, ObjectDamaged):
-            continue
-    return found
+    names = map(str, whole_checkpoints(model))
+    return list(_readable(CheckpointStore(model).record, names).values())
 
 
 def readable_evaluations(model: ModelStore) -> dict[int, EvaluationResult]:
-    found = {}
-    for number in evaluated_numbers(model):
-        try:
-            found[number] = read_evaluation(model, number)
-        except (ObjectMissing, ObjectDamaged):
-            continue
+    return _readable(partial(read_evaluation, model), evaluated_numbers(model))
+
+
+def _whole_records(
+    model: ModelStore, keys_: Iterable[str], read: Callable[[bytes], T]
+) -> list[list[T]]:
+    """What can be read of each object, however damaged the rest is."""
+    decoder = json.JSONDecoder()
+    found: list[list[T]] = []
+    for data in _readable(model.bucket.get, keys_).values():
+        text = data.decode("utf-8", "replace")
+        records: list[T] = []
+        begin = text.find("{")
+        while begin >= 0:
+            try:
+                _, end = decoder.raw_decode(text, begin)
+                records.append(read(text[begin:end].encode()))
+            except (ValueError, RecursionError):  # RecordError is a ValueError
+                end = begin + 1
+            begin = text.find("{", end)
+        found.append(records)
     return found
 
 
-def readable_objects(bucket: Bucket, keys_: Iterable[str]) -> list[bytes]:
-    found = []
-    for key in keys_:
-        with suppress(ObjectMissing):
-            found.append(bucket.get(key))
-    return found
+def _with_parts(model: ModelStore, key: str) -> list[str]:
+    return [key, *list_parts(model.bucket, key)]
 
 
-def reconstruct_history(model: ModelStore, damaged: Iterable[bytes] = ()) -> list[IterationRecord]:
-    """From records, its own objects (also moved, `damaged` ones) and traces."""
+def reconstruct_history(model: ModelStore) -> list[IterationRecord]:
+    """From records, its own objects and traces."""
     records = readable_records(model)
-    key = keys.history(model.prefix)
-    objects = [*damaged, *readable_objects(model.bucket, [key, *list_parts(model.bucket, key)])]
-    parts = [whole_records(data, decode_iteration) for data in objects]
+    objects = _with_parts(model, keys.history(model.prefix))
+    parts = _whole_records(model, objects, decode_iteration)
     known = {record.iteration: record for record in combined_history([], parts)}
     learned = [r.counters.learned for r in records if r.counters.learned is not None]
     stated = known | {record.iteration: record for record in learned}
@@ -125,29 +165,33 @@ def reconstruct_record(
     past = [r for r in history if r.iteration < name.number]
     if len(past) != name.number:
         return None
-    tensors = _found(model.bucket, keys.checkpoint_tensors(model.prefix, str(name)))
-    optimizer = _found(model.bucket, keys.checkpoint_optimizer(model.prefix, str(name)))
-    if not _is_safetensors(tensors):
+    tensors = _safetensors(model, keys.checkpoint_tensors(model.prefix, str(name)))
+    optimizer = _safetensors(model, keys.checkpoint_optimizer(model.prefix, str(name)))
+    if tensors is None:
         return None
     last = past[-1] if past else None
+    rollbacks, _ = _or_rebuilt(lambda: read_rollbacks(model).count, lambda: 0)
     return CheckpointRecord(
         str(name),
-        Fingerprint.of(tensors),
-        Fingerprint.of(optimizer) if _is_safetensors(optimizer) else None,
+        tensors,
+        optimizer,
         counters=Counters(
             episodes=sum(r.episodes for r in past),
             elapsed_s=0.0 if last is None else last.elapsed_s,
             learned=last,
-            rollbacks=_rollbacks(model) or None,
+            rollbacks=rollbacks or None,
         ),
     )
 
 
-def _rollbacks(model: ModelStore) -> int:
-    try:
-        return read_rollbacks(model).count
-    except ObjectDamaged:
-        return 0
+def _safetensors(model: ModelStore, key: str) -> Fingerprint | None:
+    """None if missing or damaged."""
+    # The type is ignored because safetensors has no type for it.
+    with suppress(ObjectMissing, safetensors.SafetensorError, ValueError):
+        data = model.bucket.get(key)
+        if safetensors.deserialize(data):  # type: ignore[no-untyped-call]
+            return Fingerprint.of(data)
+    return None
 
 
 def reconstruct_scores(model: ModelStore, metric: str) -> Scores | None:
@@ -155,12 +199,11 @@ def reconstruct_scores(model: ModelStore, metric: str) -> Scores | None:
 
     Without laps of an earlier stage or track.
     """
-    records = readable_records(model)
-    pointed = CheckpointStore(model).pointed()
-    newest = next((r for r in records if r.name == str(pointed)), records[-1] if records else None)
-    if newest is None:
+    by_name = {r.name: r for r in readable_records(model)}
+    if not by_name:
         return None
-    by_name = {r.name: r for r in records}
+    records = list(by_name.values())
+    newest = by_name.get(str(CheckpointStore(model).pointed()), records[-1])
     last = Score(newest.name, None, newest.sim_time_s)
     scores = Scores(Score(records[0].name, None, records[0].sim_time_s), last)
     driven = {each.iteration: each for each in reconstruct_history(model)}
@@ -176,31 +219,32 @@ def reconstruct_scores(model: ModelStore, metric: str) -> Scores | None:
     return scores
 
 
-def reconstruct_milestones(model: ModelStore, damaged: bytes = b"") -> Milestones:
+def reconstruct_milestones(model: ModelStore) -> Milestones:
     """From learning curve, evaluations and the record's rest.
 
     All checkpoints stay: every n-th are unknown.
     """
-    found = whole_records(damaged, partial(decode_json, Milestone))
-    names = whole_checkpoints(model)
+    names = map(str, whole_checkpoints(model)[:-KEEP])
     scores = reconstruct_scores(model, "progress")
     best = None if scores is None else scores.best_checkpoint.name
-    known = replace(
-        NO_MILESTONES, spaced=[str(name) for name in names[:-KEEP] if str(name) != best]
-    )
+    known = replace(NO_MILESTONES, spaced=[name for name in names if name != best])
     known = with_history(known, reconstruct_history(model))
     known = with_results(known, readable_evaluations(model).values())
-    for each in found:
-        known = known.with_evaluation(
-            each.checkpoint, [each.progress] * max(1, each.episodes), [each.best_lap_s] * each.laps
-        )
+    key = keys.milestones(model.prefix)
+    for found in _whole_records(model, [key], partial(decode_json, Milestone)):
+        for each in found:
+            known = known.with_evaluation(
+                each.checkpoint,
+                [each.progress] * max(1, each.episodes),
+                [each.best_lap_s] * each.laps,
+            )
     return known
 
 
-def reconstruct_metrics(
-    model: ModelStore, worker: int, files: Iterable[bytes]
-) -> list[EpisodeMetrics]:
-    found = [r for data in files for r in whole_records(data, EpisodeMetrics.decode)]
+def reconstruct_metrics(model: ModelStore, worker: int) -> list[EpisodeMetrics]:
+    """From its own objects and traces."""
+    objects = _with_parts(model, keys.training_metrics(model.metrics_prefix, worker))
+    found = [r for part in _whole_records(model, objects, EpisodeMetrics.decode) for r in part]
     # The whole file and a part may both have an episode.
     own = {(r.iteration, r.phase, r.trial, r.episode, r.metric_time): r for r in found}
     kept = list(own.values())
@@ -273,18 +317,3 @@ def _traced_history(
         )
         found.append(record)
     return found
-
-
-def _found(bucket: Bucket, key: str) -> bytes:
-    try:
-        return bucket.get(key)
-    except ObjectMissing:
-        return b""
-
-
-def _is_safetensors(data: bytes) -> bool:
-    try:
-        # The type is ignored because safetensors has no type for it.
-        return bool(data) and bool(safetensors.deserialize(data))  # type: ignore[no-untyped-call]
-    except (safetensors.SafetensorError, ValueError):
-        return False

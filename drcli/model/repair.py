@@ -1,33 +1,36 @@
-"""Finds damaged objects of a model, sets them aside and reconstructs them.
+"""Sets damaged objects of a model aside and writes what can be worked out again.
 
 A full disk, interrupted copy or editor damages objects; they stay in `runs/<prefix>/damaged/`. Only
-who may write repairs: the trainer, or a command while none runs. Others report `find_damage`.
+who may write repairs: the trainer, or a command while none runs. Readers take what is `readable_`.
 """
 
+import re
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
 
+from drcli.base import errors
+from drcli.base.errors import SettingsError
 from drcli.base.json_record import NewerFormat, RecordError
-from drcli.bucket.bucket import (
-    Bucket,
-    ObjectDamaged,
-    ObjectMissing,
-    ObjectNewer,
-    read_record,
-    remedy_of,
-)
-from drcli.model import keys
-from drcli.model.best_checkpoint import evaluated_numbers, read_scores, write_scores
-from drcli.model.growing_file import combined_metrics, list_parts, read_parts
-from drcli.model.history import HistoryReader, read_history, write_history
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, ObjectNewer, read_record
+from drcli.config.editing import raised
+from drcli.config.run_config import ModelConfig
+from drcli.model import keys, lease
+from drcli.model.best_checkpoint import evaluated_numbers, write_scores
+from drcli.model.checkpoints import CheckpointsLost, CheckpointStore
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.growing_file import list_parts, read_all_metrics, write_whole
+from drcli.model.history import read_history, write_history
 from drcli.model.milestones import Milestones, write_milestones
+from drcli.model.model_prefix import is_used, model_kind
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import (
-    readable_objects,
+    readable_history,
+    readable_records,
     reconstruct_history,
     reconstruct_metrics,
     reconstruct_milestones,
@@ -36,49 +39,32 @@ from drcli.model.reconstruct import (
     traced_iterations,
     whole_checkpoints,
 )
-from drcli.model.training_records import at_once
 from drcli.records.checkpoint import CheckpointRecord, checkpoint_name, decode_pointer
-from drcli.records.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
-from drcli.records.iteration import IterationRecord, decode_history
+from drcli.records.episode_metrics import decode_metrics, encode_metrics
+from drcli.records.iteration import decode_history
 from drcli.records.run_record import ActivityRecord, Lease
 from drcli.records.scores import EvaluationResult, Scores
-from drcli.records.training_record import RunOutcome
+from drcli.records.training_record import RunOutcome, TrainingStart
 
-AGAIN_S = 0.03
-_REWRITTEN = "It will be rewritten when the training continues."
+_SEED = re.compile(rb'"seed": ?(\d{1,15})\b')
 
 KEPT_DAMAGED, KEPT_BYTES = 100, 256 << 20
 """How many damaged objects of a model are kept, and the largest size of the older ones."""
 
 
-def find_damage(model: ModelStore) -> list[str]:
-    """What is wrong, and what to do; nothing is changed."""
-    found = (_told(model.bucket, item) for item in _objects(model, missing=False))
-    return [text for text in found if text]
-
-
-def find_small_damage(model: ModelStore, listed: Collection[str]) -> list[str]:
-    """For small objects with fixed names and checkpoint records, by `listed` keys."""
-    own = {keys.checkpoint_of(model.prefix, key) for key in listed} - {None}
-    items = _small(model, [str(name) for name in own], missing=False)
-    there = [item for item in items if item.key in listed]
-    return sorted(text for text in at_once(partial(_told, model.bucket), there) if text)
-
-
-def _told(bucket: Bucket, item: "_Object") -> str:
-    """Reads damage again, as `read_record`: it may be being overwritten."""
-    if _damage(bucket, item) is None:
-        return ""
-    time.sleep(AGAIN_S)
-    damage = _damage(bucket, item)
-    return "" if damage is None else f"{damage.sentence} {remedy_of(item.key)}"
+def repair_unless_trained(config: ModelConfig, store: ModelStore, *, missing: bool = False) -> None:
+    """Repair a model, and say so, while nobody trains it; `missing` as in `repair`."""
+    if lease.live_holder(store) is None:
+        for sentence in repair(ModelStore.of(config, store.bucket, store.prefix), missing=missing):
+            errors.warn(sentence)
 
 
 def repair(model: ModelStore, *, missing: bool = True) -> list[str]:
-    """Set damaged objects aside and reconstruct them, and missing ones.
+    """Set damaged objects aside and write them again, and missing ones; only while nobody trains.
 
     The embedded server deletes an old object before renaming the new. If killed then, no client can
-    write it again. `missing`: a pointer to no checkpoint counts as damaged.
+    write it again. A model of the reference stays as it is: its checkpoints do not help. `missing`:
+    a pointer to no checkpoint counts as damaged.
 
     Returns:
         For each, what was wrong, and what was done.
@@ -86,215 +72,178 @@ def repair(model: ModelStore, *, missing: bool = True) -> list[str]:
     Raises:
         ObjectNewer: Something is damaged, but some records are a newer drcli's; nothing is changed.
     """
-    done = _repaired(model, _objects(model, missing=missing))
-    with suppress(ObjectNewer):  # then what is missing may be in an object that cannot be read
-        done += _refilled(model)
-        done += _refilled_metrics(model)
-    return done
+    if model_kind(model) == "tensorflow":
+        return []
+    return _repaired(model, model_objects(model, missing=missing))
 
 
 def repair_metrics(model: ModelStore) -> list[str]:
     """Each worker writes its own."""
-    return [*_repaired(model, _metrics(model)), *_refilled_metrics(model)]
+    return _repaired(model, _metrics(model))
 
 
-def readable_history(
-    model: ModelStore, reader: HistoryReader | None = None
-) -> tuple[list[IterationRecord], list[str]]:
-    """For readers that never write; and a sentence on damage."""
-    reader = reader or HistoryReader()
-    try:
-        return reader.read(model.bucket, model.prefix), []
-    except ObjectDamaged as error:
-        return reconstruct_history(model), [f"{error} {error.remedy}"]
-
-
-def readable_scores(model: ModelStore) -> tuple[Scores | None, list[str]]:
-    """For readers that never write; and a sentence on damage."""
-    try:
-        return read_scores(model), []
-    except ObjectDamaged as error:
-        said = f"{error} {error.remedy}"
-        return reconstruct_scores(model, model.metric), [said]
-
-
-def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
-    return read_record(bucket, key, decode_metrics, remedy_of(key))
-
-
-def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
-    parts = read_parts(bucket, key, partial(read_metrics, bucket))
-    try:
-        return combined_metrics(read_metrics(bucket, key), parts)
-    except ObjectMissing:
-        return combined_metrics([], parts)
-
-
-def set_aside(model: ModelStore, key: str, data: bytes | None = None) -> str:
-    """Move a damaged object, or the given bytes, to a returned key.
+def set_aside(model: ModelStore, key: str, data: bytes) -> str:
+    """Keep the content of a damaged object at a returned key.
 
     Of older ones, `KEPT_DAMAGED` and `KEPT_BYTES` stay.
     """
     kept = keys.damaged(model.prefix, key, time.strftime("%Y%m%d%H%M%S", time.gmtime()))
-    with suppress(ObjectMissing):
-        model.bucket.put(kept, model.bucket.get(key) if data is None else data)
+    model.bucket.put(kept, data)
     older = [i for i in model.bucket.list(keys.damaged_folder(model.prefix)) if i.key != kept]
     older.sort(key=lambda info: info.modified, reverse=True)
-    sizes = list(accumulate(info.size_bytes for info in older))
+    sizes = accumulate(info.size_bytes for info in older)
     few = [i.key for i, size in zip(older, sizes, strict=True) if size <= KEPT_BYTES]
-    doomed = {info.key for info in older} - set(few[: KEPT_DAMAGED - 1])
-    model.bucket.delete([key, *sorted(doomed)])
+    model.bucket.delete({info.key for info in older} - set(few[: KEPT_DAMAGED - 1]))
     return kept
 
 
 @dataclass(frozen=True)
-class _Object:
+class ModelObject:
     """A maybe damaged object.
 
     Attributes:
         decode: Raises RecordError.
-        reconstruct: Writes it from the damaged bytes; says what was done.
+        write: Writes it again or deletes it, and says so; nothing if it stays as it is.
+        missing: What is missing, if anything is.
     """
 
     key: str
     decode: Callable[[bytes], object]
-    reconstruct: Callable[[bytes], str]
+    write: Callable[[], str]
+    missing: Callable[[], str] = lambda: ""
 
 
-@dataclass(frozen=True)
-class _Damage:
-    sentence: str
-    data: bytes
+def _repaired(model: ModelStore, objects: Iterable[ModelObject]) -> list[str]:
+    place = model.bucket.name
+    done = []
+    for item in objects:  # the next one is listed after this one is repaired
+        fault, damaged = _fault(model, item)
+        result = item.write() if fault else ""
+        if result:
+            sentences = f"{place}/{item.key} {fault} {result}"
+            if damaged is not None:
+                kept = set_aside(model, item.key, damaged)
+                sentences += f" The damaged one is kept as {place}/{kept}."
+            done.append(sentences)
+    return done
 
 
-def _damage(bucket: Bucket, item: _Object) -> _Damage | None:
+def _fault(model: ModelStore, item: ModelObject) -> tuple[str, bytes | None]:
+    """What is wrong, and the content if it is damaged."""
     try:
-        data = bucket.get(item.key)
-    except ObjectMissing:
-        return None
-    try:
+        data = model.bucket.get(item.key)
         item.decode(data)
+    except ObjectMissing:
+        pass
     except NewerFormat:
-        return None
+        return "", None
     except RecordError as error:
-        return _Damage(f"{bucket.name}/{item.key} is damaged: {error}.", data)
-    return None
+        _refuse_newer(model)
+        return f"is damaged: {str(error).removesuffix('.')}.", data
+    with suppress(ObjectNewer):  # then what is missing may be in an object that cannot be read
+        missing = item.missing()
+        if missing:
+            _refuse_newer(model)
+        return missing, None
+    return "", None
 
 
 def _refuse_newer(model: ModelStore) -> None:
-    for item in _objects(model, missing=False):
+    for item in model_objects(model):
         with suppress(ObjectMissing, ObjectDamaged):
-            read_record(model.bucket, item.key, item.decode, remedy="")
+            read_record(model.bucket, item.key, item.decode)
 
 
-def _repaired(model: ModelStore, objects: Iterable[_Object]) -> list[str]:
-    bucket = model.bucket
-    done: list[str] = []
-    for item in objects:  # the next one is listed after this one is repaired
-        damage = _damage(bucket, item)
-        if damage is not None:
-            if not done:
-                _refuse_newer(model)
-            kept = set_aside(ModelStore(bucket, model.prefix), item.key, damage.data)
-            result = item.reconstruct(damage.data)
-            done.append(
-                f"{damage.sentence} {result} The damaged one is kept as {bucket.name}/{kept}."
-            )
-    return done
-
-
-def _refilled(model: ModelStore) -> list[str]:
-    bucket, prefix = model.bucket, model.prefix
-    store = ModelStore(bucket, prefix)
-    newest = max(whole_checkpoints(store), default=None)
-    if newest is None:
-        return []
-    done = []
-    for key, write in (
-        (keys.coach_checkpoint(prefix), _write_pointer),
-        (keys.deepracer_checkpoints(prefix), _write_scores),
-    ):
-        if not bucket.exists(key):
-            _refuse_newer(model)
-            done.append(f"{bucket.name}/{key} is missing. {write(model, b'')}")
-    known = read_history(store)
-    if len(known) < newest.number - 1:  # the newest iteration is in the checkpoint's record
-        _refuse_newer(model)
-        found = reconstruct_history(store)
-        if len(found) > len(known):
-            write_history(store, found)
-            lost = len(found) - len(known)
-            done.append(
-                f"{bucket.name}/{keys.history(prefix)} is missing, or {lost} iterations of it. "
-                f"It was reconstructed with {len(found)} iterations."
-            )
-    return done
-
-
-def _refilled_metrics(model: ModelStore) -> list[str]:
-    bucket, prefix = model.bucket, model.prefix
-    store = ModelStore(bucket, prefix)
-    finished = max((name.number for name in whole_checkpoints(store)), default=0)
-    traced = traced_iterations(store)
-    done = []
-    for worker in model.workers:
-        key = keys.training_metrics(model.metrics_prefix, worker)
-        records = read_all_metrics(bucket, key)
-        if any(r.iteration is None for r in records):
-            continue  # version 0.1.0 has not written which they are of
-        known = {r.iteration for r in records if r.phase == "training"}
-        lost = [n for n, keys_ in traced.items() if worker in keys_ and n not in known]
-        if not any(n < finished for n in lost):
-            continue
-        result = _write_metrics(model, worker, b"")
-        done.append(f"{bucket.name}/{key} is missing, or {len(lost)} iterations of it. {result}")
-    return done
-
-
-def _objects(model: ModelStore, *, missing: bool) -> Iterator[_Object]:
-    bucket, prefix = model.bucket, model.prefix
-    store = ModelStore(bucket, prefix)
-    for number in evaluated_numbers(store):
-        key = keys.evaluation_result(prefix, number)
-        yield _Object(key, EvaluationResult.decode, lambda _: "Training continues without it.")
-    for key in (keys.history(prefix), *list_parts(bucket, keys.history(prefix))):
-        yield _Object(key, decode_history, partial(_write_history, model))
-    names = map(str, whole_checkpoints(store))
-    yield from _small(model, names, missing=missing)
-    yield from _metrics(model)
-    for info in bucket.list(keys.status_folder(prefix)):
-        yield _Object(info.key, ActivityRecord.decode, lambda _: _REWRITTEN)
-
-
-def _small(model: ModelStore, names: Iterable[str], *, missing: bool) -> Iterator[_Object]:
+def model_objects(model: ModelStore, *, missing: bool = False) -> Iterator[ModelObject]:
+    """All that a training reads again, in the order in which each needs those before."""
     prefix = model.prefix
-    for name in names:
-        key = keys.checkpoint_record(prefix, name)
-        record = partial(CheckpointRecord.decode_of, name)
-        yield _Object(key, record, partial(_write_record, model, name))
+
+    def dropped(key: str, decode: Callable[[bytes], object], result: str) -> ModelObject:
+        return ModelObject(key, decode, partial(_drop, model, key, result))
+
+    for number in evaluated_numbers(model):
+        key = keys.evaluation_result(prefix, number)
+        yield dropped(key, EvaluationResult.decode, "Training continues without it.")
+    history, write = keys.history(prefix), partial(_write_history, model)
+    for part in list_parts(model.bucket, history):
+        yield ModelObject(part, decode_history, write)
+    yield ModelObject(history, decode_history, write, partial(_missing_iterations, model))
+    for name in map(str, whole_checkpoints(model)):
+        key, record = keys.checkpoint_record(prefix, name), partial(_write_record, model, name)
+        yield ModelObject(key, partial(CheckpointRecord.decode_of, name), record)
 
     def pointer(data: bytes) -> None:
-        name = str(decode_pointer(data))
-        if missing:
-            _refuse_missing(model, name)
+        _refuse_missing(model, str(decode_pointer(data)))
 
     def scores(data: bytes) -> None:
         found = Scores.decode(data)
-        if missing:
-            _refuse_missing(model, found.best_checkpoint.name, found.last_checkpoint.name)
+        _refuse_missing(model, found.best_checkpoint.name, found.last_checkpoint.name)
 
-    yield _Object(keys.coach_checkpoint(prefix), pointer, partial(_write_pointer, model))
-    yield _Object(keys.deepracer_checkpoints(prefix), scores, partial(_write_scores, model))
-    yield _Object(keys.milestones(prefix), Milestones.decode, partial(_write_milestones, model))
-    yield _Object(keys.lease(prefix), Lease.decode, lambda _: _REWRITTEN)
-    yield _Object(keys.outcome(prefix), RunOutcome.decode, lambda _: _REWRITTEN)
+    key = keys.coach_checkpoint(prefix)
+    yield ModelObject(
+        key,
+        pointer if missing else decode_pointer,
+        partial(_write_pointer, model),
+        partial(_missing, model, key),
+    )
+    key = keys.deepracer_checkpoints(prefix)
+    yield ModelObject(
+        key,
+        scores if missing else Scores.decode,
+        partial(_write_scores, model),
+        partial(_missing, model, key),
+    )
+    key = keys.milestones(prefix)
+    yield ModelObject(key, Milestones.decode, partial(_write_milestones, model))
+    yield from _metrics(model)
+    again = "It will be rewritten when the training continues."
+    yield dropped(keys.lease(prefix), Lease.decode, again)
+    yield dropped(keys.outcome(prefix), RunOutcome.decode, again)
+    for info in model.bucket.list(keys.status_folder(prefix)):
+        yield dropped(info.key, ActivityRecord.decode, again)
+    for key, name, read in (
+        (keys.hyperparameters(prefix), keys.HYPERPARAMETERS_FILE, Hyperparameters.from_bytes),
+        (keys.model_metadata(prefix), keys.MODEL_METADATA_FILE, ModelMetadata.from_bytes),
+    ):
+        check = partial(_check_parameters, read, name)
+        restore = partial(_restore_parameters, model, key, name, check)
+        yield ModelObject(key, check, restore, partial(_missing, model, key))
+    key = keys.training_start(prefix)
+    yield ModelObject(key, TrainingStart.decode, partial(_write_start, model, key))
 
 
-def _metrics(model: ModelStore) -> Iterator[_Object]:
+def _metrics(model: ModelStore) -> Iterator[ModelObject]:
     for worker in model.workers:
-        whole = keys.training_metrics(model.metrics_prefix, worker)
-        for key in (whole, *list_parts(model.bucket, whole)):
-            yield _Object(key, decode_metrics, partial(_write_metrics, model, worker))
+        key = keys.training_metrics(model.metrics_prefix, worker)
+        write = partial(_write_metrics, model, worker)
+        for part in list_parts(model.bucket, key):
+            yield ModelObject(part, decode_metrics, write)
+        yield ModelObject(key, decode_metrics, write, partial(_missing_episodes, model, worker))
+
+
+def _missing(model: ModelStore, key: str) -> str:
+    return "is missing." if whole_checkpoints(model) and not model.bucket.exists(key) else ""
+
+
+def _missing_iterations(model: ModelStore) -> str:
+    newest = max(whole_checkpoints(model), default=None)
+    known = len(read_history(model))
+    if newest is None or known >= newest.number - 1:
+        return ""  # the newest iteration is in the checkpoint's record
+    lost = len(reconstruct_history(model)) - known
+    return f"is missing, or {lost} iterations of it." if lost > 0 else ""
+
+
+def _missing_episodes(model: ModelStore, worker: int) -> str:
+    finished = max((name.number for name in whole_checkpoints(model)), default=0)
+    records = read_all_metrics(model.bucket, keys.training_metrics(model.metrics_prefix, worker))
+    known = {r.iteration for r in records if r.phase == "training"}
+    traced = traced_iterations(model).items()
+    lost = [n for n, traces in traced if worker in traces and n not in known]
+    # Version 0.1.0 has not written which they are of.
+    if any(r.iteration is None for r in records) or not any(n < finished for n in lost):
+        return ""
+    return f"is missing, or {len(lost)} iterations of it."
 
 
 def _refuse_missing(model: ModelStore, *names: str) -> None:
@@ -306,53 +255,163 @@ def _refuse_missing(model: ModelStore, *names: str) -> None:
             raise RecordError(f"it names {name}, which does not exist")
 
 
-def _write_history(model: ModelStore, damaged: bytes) -> str:
-    records = reconstruct_history(model, [damaged])
+def _drop(model: ModelStore, key: str, result: str) -> str:
+    model.bucket.delete([key])
+    return result
+
+
+def _write_history(model: ModelStore) -> str:
+    records = reconstruct_history(model)
     write_history(model, records)
     return f"It was reconstructed with {len(records)} iterations."
 
 
-def _write_record(model: ModelStore, name: str, _damaged: bytes) -> str:
-    try:
-        history = read_history(model)
-    except ObjectDamaged:
-        history = []
-    record = reconstruct_record(model, checkpoint_name(name), history)
+def _write_record(model: ModelStore, name: str) -> str:
+    key = keys.checkpoint_record(model.prefix, name)
+    record = reconstruct_record(model, checkpoint_name(name), readable_history(model)[0])
     if record is None:
-        return "That checkpoint is skipped."
-    model.bucket.put(keys.checkpoint_record(model.prefix, name), record.encode())
+        return _drop(model, key, "That checkpoint is skipped.")
+    model.bucket.put(key, record.encode())
     return "It was reconstructed from the weights and the history."
 
 
-def _write_pointer(model: ModelStore, _damaged: bytes) -> str:
-    newest = max(whole_checkpoints(model), default=None)
+def _write_pointer(model: ModelStore) -> str:
+    key, newest = keys.coach_checkpoint(model.prefix), max(whole_checkpoints(model), default=None)
     if newest is None:
-        return "The model has no checkpoint to point to."
-    model.bucket.put(keys.coach_checkpoint(model.prefix), str(newest).encode())
+        return _drop(model, key, "The model has no checkpoint to point to.")
+    model.bucket.put(key, str(newest).encode())
     return f"It names {newest} again."
 
 
-def _write_scores(model: ModelStore, _damaged: bytes) -> str:
+def _write_scores(model: ModelStore) -> str:
     scores = reconstruct_scores(model, model.metric)
     if scores is None:
-        return "It will be rewritten with the next checkpoint."
+        key = keys.deepracer_checkpoints(model.prefix)
+        return _drop(model, key, "It will be rewritten with the next checkpoint.")
     write_scores(model, scores)
     best, last = scores.best_checkpoint.name, scores.last_checkpoint.name
     return f"It was reconstructed: the best is {best}, the last is {last}."
 
 
-def _write_milestones(model: ModelStore, damaged: bytes) -> str:
-    milestones = reconstruct_milestones(model, damaged)
+def _write_milestones(model: ModelStore) -> str:
+    milestones = reconstruct_milestones(model)
     write_milestones(model, milestones)
     reached = ", ".join(f"{kind} is {found.checkpoint}" for kind, found in milestones.reached())
     return f"It was reconstructed: {reached or 'no milestone is known'}."
 
 
-def _write_metrics(model: ModelStore, worker: int, damaged: bytes) -> str:
+def _write_metrics(model: ModelStore, worker: int) -> str:
+    records = reconstruct_metrics(model, worker)
     key = keys.training_metrics(model.metrics_prefix, worker)
-    parts = list_parts(model.bucket, key)
-    files = [damaged, *readable_objects(model.bucket, [key, *parts])]
-    records = reconstruct_metrics(model, worker, files)
-    model.bucket.put(key, encode_metrics(records, model.metric))
-    model.bucket.delete(parts)
+    write_whole(model.bucket, key, encode_metrics(records, model.metric))
     return f"It was reconstructed with {len(records)} episodes."
+
+
+def _check_parameters(read: Callable[[bytes, str], object], name: str, data: bytes) -> None:
+    try:
+        read(data, name)
+    except SettingsError as error:
+        raise RecordError(str(error)) from error
+
+
+def _restore_parameters(
+    model: ModelStore, key: str, name: str, check: Callable[[bytes], None]
+) -> str:
+    """From a checkpoint, which has copies."""
+    copies = [r.counters.inputs[name] for r in readable_records(model) if name in r.counters.inputs]
+    saved = copies[-1].encode() if copies else b""
+    try:
+        check(saved)
+    except RecordError:
+        return ""  # the command that needs the file says what is wrong with it
+    model.bucket.put(key, saved)
+    return "It was restored from a checkpoint."
+
+
+def _write_start(model: ModelStore, key: str) -> str:
+    """Keep at least the seed: resuming needs it."""
+    found = _SEED.search(model.bucket.get(key))
+    seeds = [int(found[1])] if found else []
+    seeds += [s for r in readable_records(model) if (s := r.counters.seed) is not None]
+    if not seeds:
+        lost = "Its seed is lost; the training continues with a new one."
+        return _drop(model, key, lost)
+    model.bucket.put(key, TrainingStart(seeds[-1]).encode())
+    return f"Its seed, {seeds[-1]}, was restored."
+
+
+# Tells a model whose checkpoints are all lost from one that was never trained.
+#
+# Beginning again at iteration 0 would overwrite the rest of it.
+
+
+_PREFIX, _METRICS = "DR_LOCAL_S3_MODEL_PREFIX", "DR_LOCAL_S3_METRICS_PREFIX"
+
+
+def refuse_lost(
+    model: ModelStore, *, metrics_too: bool = False, in_environment: bool = False
+) -> None:
+    """Raise CheckpointsLost if a training must not begin here, with the command that starts over.
+
+    Unless a checkpoint can be read or reconstructed, or none was published. The reference's count
+    as readable. Nothing is changed. `metrics_too`: a setting names their place, too;
+    `in_environment`: these settings are there.
+    """
+    listed = {info.key: info.size_bytes for info in model.bucket.list(keys.folder(model.prefix))}
+    if not any(_tells_of_training(model.prefix, key) for key in listed):
+        return
+    store = CheckpointStore(model)
+    try:
+        found = store.load_latest() is not None
+    except CheckpointsLost:
+        found = False
+    if found or any(map(keys.is_tensorflow_part, listed)):
+        return
+    history = reconstruct_history(model)
+    whole = whole_checkpoints(model)
+    if any(reconstruct_record(model, name, history) is not None for name in whole):
+        return
+    names = {keys.checkpoint_of(model.prefix, key) for key in listed} | {store.pointed()}
+    numbers = sorted({name.number for name in names if name is not None})
+    traced = traced_iterations(model).items()
+    traces = [n for n, own in traced if all(listed[key] for key in own.values())]
+    known = [r.iteration for r in history]
+    trained = max([-1, *traces, *known, *(n - 1 for n in numbers)]) + 1
+    beside = _free_name(model)
+    values = f"{_PREFIX}={beside}"
+    if metrics_too:
+        values += f" {_METRICS}={keys.metrics_prefix(beside)}"
+    command = f"{values} " if in_environment else f"dr-config set {values} && "
+    raise CheckpointsLost(
+        f"{model.url} was trained for {trained} iterations, but has no checkpoint that can be "
+        f"read. Lost: {_counted(numbers, 'checkpoint')}. Left: the learning curve of "
+        f"{_counted(known, 'iteration')}, traces of {_counted(traces, 'iteration')}, "
+        f"{sum(map(bool, listed.values()))} files with content in all. Nothing was changed.",
+        remedy="Restore a checkpoint from a copy, or start over beside it, which deletes "
+        f"nothing: `{command}dr-start-training`.",
+    )
+
+
+def _tells_of_training(prefix: str, key: str) -> bool:
+    name = key.removeprefix(keys.folder(prefix))
+    history = keys.history(prefix)
+    return (
+        key in (keys.coach_checkpoint(prefix), history)
+        or keys.part_number(history, key) is not None
+        or re.fullmatch(r"(\d+/)?training-simtrace/\d+-iteration\.csv", name) is not None
+    )
+
+
+def _free_name(model: ModelStore) -> str:
+    name = raised(model.prefix, model.prefix)[1]
+    while is_used(ModelStore(model.bucket, name)):
+        name = raised(name, name)[1]
+    return name
+
+
+def _counted(numbers: Sequence[int], what: str) -> str:
+    if not numbers:
+        return f"no {what}"
+    if len(numbers) == 1:
+        return f"1 {what} ({numbers[0]})"
+    return f"{len(numbers)} {what}s ({numbers[0]} to {numbers[-1]})"

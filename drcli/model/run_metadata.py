@@ -16,10 +16,8 @@ from typing import Any
 
 from drcli.bucket.bucket import (
     ObjectDamaged,
-    ObjectMissing,
     ObjectNewer,
-    read_record,
-    remedy_of,
+    find_record,
 )
 from drcli.config.fields import hidden
 from drcli.config.run_config import SUPERVISOR_ONLY
@@ -66,11 +64,7 @@ def describe_start(
 
 def read_start(model: ModelStore) -> TrainingStart | None:
     """The last start; ObjectDamaged if unreadable."""
-    key = keys.training_start(model.prefix)
-    try:
-        return read_record(model.bucket, key, TrainingStart.decode, remedy_of(key))
-    except ObjectMissing:
-        return None
+    return find_record(model.bucket, keys.training_start(model.prefix), TrainingStart.decode)
 
 
 def metric_of(model: ModelStore) -> str:

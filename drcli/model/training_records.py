@@ -9,14 +9,15 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
 
-from drcli.base.json_record import RecordError
 from drcli.bucket.bucket import (
     Bucket,
     ObjectDamaged,
     ObjectMissing,
     ObjectNewer,
+    find_record,
     read_record,
-    remedy_of,
+    readable_record,
+    readable_records,
 )
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -51,11 +52,8 @@ def read_training(model: ModelStore, training: str) -> TrainingRecord | None:
         ObjectDamaged: It is unreadable.
         ObjectNewer: A newer drcli wrote it.
     """
-    try:
-        key = keys.training_record(model.prefix, training)
-        return read_record(model.bucket, key, TrainingRecord.decode, remedy_of(key))
-    except ObjectMissing:
-        return None
+    key = keys.training_record(model.prefix, training)
+    return find_record(model.bucket, key, TrainingRecord.decode)
 
 
 def write_training(bucket: Bucket, record: TrainingRecord) -> None:
@@ -88,11 +86,10 @@ def read_trainings(bucket: Bucket, prefix: str = "") -> tuple[list[TrainingRecor
 
 
 def read_files(model: ModelStore, training: str) -> Mapping[str, str]:
-    try:
-        key = keys.training_files(model.prefix, training)
-        return read_record(model.bucket, key, TrainingFiles.decode, remedy_of(key)).texts
-    except (ObjectMissing, ObjectDamaged, ObjectNewer):
-        return {}
+    key = keys.training_files(model.prefix, training)
+    with suppress(ObjectMissing, ObjectDamaged, ObjectNewer):
+        return read_record(model.bucket, key, TrainingFiles.decode).texts
+    return {}
 
 
 def add_files(model: ModelStore, training: str, texts: Mapping[str, str]) -> None:
@@ -155,21 +152,16 @@ _STATES: Mapping[str, TrainingState] = {
 
 
 def known_outcome(model: ModelStore) -> RunOutcome | None:
-    with suppress(ObjectMissing, RecordError):
-        return RunOutcome.decode(model.bucket.get(keys.outcome(model.prefix)))
-    return None
+    return readable_record(model.bucket, keys.outcome(model.prefix), RunOutcome.decode)
 
 
 # What a training's starts have cost.
 
 
 def read_spending(model: ModelStore) -> dict[str, StartSpending]:
-    found = {}
-    for info in model.bucket.list(keys.spending_folder(model.prefix)):
-        with suppress(ObjectMissing, RecordError):
-            one = StartSpending.decode(model.bucket.get(info.key))
-            found[one.session] = one
-    return found
+    folder = keys.spending_folder(model.prefix)
+    found = readable_records(model.bucket, folder, StartSpending.decode)
+    return {one.session: one for one in found}
 
 
 def with_spending(record: TrainingRecord, spent: Mapping[str, StartSpending]) -> TrainingRecord:

@@ -3,19 +3,20 @@
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Literal
 
 from drcli.base import errors
-from drcli.base.json_record import JsonRecord, RecordError, Seconds
+from drcli.base.json_record import JsonRecord, Seconds
 from drcli.bucket.bucket import (
     READS_FAR,
     ObjectDamaged,
     ObjectInfo,
-    ObjectMissing,
-    read_record,
-    remedy_of,
+    find_record,
+    readable_record,
+    readable_records,
 )
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -37,11 +38,9 @@ FORGOTTEN_S = 600.0
 
 def read_shares_record(model: ModelStore) -> SharesRecord | None:
     """None before a worker joined, or if damaged."""
-    key = keys.shares(model.prefix)
-    try:
-        return read_record(model.bucket, key, SharesRecord.decode, remedy_of(key))
-    except (ObjectMissing, ObjectDamaged):
-        return None
+    with suppress(ObjectDamaged):
+        return find_record(model.bucket, keys.shares(model.prefix), SharesRecord.decode)
+    return None
 
 
 def read_shares(model: ModelStore, session: str, iteration: int) -> Shares | None:
@@ -82,10 +81,7 @@ class MemberReader:
 
     def _records(self, changed: Mapping[str, ObjectInfo]) -> dict[str, MemberRecord | None]:
         def read(info: ObjectInfo) -> MemberRecord | None:
-            try:
-                return MemberRecord.decode(self._model.bucket.get(info.key))
-            except (ObjectMissing, RecordError):
-                return None
+            return readable_record(self._model.bucket, info.key, MemberRecord.decode)
 
         if len(changed) < 2:
             return {name: read(info) for name, info in changed.items()}
@@ -134,12 +130,8 @@ def read_reward_errors(model: ModelStore) -> list[RewardErrorRecord]:
     Raises:
         StorageError: The bucket does not answer.
     """
-    found = []
-    for info in model.bucket.list(keys.reward_errors_folder(model.prefix)):
-        try:
-            found.append(RewardErrorRecord.decode(model.bucket.get(info.key)))
-        except (ObjectMissing, RecordError):  # its worker writes it again
-            continue
+    folder = keys.reward_errors_folder(model.prefix)
+    found = readable_records(model.bucket, folder, RewardErrorRecord.decode)
     return sorted(found, key=lambda record: record.worker)
 
 
@@ -243,11 +235,8 @@ NO_ROLLBACKS = Rollbacks()
 
 
 def read_rollbacks(model: ModelStore) -> Rollbacks:
-    key = keys.rollbacks(model.prefix)
-    try:
-        return read_record(model.bucket, key, Rollbacks.decode, remedy_of(key))
-    except ObjectMissing:
-        return Rollbacks()
+    found = find_record(model.bucket, keys.rollbacks(model.prefix), Rollbacks.decode)
+    return found or Rollbacks()
 
 
 def write_rollbacks(model: ModelStore, rollbacks: Rollbacks) -> None:
@@ -264,11 +253,8 @@ def read_outcome(model: ModelStore) -> RunOutcome | None:
     Raises:
         ObjectNewer: A newer drcli wrote it.
     """
-    key = keys.outcome(model.prefix)
     try:
-        return read_record(model.bucket, key, RunOutcome.decode, remedy_of(key))
-    except ObjectMissing:
-        return None
+        return find_record(model.bucket, keys.outcome(model.prefix), RunOutcome.decode)
     except ObjectDamaged as error:
         errors.warn(f"{error} {error.remedy}")
         return None

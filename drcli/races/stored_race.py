@@ -25,8 +25,7 @@ from drcli.bucket.bucket import (
     ObjectMissing,
     ObjectNewer,
     Watch,
-    read_record,
-    remedy_of,
+    find_record,
 )
 from drcli.model import race_keys
 from drcli.races.race_records import BracketDraw, QueueOrder, RaceResult, RaceRules, RaceSubmission
@@ -142,11 +141,10 @@ def read_rules(bucket: Bucket, race: str) -> RaceRules:
     """Raises SettingsError without such a race, ObjectDamaged for unreadable rules."""
     if not is_race_id(race):
         raise no_race(race, race_ids(bucket), bucket.name)
-    key = race_keys.rules(race)
-    try:
-        return read_record(bucket, key, RaceRules.decode, remedy_of(key))
-    except ObjectMissing:
-        raise no_race(race, race_ids(bucket), bucket.name) from None
+    found = find_record(bucket, race_keys.rules(race), RaceRules.decode)
+    if found is None:
+        raise no_race(race, race_ids(bucket), bucket.name)
+    return found
 
 
 def read_race(bucket: Bucket, race: str) -> StoredRace:
@@ -156,9 +154,7 @@ def read_race(bucket: Bucket, race: str) -> StoredRace:
 
     def read(key: str, decode: Callable[[bytes], _Record]) -> _Record | None:
         try:
-            return read_record(bucket, key, decode, remedy_of(key))
-        except ObjectMissing:
-            return None  # somebody has withdrawn it since
+            return find_record(bucket, key, decode)  # somebody may have withdrawn it since
         except (ObjectDamaged, ObjectNewer) as error:
             damaged.append(f"{error} {error.remedy}")
             return None

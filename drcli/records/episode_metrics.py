@@ -17,8 +17,18 @@ REPORT_FILE = "evaluation.json"
 """For `dr-evaluate`."""
 
 
+class _Metrics(JsonRecord):
+    def to_json(self) -> dict[str, Any]:
+        """As in metrics files: 12, not 12.0."""
+        return {
+            name: int(value) if isinstance(value, float) and value.is_integer() else value
+            for name, value in super().to_json().items()
+            if value is not None
+        }
+
+
 @dataclass(frozen=True)
-class EpisodeMetrics(JsonRecord):
+class EpisodeMetrics(_Metrics):
     """One episode in `TrainingMetrics.json`. Times: milliseconds of simulation.
 
     We write whole numbers, but read fractions of other tools.
@@ -60,22 +70,6 @@ class EpisodeMetrics(JsonRecord):
             iteration=iteration,
         )
 
-    def to_json(self) -> dict[str, Any]:
-        fields = _whole_as_int(super().to_json())
-        if self.iteration is None:
-            del fields["iteration"]
-        if self.stage is None:
-            del fields["stage"]
-        return fields
-
-
-def _whole_as_int(fields: dict[str, Any]) -> dict[str, Any]:
-    """As in metrics files: 12, not 12.0."""
-    return {
-        name: int(value) if isinstance(value, float) and value.is_integer() else value
-        for name, value in fields.items()
-    }
-
 
 def completion_percentage(progress: float) -> int:
     return min(100, max(0, int(progress)))
@@ -115,7 +109,7 @@ def most_episodes(records: Sequence[EpisodeMetrics]) -> int:
 
 
 @dataclass(frozen=True)
-class TrialMetrics(JsonRecord):
+class TrialMetrics(_Metrics):
     """One trial, or lap of a continuous race. Times: milliseconds of simulation.
 
     The counts are violations; `reset_count` of them put the car back. Keys from
@@ -173,10 +167,6 @@ class TrialMetrics(JsonRecord):
     @property
     def clean(self) -> bool:
         return is_clean(vars(self), finished=self.episode_status == STATUS_LABELS["lap_complete"])
-
-    def to_json(self) -> dict[str, Any]:
-        fields = _whole_as_int(super().to_json())
-        return {name: value for name, value in fields.items() if value is not None}
 
 
 def is_clean(trial: Mapping[str, Any], *, finished: bool) -> bool:

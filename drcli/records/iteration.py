@@ -310,11 +310,9 @@ SEPARATOR = b", "
 
 def encode_iteration(record: IterationRecord) -> bytes:
     """May contain NaN, as Python's JSON does."""
-    values = record.to_json()
-    for name in LEFT_OUT_IF_EMPTY:
-        if not values[name]:
-            del values[name]
-    return json.dumps(values).encode()
+    values = record.to_json().items()
+    kept = {name: value for name, value in values if value or name not in LEFT_OUT_IF_EMPTY}
+    return json.dumps(kept).encode()
 
 
 def encode_history(records: Sequence[IterationRecord]) -> bytes:

@@ -10,10 +10,10 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 from drcli.base.errors import DrError
-from drcli.base.json_record import JsonRecord, RecordError, SafeInt, Seconds
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds
 from drcli.base.processes import Stopped, started_s
 from drcli.base.report import Col, View, bold, counted, table
-from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.bucket.bucket import Bucket, readable_record
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.model import keys
@@ -253,10 +253,7 @@ class _Loop:
 
 
 def read_best_laps(bucket: Bucket, key: str) -> BestLaps:
-    try:
-        return BestLaps.decode(bucket.get(key))
-    except (ObjectMissing, RecordError):
-        return BestLaps()
+    return readable_record(bucket, key, BestLaps.decode) or BestLaps()
 
 
 def draws_anything(settings: Settings) -> bool:

@@ -22,8 +22,8 @@ from drcli.model.checkpoint_choice import Chosen, find_choice, sentence_about
 from drcli.model.files.params_yaml import evaluation_parameters
 from drcli.model.model_prefix import what_helps
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import readable_scores
-from drcli.model.repair_model import repair_or_warn
+from drcli.model.reconstruct import readable_scores
+from drcli.model.repair import repair_unless_trained
 from drcli.model.write_probe import prove_writing
 from drcli.records.evaluation_task import PolicySource, Runtime
 from drcli.records.job import Job
@@ -96,7 +96,9 @@ def prepare_evaluation(
         raise ProblemsError([replace(track, severity="error")])
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     if own.file is None:
-        repair_or_warn(settings.model, ModelStore(bucket, settings.model_prefix), missing=True)
+        repair_unless_trained(
+            settings.model, ModelStore(bucket, settings.model_prefix), missing=True
+        )
         check_model(ModelStore(bucket, settings.model_prefix), "DR_LOCAL_S3_MODEL_PREFIX")
         on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
     else:
@@ -112,7 +114,7 @@ def prepare_evaluation(
     if settings.race_type == "HEAD_TO_MODEL":
         theirs = settings.eval_opp_s3_model_prefix
         if sources[1].file is None:
-            repair_or_warn(settings.model, ModelStore(bucket, theirs), missing=True)
+            repair_unless_trained(settings.model, ModelStore(bucket, theirs), missing=True)
             check_model(ModelStore(bucket, theirs), "DR_EVAL_OPP_S3_MODEL_PREFIX")
         choice = settings.eval_opp_checkpoint or choice
         option = "--opp-checkpoint"

@@ -4,6 +4,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Annotated
@@ -14,8 +15,8 @@ from drcli.bucket.bucket import (
     ObjectDamaged,
     ObjectMissing,
     ObjectNewer,
+    find_record,
     read_record,
-    remedy_of,
 )
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
@@ -659,7 +660,7 @@ def _listed(
     trials: list[TrialReport] = []
     problem = ""
     try:
-        trials = trial_reports(read_record(bucket, key, decode_metrics_file, remedy_of(key)))
+        trials = trial_reports(read_record(bucket, key, decode_metrics_file))
     except (ObjectMissing, ObjectDamaged, ObjectNewer) as error:
         problem = f"{error} {error.remedy}"
     laps, clean = [trial.lap_s for trial in trials if trial.finished], laps_of(trials)
@@ -686,8 +687,6 @@ def _listed(
 
 
 def _recording(bucket: Bucket, trace: str) -> RaceRecording | None:
-    key = keys.recording_of(trace)
-    try:
-        return read_record(bucket, key, RaceRecording.decode, remedy_of(key))
-    except (ObjectMissing, ObjectDamaged, ObjectNewer):
-        return None
+    with suppress(ObjectDamaged, ObjectNewer):
+        return find_record(bucket, keys.recording_of(trace), RaceRecording.decode)
+    return None

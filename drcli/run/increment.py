@@ -26,7 +26,7 @@ from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design, weight_problems
 from drcli.model.model_prefix import contains, is_used, wipe
 from drcli.model.model_store import ModelStore
-from drcli.model.repair_model import repair_or_warn
+from drcli.model.repair import repair_unless_trained
 from drcli.records.run_record import run_folder
 from drcli.records.training_record import Pretrained
 from drcli.rewards.reward_rules import read_source, review_source
@@ -285,7 +285,7 @@ def plan_increment(
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     store = ModelStore(bucket, after)
     model = ModelStore(bucket, before)
-    repair_or_warn(settings.model, model)
+    repair_unless_trained(settings.model, model)
     checkpoint = parse_checkpoint(others.get(CHECKPOINT, settings.pretrained_checkpoint))
     place = settings.place(MODEL)
     pretrained, _ = read_weights(model, checkpoint, MODEL, place)

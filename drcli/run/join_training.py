@@ -7,7 +7,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from types import FrameType
 from typing import Annotated
@@ -15,7 +15,12 @@ from typing import Annotated
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import RecordError, from_json
 from drcli.base.processes import handle, restore, started_s
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import (
+    Bucket,
+    ObjectDamaged,
+    find_record,
+    readable_record,
+)
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.start_rules import refuse_second_run
 from drcli.config.run_config import RaceConfig
@@ -206,18 +211,13 @@ class JoinedMachine:
         return None
 
     def _is_complete(self, session: str) -> bool:
-        try:
-            end = TrainingEnd.decode(self._bucket.get(keys.finished(self._prefix)))
-        except (ObjectMissing, RecordError):
-            return False
-        return end.session == session
+        end = readable_record(self._bucket, keys.finished(self._prefix), TrainingEnd.decode)
+        return end is not None and end.session == session
 
     def _join_record(self) -> JoinRecord | None:
-        key = keys.join_record(self._prefix)
-        try:
-            return read_record(self._bucket, key, JoinRecord.decode, remedy_of(key))
-        except (ObjectMissing, ObjectDamaged):
-            return None
+        with suppress(ObjectDamaged):
+            return find_record(self._bucket, keys.join_record(self._prefix), JoinRecord.decode)
+        return None
 
     def _own_job(self, record: JoinRecord) -> Job:
         try:

@@ -34,7 +34,7 @@ from drcli.model.files.network_shape import Design, model_files
 from drcli.model.model_prefix import is_aborted_start, is_used, newest_checkpoint, what_helps, wipe
 from drcli.model.model_store import ModelStore
 from drcli.model.notes import describe
-from drcli.model.repair_model import find_lost, repair_all
+from drcli.model.repair import refuse_lost, repair
 from drcli.model.run_metadata import describe_start, read_start
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.records.checkpoint import CheckpointName, Counters
@@ -224,7 +224,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         )
     model = ModelStore.of(settings.model, bucket, prefix)
     conversion = plan_conversion(store) if options.resume else None
-    repairs = repair_all(model) if options.resume and conversion is None else []
+    repairs = repair(model) if options.resume and conversion is None else []
     for sentence in repairs:
         # Show these now: the plan's warnings are lost if the start is refused.
         errors.warn(sentence)
@@ -241,8 +241,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     found_files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
     if conversion is not None:
         found_files |= conversion.own_files(found_files)
-    before_this = prefix if options.resume else _pretrained_prefix(settings)
-    kept = kept_method(bucket, before_this) if options.method is None else None
+    before_this = store if options.resume else _pretrained(settings, bucket)
+    kept = kept_method(before_this) if before_this is not None and not options.method else None
     files = chosen_method(found_files, options.method, kept)
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
@@ -262,9 +262,9 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     found = of_severity([*clock, *examined.problems], "warning")
     warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, found)]
     if before_this is not None and not design.parameters.taught:
-        warnings += _steps_too_large(bucket, before_this, design)
-    if files != found_files and kept is not None:
-        warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this))
+        warnings += _steps_too_large(before_this, design)
+    if files != found_files and kept is not None and before_this is not None:
+        warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this.prefix))
     if resumes is not None and design.metadata.algorithm.replay:
         warnings += _replay_lost(design, store, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
@@ -340,22 +340,23 @@ def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, buc
     return ending(replace(job, stages=staged.stages), parameters)
 
 
-def _pretrained_prefix(settings: Settings) -> str | None:
-    return None if settings.pretrained_model is None else settings.pretrained_model.prefix
+def _pretrained(settings: Settings, bucket: Bucket) -> ModelStore | None:
+    given = settings.pretrained_model
+    return None if given is None else ModelStore(bucket, given.prefix)
 
 
-def _steps_too_large(bucket: Bucket, before: str, design: Design) -> list[str]:
+def _steps_too_large(before: ModelStore, design: Design) -> list[str]:
     lr = design.parameters.lr
-    if lr <= FINE_LR or kept_method(bucket, before) is None:
+    if lr <= FINE_LR or kept_method(before) is None:
         return []
     return [
-        f"{design.parameters_origin}: lr={lr:g} is high for the weights of {before}, which learned "
-        f"from a teacher: they may be lost within a few updates. Write lr={FINE_LR:g} and "
+        f"{design.parameters_origin}: lr={lr:g} is high for the weights of {before.prefix}, which "
+        f"learned from a teacher: they may be lost within a few updates. Write lr={FINE_LR:g} and "
         "target_kl=0.03 to go on without a teacher."
     ]
 
 
-def _keeps_teacher(file: str, before: str | None) -> str:
+def _keeps_teacher(file: str, before: str) -> str:
     return (
         f"{file} has no training_method, so that of {before} is kept: teacher. --no-teacher, or "
         '"training_method": "camera" in the file, goes on without it.'
@@ -420,14 +421,11 @@ def _resumable(model: ModelStore) -> tuple[str | None, list[str]]:
 
 def _refuse_lost(settings: Settings, bucket: Bucket) -> None:
     """Rather than iteration 0 among a model's remains."""
-    lost = find_lost(ModelStore(bucket, settings.model_prefix))
-    if lost is None:
-        return
     metrics = written(settings, METRICS)
-    stays = metrics is not None and "$" not in metrics  # so it would be that of the old model
-    raise lost.refusal(
-        *([f"{METRICS}={keys.metrics_prefix(lost.beside)}"] if stays else []),
-        set_in_environment=settings.source(MODEL) == "environment",
+    refuse_lost(
+        ModelStore(bucket, settings.model_prefix),
+        metrics_too=metrics is not None and "$" not in metrics,  # it would be that of the old model
+        in_environment=settings.source(MODEL) == "environment",
     )
 
 

@@ -10,7 +10,7 @@ from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
 from drcli.base.processes import exists
 from drcli.base.report import Styled, View, abridged, clock, counted
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.bucket.connect import open_running_bucket
 from drcli.bucket.request_count import read_counts
 from drcli.config.run_config import RunConfig
@@ -25,7 +25,7 @@ from drcli.model.model_list import CheckpointEntry
 from drcli.model.model_prefix import newest_checkpoint
 from drcli.model.model_store import ModelStore
 from drcli.model.notes import read_notes
-from drcli.model.repair import find_damage, readable_history, readable_scores
+from drcli.model.reconstruct import readable_history, readable_scores
 from drcli.model.training_state import (
     GONE_S,
     Rollback,
@@ -222,8 +222,8 @@ class RunReport:
     warning: Annotated[str, "Problems with the learning curve; empty if there is none."] = ""
     damaged: Annotated[
         list[str],
-        "What is wrong with each damaged object in the bucket, and what to do about it. "
-        "The history and the checkpoints are reconstructed then, as far as possible.",
+        "What is wrong with each damaged object that this needs, and what to do about it; "
+        "what it told is worked out from others, as far as possible.",
     ] = field(default_factory=list)
     unreachable: Annotated[
         str,
@@ -519,8 +519,6 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             counted = read_reward_errors(ModelStore(bucket, record.prefix))
             if counted:
                 failed = sum_of(each.total for each in counted)
-            if reader is None:  # whoever looks again and again need not read everything
-                damaged = find_damage(model)
             try:
                 rollbacks = read_rollbacks(ModelStore(bucket, record.prefix)).entries
             except ObjectDamaged as error:
@@ -671,7 +669,7 @@ def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
 def _said(model: ModelStore, name: str) -> ActivityRecord:
     key = keys.status(model.prefix, name)
     try:
-        return read_record(model.bucket, key, ActivityRecord.decode, remedy_of(key))
+        return read_record(model.bucket, key, ActivityRecord.decode)
     except ObjectMissing:
         return _here("starting")
     except ObjectDamaged as error:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from drcli.base.errors import SettingsError, refuse
-from drcli.bucket.bucket import Bucket, ObjectMissing, read_record, remedy_of
+from drcli.bucket.bucket import Bucket, find_record
 from drcli.model.model_prefix import is_used, wipe
 from drcli.model.model_store import ModelStore
 from drcli.sweeps import sweep_record
@@ -18,11 +18,7 @@ def put_sweep(bucket: Bucket, record: SweepRecord) -> None:
 
 def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
     """None without a record; raises StorageError for an unreadable one."""
-    key = sweep_record.sweep_key(name)
-    try:
-        return read_record(bucket, key, SweepRecord.decode, remedy_of(key))
-    except ObjectMissing:
-        return None
+    return find_record(bucket, sweep_record.sweep_key(name), SweepRecord.decode)
 
 
 def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Trial]) -> None:

@@ -114,7 +114,7 @@ class TrialRun:
         return found is not None and found.alive
 
     def iterations(self) -> list[IterationRecord]:
-        return self._history.read(self._bucket, self._prefix)
+        return self._history.read(ModelStore(self._bucket, self._prefix))
 
     def interrupt(self) -> None:
         found = self.record()

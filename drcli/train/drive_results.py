@@ -15,9 +15,8 @@ from drcli.drive.driving import Driven, columns_of
 from drcli.metrics.figure_events import episode_points
 from drcli.metrics.open_sinks import sender_of_episodes
 from drcli.model import keys
-from drcli.model.growing_file import GrowingFile, Layout, list_parts
+from drcli.model.growing_file import GrowingFile, Layout, list_parts, read_all_metrics
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics
 from drcli.model.traces import TraceRetention
 from drcli.model.training_state import read_rollbacks
 from drcli.records.checkpoint import CheckpointName, checkpoint_name
@@ -58,16 +57,15 @@ class TrainingMetrics:
 
     def __init__(
         self,
-        bucket: Bucket,
-        metrics_prefix: str,
-        best_model_metric: str,
+        model: ModelStore,
         share: Share,
         *,
         stage: str = "",
     ) -> None:
         self._stage = stage
-        key = keys.training_metrics(metrics_prefix, share.worker)
-        layout = Layout(METRICS_HEAD, SEPARATOR, metrics_end(best_model_metric))
+        bucket = model.bucket
+        key = keys.training_metrics(model.metrics_prefix, share.worker)
+        layout = Layout(METRICS_HEAD, SEPARATOR, metrics_end(model.metric))
         self._file = GrowingFile(bucket, key, layout, iterations_per_part=ITERATIONS_PER_PART)
         parts = list_parts(bucket, key)
         found = read_all_metrics(bucket, key)
@@ -75,7 +73,7 @@ class TrainingMetrics:
         self._per_iteration = max(share.most, most_episodes(records))
         if share.worker > 0:
             with contextlib.suppress(ObjectDamaged):
-                first = read_all_metrics(bucket, keys.training_metrics(metrics_prefix, 0))
+                first = read_all_metrics(bucket, keys.training_metrics(model.metrics_prefix, 0))
                 self._per_iteration = max(self._per_iteration, most_episodes(first))
         records = [
             replace(record, episode=self._number(record.iteration or 0, record.trial))
@@ -183,7 +181,7 @@ class DriveResults:
         self._config = job.config
         self._bucket = bucket
         self._prefix = job.config.model.prefix
-        self._model = ModelStore(self._bucket, self._prefix)
+        self._model = ModelStore.of(job.config.model, bucket, self._prefix)
         self._worker = simulation.share.worker
         self._lag = max_lag(job.config.train)
         self._figures = sender_of_episodes(job.config.figures, self._prefix)
@@ -204,14 +202,9 @@ class DriveResults:
         self._metrics = self._open_metrics()
 
     def _open_metrics(self) -> TrainingMetrics:
-        model, stage = self._config.model, self._simulation.stage
-        return TrainingMetrics(
-            self._bucket,
-            model.metrics_prefix,
-            model.metric,
-            self._simulation.share,
-            stage="" if stage is None else stage.name,
-        )
+        stage = self._simulation.stage
+        name = "" if stage is None else stage.name
+        return TrainingMetrics(self._model, self._simulation.share, stage=name)
 
     def forget_given_up(self, newest: CheckpointName | None = None) -> None:
         """Note what the log has, and delete traces of iterations given up."""

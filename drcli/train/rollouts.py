@@ -4,6 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from threading import BoundedSemaphore
 
@@ -13,9 +14,7 @@ from drcli.bucket.bucket import (
     READS,
     READS_FAR,
     ObjectDamaged,
-    ObjectMissing,
-    read_record,
-    remedy_of,
+    find_record,
 )
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -50,10 +49,9 @@ REPORT_EVERY_S = 10.0
 def find_manifest(model: ModelStore, iteration: int, worker: int) -> Manifest | None:
     """None if missing or damaged."""
     key = keys.rollout_manifest(model.prefix, iteration, worker)
-    try:
-        return read_record(model.bucket, key, Manifest.decode, remedy_of(key))
-    except (ObjectMissing, ObjectDamaged):
-        return None
+    with suppress(ObjectDamaged):
+        return find_record(model.bucket, key, Manifest.decode)
+    return None
 
 
 class RolloutReader:

@@ -153,7 +153,8 @@ class Scoring:
         except ObjectDamaged as error:
             self._expected.discard(iteration)
             key = keys.evaluation_result(self._model.prefix, iteration)
-            kept = set_aside(self._model, key)
+            kept = set_aside(self._model, key, self._model.bucket.get(key))
+            self._model.bucket.delete([key])
             _logger.warning("%s It is not scored; the damaged one is kept as %s.", error, kept)
             return None
 

@@ -111,7 +111,7 @@ class SimWorker:
         if isinstance(self._model, ActorCritic) and self._model.spec.taught:
             self._racers.append(Racer(Teacher(self._model).eval(), actions))
         self._failures = RewardFailures(train, worker)
-        self._failures.restore(self._bucket, self._prefix)
+        self._failures.restore(self._store)
         own = ModelStore(self._bucket, self._prefix, model.metrics_prefix, model.metric, (worker,))
         for sentence in repair_metrics(own):
             _logger.warning(sentence)

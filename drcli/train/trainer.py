@@ -26,8 +26,7 @@ from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 from drcli.model.history import History
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import repair
-from drcli.model.repair_model import refuse_lost
+from drcli.model.repair import refuse_lost, repair
 from drcli.model.traces import TraceRetention
 from drcli.model.training_state import Reason
 from drcli.records.checkpoint import Counters

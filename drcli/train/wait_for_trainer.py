@@ -5,9 +5,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, readable_record
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
@@ -167,8 +166,6 @@ class CheckpointWaiter:
             raise StopRequested
 
     def _finished(self) -> bool:
-        try:
-            end = TrainingEnd.decode(self._model.bucket.get(self._end))
-        except (ObjectMissing, RecordError):  # the supervisor ends the workers too
-            return False
-        return end.session == self._session
+        # The supervisor ends the workers too.
+        end = readable_record(self._model.bucket, self._end, TrainingEnd.decode)
+        return end is not None and end.session == self._session

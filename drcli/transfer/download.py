@@ -18,8 +18,8 @@ from drcli.model.checkpoint_list import PARAMETERS_FILE, SHAPING, Item
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.params_yaml import moved_training_parameters
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import readable_scores
-from drcli.model.repair_model import repair_or_warn
+from drcli.model.reconstruct import readable_scores
+from drcli.model.repair import repair_unless_trained
 from drcli.model.write_probe import prove_writing
 from drcli.transfer.copy_custom_files import write_own_files
 from drcli.transfer.download_source import (
@@ -144,7 +144,7 @@ def download(planned: PlannedDownload, settings: Settings, progress: Progress) -
         delivery.withdraw()
         delivery.send(_fetch(source, delivery, listed, watch))
         delivery.confirm((*SHAPING, *POINTERS))
-    repair_or_warn(settings.model, model)
+    repair_unless_trained(settings.model, model)
     kept = [*delivery.copied, *delivery.unchanged]
     if options.wipe:
         delivery.delete_strays("", kept)

@@ -27,8 +27,8 @@ from drcli.model.files.params_yaml import (
     split_world,
     training_parameters,
 )
+from drcli.model.growing_file import read_all_metrics
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.transfer.export_forms import (
     CheckpointExport,

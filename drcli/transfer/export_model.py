@@ -26,7 +26,7 @@ from drcli.model.checkpoint_choice import (
 from drcli.model.checkpoint_list import Item, known_best
 from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
-from drcli.model.repair_model import repair_or_warn
+from drcli.model.repair import repair_unless_trained
 from drcli.model.run_metadata import read_start
 from drcli.model.write_probe import prove_writing
 from drcli.records.checkpoint import CheckpointRecord
@@ -93,7 +93,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     prefix = checked_prefix(prefix, "-p") if prefix else settings.model_prefix
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     store = ModelStore(bucket, prefix)
-    repair_or_warn(settings.model, store)
+    repair_unless_trained(settings.model, store)
     model = ModelStore.of(settings.model, bucket, prefix)
     for attempt in range(_PICKS):
         chosen = find_choice(model, selection.choice)

@@ -6,7 +6,6 @@ from typing import Annotated
 
 from drcli.base.errors import BadValue, SettingsError, shown
 from drcli.base.report import View, abridged, bold, dim, printable, utc_minute
-from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.config.value_types import LONGEST_TEXT
@@ -75,7 +74,7 @@ def list_notes(settings: Settings, prefix: str | None) -> NoteList:
         SettingsError: There is no such model.
     """
     bucket = bucket_to_look_at(settings.transfer, upload=False)
-    return notes_of(ModelStore(bucket, _model(settings, bucket, prefix)))
+    return notes_of(_existing(ModelStore(bucket, _named(settings, prefix))))
 
 
 def notes_of(model: ModelStore) -> NoteList:
@@ -88,9 +87,7 @@ def write_note(settings: Settings, prefix: str | None, text: str) -> NoteList:
     Raises:
         SettingsError: There is no such model, or the text cannot be a note.
     """
-    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    model, words = _model(settings, bucket, prefix), _checked(text)
-    store = ModelStore(bucket, model)
+    store, words = _opened(settings, prefix), _checked(text)
     known = read_notes(store)  # before the change: nothing can fail once it is made
     newest = newest_checkpoint(store)
     added = add_note(store, words, None if newest is None else newest.number)
@@ -103,9 +100,7 @@ def rewrite_note(settings: Settings, prefix: str | None, number: int, text: str)
     Raises:
         SettingsError: There is no such model or note, or the text cannot be one.
     """
-    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    model, words = _model(settings, bucket, prefix), _checked(text)
-    store = ModelStore(bucket, model)
+    store, words = _opened(settings, prefix), _checked(text)
     found = read_notes(store)
     known = dict(_numbered(found))
     if number == 0 and number not in known:
@@ -122,9 +117,7 @@ def delete_note(settings: Settings, prefix: str | None, number: int) -> NoteList
     Raises:
         SettingsError: There is no such model or note.
     """
-    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    model = _model(settings, bucket, prefix)
-    store = ModelStore(bucket, model)
+    store = _opened(settings, prefix)
     found = read_notes(store)
     removed = _of_number(dict(_numbered(found)), number, store)
     remove_note(store, removed)
@@ -163,15 +156,23 @@ def _of_number(known: dict[int, StoredNote], number: int, model: ModelStore) -> 
     return known[number]
 
 
-def _model(settings: Settings, bucket: Bucket, prefix: str | None) -> str:
-    chosen = settings.model_prefix if prefix is None else prefix.rstrip("/")
-    if not keys.is_valid_prefix(chosen) or not is_used(ModelStore(bucket, chosen)):
+def _opened(settings: Settings, prefix: str | None) -> ModelStore:
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    return _existing(ModelStore(bucket, _named(settings, prefix)))
+
+
+def _named(settings: Settings, prefix: str | None) -> str:
+    return settings.model_prefix if prefix is None else prefix.rstrip("/")
+
+
+def _existing(model: ModelStore) -> ModelStore:
+    if not keys.is_valid_prefix(model.prefix) or not is_used(model):
         raise SettingsError(
-            f"There is no model at s3://{bucket.name}/{chosen}.",
+            f"There is no model at {model.url}.",
             remedy="Start its training first, or name another with -p; `dr-list-models` lists all. "
             "DR_MODEL_DESCRIPTION describes a model that is still to be started.",
         )
-    return chosen
+    return model
 
 
 def _checked(text: str) -> str:

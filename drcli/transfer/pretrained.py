@@ -20,7 +20,7 @@ from drcli.model.checkpoints import Checkpoint, CheckpointStore
 from drcli.model.files.network_shape import Design, weight_problems
 from drcli.model.model_prefix import contains, what_helps
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import readable_scores
+from drcli.model.reconstruct import readable_scores
 from drcli.records.scores import Score
 from drcli.records.training_record import Pretrained
 

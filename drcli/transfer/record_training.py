@@ -24,7 +24,7 @@ from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.history import HistoryReader
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import readable_history, readable_scores
+from drcli.model.reconstruct import readable_history, readable_scores
 from drcli.model.run_metadata import read_start
 from drcli.model.training_records import (
     add_files,

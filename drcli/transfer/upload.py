@@ -5,13 +5,13 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated
 
 from drcli.base import errors
 from drcli.base.errors import BadValue, SettingsError
-from drcli.base.json_record import RecordError
 from drcli.base.report import View, counted, size_text
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, readable_record
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.editing import RunEnvEdit, plan_edit, raised, written
 from drcli.config.loading import load_settings
@@ -32,7 +32,7 @@ from drcli.model.checkpoint_list import (
 from drcli.model.files.params_yaml import training_parameters
 from drcli.model.model_prefix import contains
 from drcli.model.model_store import ModelStore
-from drcli.model.repair_model import repair_or_warn
+from drcli.model.repair import repair_unless_trained
 from drcli.model.write_probe import prove_writing
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord
 from drcli.transfer.put_model import POINTERS, Delivery, Progress, TransferReport, replay_bytes
@@ -279,11 +279,8 @@ def _is_ours(model: ModelStore, name: CheckpointName, found: list[str]) -> bool:
     record = keys.checkpoint_record(model.prefix, str(name))
     if record not in found or keys.checkpoint_tensors(model.prefix, str(name)) not in found:
         return False
-    try:
-        CheckpointRecord.decode_of(str(name), model.bucket.get(record))
-    except (RecordError, ObjectMissing):
-        return False
-    return True
+    decode = partial(CheckpointRecord.decode_of, str(name))
+    return readable_record(model.bucket, record, decode) is not None
 
 
 def _pointed(model: ModelStore) -> set[CheckpointName]:
@@ -374,7 +371,8 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     )
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     model = ModelStore(here, source)
-    repair_or_warn(settings.model, model, may_write=not options.dry_run)
+    if not options.dry_run:
+        repair_unless_trained(settings.model, model)
     refuse_incomplete(settings.model, model)
     chosen = take_choice(ModelStore.of(settings.model, here, source), options.choice)
     there.list(keys.model_folder(target))  # fails here if the target cannot be reached

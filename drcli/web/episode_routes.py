@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from starlette.requests import Request
@@ -9,12 +10,13 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import StorageError
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectInfo, ObjectMissing, read_record
+from drcli.model import keys
 from drcli.model.growing_file import combined_metrics
 from drcli.model.history import HistoryReader
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_metrics, readable_history
-from drcli.records.episode_metrics import EpisodeMetrics
+from drcli.model.reconstruct import readable_history
+from drcli.records.episode_metrics import EpisodeMetrics, decode_metrics
 from drcli.run.seen_in_bucket import SeenRun, distant_run, read_lap_lines, seen_run
 from drcli.view.playback.player_handle import PlayerHandle, facts_of
 from drcli.view.playback.stored_traces import models_with_traces, stored_traces
@@ -108,36 +110,31 @@ class MetricsReader:
     def __init__(self) -> None:
         self._known: dict[str, tuple[ObjectInfo, list[EpisodeMetrics]]] = {}
         self._episodes: list[DrivenEpisode] = []
-        self.damaged: list[str] = []
 
-    def read(self, bucket: Bucket, metrics_prefix: str) -> list[DrivenEpisode]:
+    def read(self, model: ModelStore) -> list[DrivenEpisode]:
         """By iteration; the same list if nothing has changed.
 
-        Without damaged objects (noted in `damaged`) and without episodes of version 0.1.0, whose
-        iteration is unknown.
+        Without damaged objects and without episodes of version 0.1.0, whose iteration is unknown.
 
         Raises:
             StorageError: The bucket does not answer.
         """
-        folder = metrics_prefix.rstrip("/") + "/"
+        folder = keys.folder(model.metrics_prefix)
         infos = {
             info.key: info
-            for info in bucket.list(folder)
+            for info in model.bucket.list(folder)
             if _METRICS.fullmatch(info.key.removeprefix(folder))
         }
         kept = {key: found for key, found in self._known.items() if found[0] == infos.get(key)}
         if kept.keys() == infos.keys() == self._known.keys():
             return self._episodes
-        self._known, self.damaged = kept, []
+        self._known = kept
         # A part comes before its whole object: a part that is deleted meanwhile is in that.
         for key in sorted(infos, reverse=True):
             if key not in kept:
-                try:
-                    kept[key] = infos[key], read_metrics(bucket, key)
-                except ObjectMissing:
-                    continue
-                except ObjectDamaged as error:
-                    self.damaged.append(str(error))
+                with suppress(ObjectMissing, ObjectDamaged):
+                    records = read_record(model.bucket, key, decode_metrics)
+                    kept[key] = infos[key], records
         self._episodes = _sorted(kept, folder)
         return self._episodes
 
@@ -213,7 +210,7 @@ class EpisodeRows:
         run = self._look()
         if run.model is None:
             raise _away(run)
-        self._rows.update(self._reader.read(run.model.bucket, run.model.metrics_prefix))
+        self._rows.update(self._reader.read(run.model))
         return self._rows
 
 

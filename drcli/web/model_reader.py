@@ -102,7 +102,7 @@ class ModelReader:
         settings = self.folder.settings()
         bucket = self.bucket(settings)
         if prefix not in models_in(bucket.list(keys.folder(prefix))):
-            raise no_model(bucket.name, prefix)
+            raise BadRequest(f"There is no model {prefix:.200} in s3://{bucket.name}.", 404)
         return settings, bucket
 
     def record(self, prefix: str) -> TrainingRecord | None:
@@ -122,10 +122,6 @@ def settings_for(directory: Path, prefix: str, flags: Mapping[str, str] | None =
         own = {MODEL: prefix, METRICS: metrics, PRETRAINED: "False", DESCRIPTION: ""}
         changed = {**own, **changed}
     return load_settings(directory, flags=changed) if changed else plain
-
-
-def no_model(bucket: str, prefix: str) -> BadRequest:
-    return BadRequest(f"There is no model {prefix:.200} in s3://{bucket}.", 404)
 
 
 def prefix_of(request: Request) -> str:

@@ -13,14 +13,15 @@ from starlette.responses import FileResponse
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.files import safe_name
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.config.editing import raised
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys, lease
 from drcli.model.checkpoint_list import list_checkpoints
+from drcli.model.growing_file import read_all_metrics
 from drcli.model.model_list import signature_of
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics, readable_history, readable_scores
+from drcli.model.reconstruct import readable_history, readable_scores
 from drcli.model.traces import models_in
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.episode_metrics import EpisodeMetrics
@@ -266,7 +267,7 @@ def read_reward_curve(config: ModelConfig, store: ModelStore) -> RewardCurve:
     scores, worse = readable_scores(model)
     damaged += worse
     records: list[EpisodeMetrics] = []
-    for key in _metrics_keys(store.bucket, model.metrics_prefix):
+    for key in _metrics_keys(model):
         try:
             records += read_all_metrics(store.bucket, key)
         except ObjectMissing:
@@ -293,9 +294,10 @@ def read_reward_curve(config: ModelConfig, store: ModelStore) -> RewardCurve:
     )
 
 
-def _metrics_keys(bucket: Bucket, metrics_prefix: str) -> list[str]:
-    folder = metrics_prefix.rstrip("/") + "/"
-    names = {info.key.removeprefix(folder).partition(".part-")[0] for info in bucket.list(folder)}
+def _metrics_keys(model: ModelStore) -> list[str]:
+    folder = keys.folder(model.metrics_prefix)
+    listed = model.bucket.list(folder)
+    names = {info.key.removeprefix(folder).partition(".part-")[0] for info in listed}
     return sorted(folder + name for name in names if _METRICS.fullmatch(name))
 
 

@@ -23,7 +23,7 @@ from starlette.routing import BaseRoute, Route
 
 from drcli.base.memory import read_memory
 from drcli.model.history import HistoryReader
-from drcli.model.repair import readable_history
+from drcli.model.reconstruct import readable_history
 from drcli.records.iteration import IterationRecord
 from drcli.records.run_record import RunRecord, log_file, run_folder
 from drcli.run.seen_in_bucket import seen_run

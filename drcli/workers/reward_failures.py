@@ -11,6 +11,7 @@ from drcli.base.log import get_logger
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.config.groups.train_settings import FailureSettings
 from drcli.model import keys
+from drcli.model.model_store import ModelStore
 from drcli.records.reward import MOST_ERRORS, RewardCounts, RewardErrorEntry, RewardErrorRecord
 from drcli.workers.print_limit import reward_logger
 from drsim.errors import RewardError
@@ -54,10 +55,11 @@ class RewardFailures:
         self._clock = clock
         self._saved_s = clock()
 
-    def restore(self, bucket: Bucket, prefix: str) -> None:
-        self._bucket, self._key = bucket, keys.reward_errors(prefix, self.record.worker)
+    def restore(self, model: ModelStore) -> None:
+        self._bucket = model.bucket
+        self._key = keys.reward_errors(model.prefix, self.record.worker)
         try:
-            self.record = RewardErrorRecord.decode(bucket.get(self._key))
+            self.record = RewardErrorRecord.decode(self._bucket.get(self._key))
         except ObjectMissing:
             return
         except RecordError as error:

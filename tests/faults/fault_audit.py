@@ -10,15 +10,15 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 from drcli.base.errors import DrError
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_scores
 from drcli.model.checkpoints import CheckpointStore
-from drcli.model.growing_file import read_complete
+from drcli.model.growing_file import read_all_metrics, read_complete
 from drcli.model.history import read_history
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import traced_iterations
-from drcli.model.repair import find_damage, read_all_metrics
+from drcli.model.repair import model_objects
 from drcli.records.episode_metrics import EpisodeMetrics
 from drcli.records.iteration import IterationRecord
 from drcli.records.trace import STATUS_LABELS, TracedEpisode, read_csv
@@ -74,9 +74,14 @@ class Audit:
         """Every object is readable, or its damage is named."""
         metrics = keys.metrics_prefix(self.prefix)
         model = ModelStore(self.bucket, self.prefix, metrics, workers=range(self.workers))
-        for sentence in find_damage(model):
-            if self.ended or not any(key in sentence for key in self.damaged):
-                self.findings.append(sentence)
+        for item in model_objects(model):
+            try:
+                read_record(self.bucket, item.key, item.decode)
+            except ObjectMissing:
+                continue
+            except ObjectDamaged as error:
+                if self.ended or item.key not in self.damaged:
+                    self.findings.append(str(error))
         for info in self.bucket.list(keys.folder(self.prefix)):
             if info.key in self.damaged or not info.key.endswith((".json", ".jsonl")):
                 continue

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drcli.base.errors import Problem, ProblemsError, SettingsError, closest, refuse, shown
-from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.bucket.bucket import ObjectMissing
 from drcli.config.new_folder import FolderPlan
 from drcli.learn.algorithms import ALGORITHMS, Algorithm, algorithm_named
 from drcli.model import keys
@@ -27,6 +27,7 @@ from drcli.model.files.data_file import (
     read_json_object,
 )
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.model_store import ModelStore
 
 Exploration = Literal["categorical", "e-greedy", "additive_noise"]
 Loss = Literal["huber", "mean squared error"]
@@ -597,13 +598,11 @@ def chosen_method(
     return {**files, file.name: replace(file, data=with_method(file.data, wanted))}
 
 
-def kept_method(bucket: Bucket, prefix: str | None) -> TrainingMethod | None:
+def kept_method(model: ModelStore) -> TrainingMethod | None:
     """A model's, if it has a teacher."""
-    if prefix is None:
-        return None
     with suppress(ObjectMissing, ProblemsError):
-        parameters = Hyperparameters.from_bytes(bucket.get(keys.hyperparameters(prefix)))
-        return "teacher" if parameters.taught else None
+        data = model.bucket.get(keys.hyperparameters(model.prefix))
+        return "teacher" if Hyperparameters.from_bytes(data).taught else None
     return None
 
 

@@ -11,7 +11,7 @@ from drcli.config.run_config import ModelConfig
 from drcli.model import keys
 from drcli.model.checkpoint_choice import ModelCheckpoints, find_choice
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import readable_history
+from drcli.model.reconstruct import readable_history
 from drcli.records.checkpoint import CHECKPOINT_NAME
 from drcli.view.playback.stored_traces import StoredTrace
 from drcli.view.video.trace_source import FoundTrace

@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.json_record import RecordError
-from drcli.bucket.bucket import Bucket, ObjectInfo
+from drcli.bucket.bucket import ObjectInfo
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import readable_history
+from drcli.model.reconstruct import readable_history
 from drcli.model.traces import models_in
 from drcli.records.episode_metrics import decode_metrics_file
 from drcli.records.iteration import IterationRecord
@@ -154,8 +154,8 @@ def stored_traces(model: ModelStore, config: ModelConfig) -> StoredTraces:
     records, notes = _history(model, config)
     traces = [_with_record(trace, records.get(trace.iteration)) for trace in traces]
     stamps = sorted({trace.stamp for trace in traces if trace.kind == "evaluation"})
-    metrics = ModelStore.of(config, model.bucket, model.prefix).metrics_prefix
-    numbers = _evaluation_numbers(model.bucket, metrics, stamps[-MOST_EVALUATIONS:], notes)
+    store = ModelStore.of(config, model.bucket, model.prefix)
+    numbers = _evaluation_numbers(store, stamps[-MOST_EVALUATIONS:], notes)
     traces = [
         replace(trace, **numbers.get(trace.stamp, {})) if trace.kind == "evaluation" else trace
         for trace in traces
@@ -207,19 +207,19 @@ def _known(value: float) -> float | None:
 
 
 def _evaluation_numbers(
-    bucket: Bucket, metrics_prefix: str, stamps: Iterable[str], notes: list[str]
+    model: ModelStore, stamps: Iterable[str], notes: list[str]
 ) -> dict[str, dict[str, Any]]:
-    folder = keys.evaluation_metrics_folder(metrics_prefix)
-    there = {info.key for info in bucket.list(folder)}
+    folder = keys.evaluation_metrics_folder(model.metrics_prefix)
+    there = {info.key for info in model.bucket.list(folder)}
     found: dict[str, dict[str, Any]] = {}
     for stamp in stamps:
         key = f"{folder}evaluation-{stamp}.json"
         if key not in there:
             continue
         try:
-            read = decode_metrics_file(bucket.get(key))
+            read = decode_metrics_file(model.bucket.get(key))
         except RecordError:
-            notes.append(f"s3://{bucket.name}/{key} is damaged: it has no readable trials.")
+            notes.append(f"s3://{model.bucket.name}/{key} is damaged: it has no readable trials.")
             continue
         if read:
             clean_s = [t.elapsed_time_in_milliseconds / 1000.0 for t in read if t.clean]

@@ -14,7 +14,7 @@ from drcli.model.checkpoints import CheckpointsLost, checkpoint_objects
 from drcli.model.history import write_history
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import traced_iterations
-from drcli.model.repair_model import find_lost, refuse_lost
+from drcli.model.repair import refuse_lost
 from drcli.records.iteration import IterationRecord
 from drcli.run.plan import StartOptions, prepare
 from drcli.run.resume_or_start import prepare_next
@@ -152,13 +152,13 @@ def test_one_readable_checkpoint_is_enough(trained):
         if "1_Step" not in key:
             trained.bucket.put(key, b"")
 
-    assert find_lost(ModelStore(trained.bucket, MODEL)) is None
+    refuse_lost(ModelStore(trained.bucket, MODEL))
 
 
 def test_nothing_is_lost_where_nothing_was_published(racer):
     racer.bucket.put(keys.checkpoint_tensors(MODEL, "0_Step-0.ckpt"), b"")
 
-    assert find_lost(ModelStore(racer.bucket, MODEL)) is None
+    refuse_lost(ModelStore(racer.bucket, MODEL))
 
 
 def test_the_new_model_is_refused_nothing_else(trained):

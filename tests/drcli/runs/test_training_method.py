@@ -7,6 +7,7 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.model import keys
 from drcli.model.files.hyperparameters import Hyperparameters, with_method
+from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.train.trainer import _learners
 
@@ -64,9 +65,8 @@ def test_a_model_with_the_weights_of_one_that_has_a_teacher_keeps_it(racer):
 
     begun(racer, method="teacher")
 
-    assert kept_method(racer.bucket, "model-1") == "teacher"
-    assert kept_method(racer.bucket, "another") is None
-    assert kept_method(racer.bucket, None) is None
+    assert kept_method(ModelStore(racer.bucket, "model-1")) == "teacher"
+    assert kept_method(ModelStore(racer.bucket, "another")) is None
 
 
 def test_a_teacher_does_not_go_with_sac(racer):

@@ -92,7 +92,7 @@ def test_a_record_comes_back_as_it_went_on_one_line(bucket):
     end = TrainingEnd("a session", "It is over ü.")
     bucket.put("a.json", end.encode())
 
-    assert read_record(bucket, "a.json", TrainingEnd.decode, "Delete it.") == end
+    assert read_record(bucket, "a.json", TrainingEnd.decode) == end
     assert b"\n" not in bucket.get("a.json")
 
 
@@ -108,9 +108,9 @@ def test_an_object_that_is_not_the_record_is_named_with_the_reason(bucket, data,
     bucket.put("a.json", data)
 
     with pytest.raises(ObjectDamaged, match=rf"bucket/a\.json is damaged: {reason}") as failure:
-        read_record(bucket, "a.json", TrainingEnd.decode, "Delete it.")
+        read_record(bucket, "a.json", TrainingEnd.decode)
 
-    assert failure.value.remedy == "Delete it."
+    assert failure.value.remedy == "Restore it from a copy."
 
 
 class Overwritten(MemoryBucket):
@@ -136,7 +136,7 @@ def test_a_record_that_was_cut_while_it_was_overwritten_is_read_again():
 
     def read() -> TrainingEnd:
         decode = TrainingEnd.decode
-        return read_record(bucket, "a.json", decode, "", written=True, pause=pauses.append)
+        return read_record(bucket, "a.json", decode, written=True, pause=pauses.append)
 
     pauses: list[float] = []
     assert read() == end
@@ -147,7 +147,7 @@ def test_a_record_that_nobody_promised_is_missing_at_once(memory):
     pauses: list[float] = []
 
     with pytest.raises(ObjectMissing):
-        read_record(memory, "a.json", TrainingEnd.decode, "", pause=pauses.append)
+        read_record(memory, "a.json", TrainingEnd.decode, pause=pauses.append)
 
     assert pauses == []
 
@@ -156,7 +156,7 @@ def test_an_object_of_a_newer_version_is_not_called_damaged(bucket):
     bucket.put("a.json", b'{"session": "s", "reason": "r", "format": 2}')
 
     with pytest.raises(ObjectNewer, match=r"a\.json was written by a newer .* format is 2, not 1"):
-        read_record(bucket, "a.json", TrainingEnd.decode, "Delete it.")
+        read_record(bucket, "a.json", TrainingEnd.decode)
 
 
 def test_a_watcher_is_told_every_byte_that_travels(bucket):

@@ -105,13 +105,13 @@ def test_a_killed_trainer_loses_no_iteration_and_repeats_none(long):
 def test_a_reader_that_looks_again_reads_only_what_has_changed(long, monkeypatch):
     bucket, history = long
     reader = HistoryReader()
-    reader.read(bucket, "model")
+    reader.read(ModelStore(bucket, "model"))
     history.add(iteration_record(700))
     read = []
     real = bucket.get
     monkeypatch.setattr(bucket, "get", lambda key, **_: read.append(key) or real(key))
 
-    found = reader.read(bucket, "model")
+    found = reader.read(ModelStore(bucket, "model"))
 
     assert [r.iteration for r in found] == list(range(701))
     assert len(read) == 1

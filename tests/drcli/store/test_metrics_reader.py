@@ -2,6 +2,7 @@
 
 import pytest
 
+from drcli.model.model_store import ModelStore
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.web.episode_routes import DrivenEpisode, MetricsReader
 from memory_bucket import MemoryBucket
@@ -36,6 +37,10 @@ def record(iteration, episode, *, phase="training", reward=10.0):
     )
 
 
+def model(bucket):
+    return ModelStore(bucket, "model")
+
+
 @pytest.fixture
 def bucket():
     return Counted()
@@ -52,7 +57,7 @@ def test_all_workers_are_joined_by_iteration_with_evaluations_last(bucket):
     put(bucket, "TrainingMetrics_1.json", record(0, 2, reward=7.0))
     put(bucket, "EvaluationMetrics-20260102030405.json", record(9, 9))
 
-    assert MetricsReader().read(bucket, FOLDER) == [
+    assert MetricsReader().read(model(bucket)) == [
         DrivenEpisode(0, 0, 10.0, 50),
         DrivenEpisode(0, 0, 7.0, 50),
         DrivenEpisode(0, 1, 10.0, 50),
@@ -64,23 +69,22 @@ def test_only_objects_that_have_changed_are_read_again(bucket):
     reader = MetricsReader()
     put(bucket, "TrainingMetrics.json", record(0, 1))
     put(bucket, "TrainingMetrics.json.part-000000", record(1, 2))
-    first = reader.read(bucket, FOLDER)
+    first = reader.read(model(bucket))
     assert len(first) == 2
     bucket.read.clear()
-    assert reader.read(bucket, FOLDER) is first
+    assert reader.read(model(bucket)) is first
     assert bucket.read == []
     put(bucket, "TrainingMetrics.json.part-000000", record(1, 2), record(2, 3))
-    assert len(reader.read(bucket, FOLDER)) == 3
+    assert len(reader.read(model(bucket))) == 3
     assert bucket.read == ["TrainingMetrics.json.part-000000"]
 
 
-def test_damaged_objects_are_noted_and_the_others_shown(bucket):
+def test_damaged_objects_are_left_out_and_the_others_shown(bucket):
     reader = MetricsReader()
     put(bucket, "TrainingMetrics.json", record(0, 1))
     bucket.put(f"{FOLDER}/TrainingMetrics_1.json", b"{")
-    assert len(reader.read(bucket, FOLDER)) == 1
-    assert "TrainingMetrics_1.json" in reader.damaged[0]
+    assert len(reader.read(model(bucket))) == 1
 
 
 def test_a_model_without_episodes_has_none(bucket):
-    assert MetricsReader().read(bucket, FOLDER) == []
+    assert MetricsReader().read(model(bucket)) == []

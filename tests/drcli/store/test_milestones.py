@@ -11,15 +11,10 @@ from drcli.bucket.bucket import ObjectDamaged
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore, KeepRules, kept_besides
 from drcli.model.history import write_history
-from drcli.model.milestones import (
-    NO_MILESTONES,
-    Milestones,
-    read_milestones,
-    readable_milestones,
-    with_history,
-)
+from drcli.model.milestones import NO_MILESTONES, Milestones, read_milestones, with_history
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import find_damage, repair
+from drcli.model.reconstruct import readable_milestones
+from drcli.model.repair import repair
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.scores import EvaluationResult, SecondEvaluation
 from iterations import iteration_record
@@ -268,11 +263,11 @@ def test_a_lost_record_is_reconstructed_and_no_kept_checkpoint_is_lost(memory, m
         memory.delete([keys.milestones(PREFIX)])
     else:
         memory.put(keys.milestones(PREFIX), damage)
-        assert any("milestones.json is damaged" in text for text in find_damage(model))
         with pytest.raises(ObjectDamaged):
             read_milestones(ModelStore(memory, PREFIX))
 
-    repair(model)
+    told = repair(model)
+    assert any("milestones.json is damaged" in text for text in told) is (damage is not None)
     store = CheckpointStore(ModelStore(memory, PREFIX))
     store.restore_milestones(CheckpointName(13, 1300), [])
     store.save(14, 1400, b"weights")

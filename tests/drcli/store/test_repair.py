@@ -12,7 +12,7 @@ from drcli.model.checkpoints import CheckpointStore
 from drcli.model.history import write_history
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import reconstruct_scores
-from drcli.model.repair import find_damage, repair, set_aside
+from drcli.model.repair import repair, set_aside
 from drcli.records.checkpoint import CheckpointRecord
 from drcli.records.scores import EvaluationResult
 from iterations import iteration_record
@@ -52,7 +52,6 @@ def contents(bucket: MemoryBucket) -> dict[str, bytes]:
 def test_records_of_a_newer_version_are_no_damage_and_stay(bucket):
     model, before = ModelStore(bucket, "model", "metrics/model"), contents(bucket)
 
-    assert find_damage(model) == []
     assert repair(model) == []
     assert contents(bucket) == before
 
@@ -88,8 +87,7 @@ def test_of_many_damaged_objects_the_newest_are_kept(monkeypatch):
     bucket = MemoryBucket(clock=lambda: float(next(seconds)))
     for number in range(20):
         key = keys.evaluation_result("model", number)
-        bucket.put(key, b"damaged")
-        set_aside(ModelStore(bucket, "model"), key)
+        set_aside(ModelStore(bucket, "model"), key, b"damaged")
 
     kept = sorted(info.key.split("/")[-1].split(".")[0] for info in bucket.list("runs/"))
     assert kept == ["15", "16", "17", "18", "19"]

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from drcli.model import growing_file, keys
-from drcli.model.growing_file import list_parts
+from drcli.model.growing_file import list_parts, read_all_metrics
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics, repair_metrics
+from drcli.model.repair import repair_metrics
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.records.trace import Episode, Row, csv_text, schedule
 from drcli.train.drive_results import TrainingMetrics
@@ -26,7 +26,7 @@ def bucket() -> MemoryBucket:
 
 
 def test_trials_restart_each_iteration_and_evaluations_repeat_the_last_episode(bucket):
-    metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
+    metrics = TrainingMetrics(ModelStore(bucket, "model"), TWO_EPISODES)
 
     for iteration in range(2):
         first = 2 * iteration
@@ -45,12 +45,12 @@ def test_trials_restart_each_iteration_and_evaluations_repeat_the_last_episode(b
 
 
 def test_a_restarted_worker_continues_the_file_and_forgets_the_iteration_it_repeats(bucket):
-    first = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
+    first = TrainingMetrics(ModelStore(bucket, "model"), TWO_EPISODES)
     first.add(0, [_episode(0), _episode(1)])
     first.add(0, [], [_episode(0, "evaluation")])
     first.add(1, [_episode(2), _episode(3)])
 
-    second = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
+    second = TrainingMetrics(ModelStore(bucket, "model"), TWO_EPISODES)
     second.keep_before(1)
     second.add(1, [_episode(2), _episode(3)])
 
@@ -59,10 +59,10 @@ def test_a_restarted_worker_continues_the_file_and_forgets_the_iteration_it_repe
 
 
 def test_the_clock_goes_on_after_the_last_record(bucket):
-    metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
+    metrics = TrainingMetrics(ModelStore(bucket, "model"), TWO_EPISODES)
     metrics.add(0, [_episode(0)])
 
-    assert TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES).clock_s == pytest.approx(1.0)
+    assert TrainingMetrics(ModelStore(bucket, "model"), TWO_EPISODES).clock_s == pytest.approx(1.0)
 
 
 def test_episodes_that_do_not_divide_evenly_are_found_in_their_iterations(bucket, tmp_path):
@@ -103,7 +103,7 @@ def test_a_file_of_version_0_1_0_gets_the_numbers_that_tools_count_with(bucket):
     key = keys.training_metrics(PREFIX, 2)
     bucket.put(key, json.dumps(old).encode())
 
-    metrics = TrainingMetrics(bucket, PREFIX, "progress", share)
+    metrics = TrainingMetrics(ModelStore(bucket, "model"), share)
     metrics.add(2, [_episode(2)])
 
     records = json.loads(bucket.get(key))["metrics"]
@@ -130,7 +130,7 @@ def _train(bucket: MemoryBucket, first: int) -> int:
     """A worker from one iteration to the end of the training; returns where it was killed."""
     iteration = first
     try:
-        metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
+        metrics = TrainingMetrics(ModelStore(bucket, "model"), TWO_EPISODES)
         for iteration in range(first, 40):
             metrics.keep_before(iteration)
             metrics.add(iteration, [_episode(2 * iteration), _episode(2 * iteration + 1)])
@@ -172,7 +172,7 @@ def test_whenever_a_worker_is_killed_no_episode_is_lost_or_doubled(first):
 
 @pytest.mark.usefixtures("in_parts")
 def test_a_damaged_part_is_set_aside_and_its_training_episodes_come_from_the_traces(bucket):
-    metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
+    metrics = TrainingMetrics(ModelStore(bucket, "model"), TWO_EPISODES)
     for iteration in range(40):
         episodes = [_episode(2 * iteration), _episode(2 * iteration + 1)]
         for episode in episodes:
@@ -199,7 +199,7 @@ def test_a_damaged_part_is_set_aside_and_its_training_episodes_come_from_the_tra
 
 def _drive(bucket: MemoryBucket, share: Share, iteration: int) -> None:
     """One iteration of a worker that was started for it."""
-    metrics = TrainingMetrics(bucket, PREFIX, "progress", share)
+    metrics = TrainingMetrics(ModelStore(bucket, "model"), share)
     metrics.keep_before(iteration)
     metrics.add(iteration, [_episode(number) for number in share.numbers(iteration)])
     if share.worker == 0:
@@ -238,7 +238,7 @@ def _episode(number: int, phase: str = "training") -> Episode:
 
 
 def test_a_file_of_version_0_1_0_keeps_its_iterations_when_their_episodes_change(bucket):
-    metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
+    metrics = TrainingMetrics(ModelStore(bucket, "model"), TWO_EPISODES)
     for iteration in range(2):
         metrics.add(iteration, [_episode(2 * iteration), _episode(2 * iteration + 1)])
     file = json.loads(bucket.get(KEY))
@@ -246,7 +246,7 @@ def test_a_file_of_version_0_1_0_keeps_its_iterations_when_their_episodes_change
         del record["iteration"]
     bucket.put(KEY, json.dumps(file).encode())
 
-    resumed = TrainingMetrics(bucket, PREFIX, "progress", Share(0, workers=1, episodes=4))
+    resumed = TrainingMetrics(ModelStore(bucket, "model"), Share(0, workers=1, episodes=4))
     resumed.add(2, [_episode(number) for number in range(4, 8)])
 
     records = json.loads(bucket.get(KEY))["metrics"]
@@ -255,11 +255,11 @@ def test_a_file_of_version_0_1_0_keeps_its_iterations_when_their_episodes_change
 
 
 def test_a_worker_that_comes_along_later_numbers_its_episodes_as_worker_0_does(bucket):
-    alone = TrainingMetrics(bucket, PREFIX, "progress", Share(0, workers=1, episodes=4))
+    alone = TrainingMetrics(ModelStore(bucket, "model"), Share(0, workers=1, episodes=4))
     for iteration in range(2):
         alone.add(iteration, [_episode(4 * iteration + k) for k in range(4)])
 
-    joined = TrainingMetrics(bucket, PREFIX, "progress", Share(1, workers=2, episodes=4))
+    joined = TrainingMetrics(ModelStore(bucket, "model"), Share(1, workers=2, episodes=4))
     joined.add(2, [_episode(4), _episode(5)])
 
     assert [

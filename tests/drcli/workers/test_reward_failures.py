@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from drcli.model import keys
+from drcli.model.growing_file import read_all_metrics
 from drcli.model.history import read_history
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics
 from drcli.model.training_state import read_reward_errors
 from drcli.records.reward import MOST_ERRORS, RewardErrorRecord, sum_of
 from drcli.records.trace import read_csv
@@ -129,7 +129,7 @@ def test_the_newest_discard_is_known_after_many_other_errors():
 def test_calls_of_a_time_without_failures_count_after_a_restart():
     bucket, now_s = MemoryBucket(), [0.0]
     counting = RewardFailures(SimpleNamespace(**SETTINGS), clock=lambda: now_s[0])
-    counting.restore(bucket, PREFIX)
+    counting.restore(ModelStore(bucket, PREFIX))
     counting.begin(0)
     counting.count_calls(1_000)
     counting.save()
@@ -138,7 +138,7 @@ def test_calls_of_a_time_without_failures_count_after_a_restart():
     counting.save()
 
     counting = failures()
-    counting.restore(bucket, PREFIX)
+    counting.restore(ModelStore(bucket, PREFIX))
     counting.begin(1)
     counting.handle(failure(), 1)
     counting.count_calls(1)
@@ -150,14 +150,14 @@ def test_counts_survive_a_kill_and_an_iteration_that_is_driven_again_counts_once
     bucket = MemoryBucket()
     for iteration in (0, 1, 1, 2):  # killed after iteration 1 was counted
         counting = failures()
-        counting.restore(bucket, PREFIX)
+        counting.restore(ModelStore(bucket, PREFIX))
         counting.begin(iteration)
         counting.handle(failure(), 10)
         counting.count_calls(10)
         counting.save()
 
     other = failures(worker=1)
-    other.restore(bucket, PREFIX)
+    other.restore(ModelStore(bucket, PREFIX))
     other.begin(0)
     other.handle(failure(), 1)
     other.handle(failure(kind="discard"), 2)
@@ -193,7 +193,7 @@ def test_damaged_counts_start_over(caplog):
     bucket.put(keys.reward_errors(PREFIX, 0), b"[]")
     counting = failures()
 
-    counting.restore(bucket, PREFIX)
+    counting.restore(ModelStore(bucket, PREFIX))
 
     assert counting.record == RewardErrorRecord(0)
     assert read_reward_errors(ModelStore(bucket, PREFIX)) == []

@@ -14,9 +14,9 @@ from drcli.learn.update_result import NonFiniteLossError
 from drcli.model import keys
 from drcli.model.best_checkpoint import write_evaluation
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.growing_file import read_all_metrics
 from drcli.model.history import read_history
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import read_all_metrics
 from drcli.model.training_state import Rollback, Rollbacks, read_rollbacks
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters
 from drcli.records.scores import EvaluationResult
