@@ -446,6 +446,3 @@ def _last(values: list[float | None]) -> float | None:
 
 def _whole(value: float | None) -> int | None:
     return None if value is None else int(value)
-
-
-# The rows of a comparison's table.

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket, open_running_bucket
+from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.cli import completion, console
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
@@ -34,11 +34,6 @@ def print_race(report: "RaceReport") -> None:
 def open_races(loaded: "Settings") -> "Bucket":
     """Starts the server if needed."""
     return open_bucket(loaded.storage, patience_s=COMMAND_PATIENCE_S)
-
-
-def races_to_look_at(loaded: "Settings") -> "Bucket | None":
-    """For readers, which need no server."""
-    return open_running_bucket(loaded.storage)
 
 
 def found_race(loaded: "Settings", race: str) -> "tuple[Bucket, str]":

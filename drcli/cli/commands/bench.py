@@ -1,6 +1,6 @@
 """`dr bench`."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -9,13 +9,8 @@ from drcli.cli import console
 from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
 
-if TYPE_CHECKING:
-    pass
-
 with lazy_imports():
     from drcli.checks.bench import machine_benchmark
-
-# Shows what `dr bench` measured.
 
 
 def bench(

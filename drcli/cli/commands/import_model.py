@@ -35,9 +35,6 @@ with lazy_imports():
     from drcli.transfer import import_model as transfer_import_model
 
 
-# Shows what an import made.
-
-
 def import_model(
     source: Annotated[
         str,

@@ -10,6 +10,7 @@ import typer
 from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_replacing
 from drcli.base.installation import lazy_imports
+from drcli.bucket.connect import open_running_bucket
 from drcli.cli import console, prompts
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import (
@@ -21,7 +22,7 @@ from drcli.cli.options import (
     prefix_option,
     world_option,
 )
-from drcli.cli.race_access import Closes, Race, found_race, open_races, print_race, races_to_look_at
+from drcli.cli.race_access import Closes, Race, found_race, open_races, print_race
 from drcli.cli.show import drawn
 from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings
@@ -305,7 +306,7 @@ def list_all() -> None:
     Example: dr-race list
     """
     loaded = settings()
-    bucket = races_to_look_at(loaded)
+    bucket = open_running_bucket(loaded.storage)
     found = RaceList(loaded.bucket, []) if bucket is None else organise.list_races(bucket)
     console.warn(*found.damaged)
     present(found)

@@ -25,9 +25,6 @@ with lazy_imports():
     from drcli.rewards import pictures
 
 
-# Shows reports about reward functions.
-
-
 app = typer.Typer(no_args_is_help=True, help="Check, plot and compare reward functions.")
 
 _File = Annotated[

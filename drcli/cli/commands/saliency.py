@@ -1,7 +1,7 @@
 """`dr saliency`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -21,13 +21,9 @@ from drcli.cli.options import (
 )
 from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
-from drcli.config.value_types import CheckpointChoice, parse_checkpoint
+from drcli.config.value_types import parse_checkpoint
 from drcli.model.model_store import ModelStore
 from drcli.view.saliency.question import METHODS, MOST_PICTURES, SPACINGS, TARGETS, Question
-
-if TYPE_CHECKING:
-    from drcli.config.settings import Settings
-    from drcli.config.value_types import CheckpointChoice
 
 with lazy_imports():
     from drcli.config import loading
@@ -132,7 +128,7 @@ def saliency(
         else:
             bucket = transfer_buckets.bucket_to_look_at(settings.transfer, upload=False)
             prefix = settings.model_prefix if model is None else model.rstrip("/")
-            wanted = chosen or _configured(settings)
+            wanted = chosen or parse_checkpoint(settings.eval_checkpoint)
             explained, name = explain_model.explain_checkpoint(
                 settings, ModelStore(bucket, prefix), wanted, question
             )
@@ -142,10 +138,6 @@ def saliency(
     report = explain_model.report_of(explained, prefix, name, html, stills)
     console.warn(*report.notes)
     show(report)
-
-
-def _configured(settings: "Settings") -> "CheckpointChoice":
-    return parse_checkpoint(settings.eval_checkpoint)
 
 
 def _question(

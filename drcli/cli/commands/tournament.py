@@ -7,10 +7,10 @@ import typer
 from drcli.base.installation import lazy_imports
 from drcli.cli import completion
 from drcli.cli.commands.race import drive
+from drcli.cli.race_access import open_races
 from drcli.cli.working_folder import settings
 
 with lazy_imports():
-    from drcli.bucket import connect
     from drcli.races import organise
 
 
@@ -41,7 +41,5 @@ def start_tournament(
     Example: dr-start-tournament club-night
     """
     if race is None:
-        race = organise.only_tournament(
-            connect.open_bucket(settings().storage, patience_s=connect.COMMAND_PATIENCE_S)
-        )
+        race = organise.only_tournament(open_races(settings()))
     drive(race, quiet=quiet, video=video, limit=0)

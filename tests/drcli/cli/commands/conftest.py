@@ -550,7 +550,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("transfer.training_list.known_trainings", known)
     races = race_bucket()
     answer("bucket.connect.open_running_bucket", races)
-    answer("cli.race_access.open_running_bucket", races)
+    answer("cli.commands.race.open_running_bucket", races)
     answer("bucket.connect.open_bucket", races)
     answer("cli.race_access.open_bucket", races)
     answer(
