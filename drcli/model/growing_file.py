@@ -290,10 +290,10 @@ def read_growing(
         return read_record(bucket, key, decode)
 
     parts = read_parts(bucket, key, read)
-    try:
-        return combine(read(key), parts)
-    except ObjectMissing:
-        return combine([], parts)
+    whole: list[R] = []
+    with suppress(ObjectMissing):
+        whole = read(key)
+    return combine(whole, parts) if parts else whole
 
 
 def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
