@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import DrError, Problem, ProblemsError, SettingsError, StorageError
@@ -197,6 +197,22 @@ def load_record(kind: type[T], path: Path) -> T | None:
         return decode_json(kind, read_regular(path))
     except (OSError, RecordError):
         return None
+
+
+class FileRecord:
+    """A dataclass in a file of its own."""
+
+    FILE: ClassVar[str]
+
+    def write(self, folder: Path) -> None:
+        """Raises OSError."""
+        record: Any = self
+        save_record(folder / self.FILE, record)
+
+    @classmethod
+    def read(cls, folder: Path) -> Self | None:
+        """None if missing or unreadable."""
+        return load_record(cls, folder / cls.FILE)
 
 
 def _replace(target: Path, data: bytes, *, is_racers: bool = False, private: bool = False) -> None:

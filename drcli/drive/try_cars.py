@@ -15,7 +15,7 @@ from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
-from drcli.records.evaluation_task import TRIALS_FILE, CarTrial, encode_trials
+from drcli.records.evaluation_task import CarTrial, DrivenCars
 from drcli.records.job import Job
 from drcli.workers import worker_process
 from drcli.workers.cores import usable_cores
@@ -84,7 +84,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
         laps = "lap" if starts == 1 else "laps"
         plain.info(f"{car}: {trial.laps} of {starts} {laps} clean, {trial.mean_progress:.1f} %")
         trials.append(trial)
-    (job.folder / TRIALS_FILE).write_bytes(encode_trials(trials))
+    DrivenCars(trials).write(job.folder)
 
 
 if __name__ == "__main__":

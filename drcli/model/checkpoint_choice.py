@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
-from drcli.bucket.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import Listing, ObjectDamaged, ObjectMissing
 from drcli.config.value_types import WORDS, CheckpointChoice, CheckpointWord
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_evaluation
-from drcli.model.milestones import Milestones
+from drcli.model.milestones import MilestoneKind, Milestones
 from drcli.model.model_prefix import what_helps
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import readable_history, readable_milestones, readable_scores
@@ -198,37 +198,24 @@ def find_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = ""
         CheckpointGone: It is missing, incomplete, or was never reached.
         SettingsError: The model has no checkpoint.
     """
-    bucket, prefix = model.bucket, model.prefix
     scores, _ = readable_scores(model)
+    listed = model.bucket.list(keys.model_folder(model.prefix))
     if choice == "last" or choice == "best":
         if scores is None:
             raise SettingsError(
-                f"No checkpoint file available at s3://{bucket.name}/"
-                f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
+                f"No checkpoint file available at s3://{model.bucket.name}/"
+                f"{keys.deepracer_checkpoints(model.prefix)}. Exiting.",
                 remedy=what_helps(model),
             )
         score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
-        listed = bucket.list(keys.model_folder(prefix))
-        missing = missing_parts(listed, prefix, score.name)
-        if not missing:
-            return Chosen(choice, score, _parts(listed, prefix, score.name))
-        raise _gone(ModelCheckpoints.read(model), _incomplete(bucket, missing), remedy)
-    if isinstance(choice, int):
-        listed = bucket.list(keys.model_folder(prefix))
-        name = _whole(listed, prefix, choice)
-        if name is not None:
-            return Chosen(choice, _score(scores, name), _parts(listed, prefix, str(name)))
-    has = ModelCheckpoints.read(model)
-    if not has.names:
-        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(model))
-    if isinstance(choice, int):
-        name = _numbered(has, choice, remedy)
     else:
-        name = _reached(has, choice, remedy)
-    missing = has.missing_parts(str(name))
+        name = _whole(listed, model.prefix, choice) if isinstance(choice, int) else None
+        score = _score(scores, name or _found(model, choice, remedy))
+    missing = missing_parts(listed, model.prefix, score.name)
     if missing:
-        raise _gone(has, _incomplete(bucket, missing), remedy)
-    return Chosen(choice, _score(scores, name), _parts(has.listed, prefix, str(name)))
+        why = f"s3://{model.bucket.name}/{missing[0]} is missing."
+        raise _gone(ModelCheckpoints.read(model), why, remedy)
+    return Chosen(choice, score, _parts(listed, model.prefix, score.name))
 
 
 def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
@@ -262,6 +249,15 @@ def _score(scores: Scores | None, name: CheckpointName) -> Score:
     return next((score for score in known if score.name == str(name)), Score(str(name)))
 
 
+def _found(model: ModelStore, choice: MilestoneKind | int, remedy: str) -> CheckpointName:
+    has = ModelCheckpoints.read(model)
+    if not has.names:
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(model))
+    if isinstance(choice, int):
+        return _numbered(has, choice, remedy)
+    return _reached(has, choice, remedy)
+
+
 def _numbered(has: ModelCheckpoints, number: int, remedy: str) -> CheckpointName:
     same = [name for name in has.names if name.number == number]
     if same:
@@ -272,7 +268,7 @@ def _numbered(has: ModelCheckpoints, number: int, remedy: str) -> CheckpointName
     raise _gone(has, f"Checkpoint {number} was deleted, or this copy never had it.", remedy)
 
 
-def _reached(has: ModelCheckpoints, word: CheckpointWord, remedy: str) -> CheckpointName:
+def _reached(has: ModelCheckpoints, word: MilestoneKind, remedy: str) -> CheckpointName:
     reached = has.milestones.reached()
     milestone = next((found for kind, found in reached if kind == word), None)
     if milestone is None:
@@ -283,10 +279,6 @@ def _reached(has: ModelCheckpoints, word: CheckpointWord, remedy: str) -> Checkp
             has, f"Checkpoint {number}, which is {word}, is not there: it was deleted.", remedy
         )
     return milestone.name
-
-
-def _incomplete(bucket: Bucket, missing: Iterable[str]) -> str:
-    return f"s3://{bucket.name}/{next(iter(missing))} is missing."
 
 
 def _gone(has: ModelCheckpoints, why: str, remedy: str) -> CheckpointGone:

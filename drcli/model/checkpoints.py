@@ -20,7 +20,14 @@ from drcli.bucket.bucket import (
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.model import best_checkpoint, keys
 from drcli.model.best_checkpoint import read_scores, write_scores
-from drcli.model.milestones import MarkedCheckpoints, Milestones
+from drcli.model.milestones import (
+    NO_MILESTONES,
+    Milestones,
+    read_milestones,
+    with_history,
+    with_results,
+    write_milestones,
+)
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import (
     CheckpointName,
@@ -134,7 +141,7 @@ class CheckpointStore:
         self._keep = keep
         self._model = model
         self._rules = rules
-        self._marked = MarkedCheckpoints(model, self._unmarked)
+        self._milestones: Milestones | None = None
 
     def save(
         self,
@@ -335,7 +342,7 @@ class CheckpointStore:
             time_stamp = self.record(result.checkpoint).sim_time_s
         except ObjectMissing:
             return False
-        self._marked.add(result)
+        self._mark(with_results(self._marked(), [result]))
         if scores is None:
             return False
         episodes = result.on(world)
@@ -347,15 +354,36 @@ class CheckpointStore:
     def restore_milestones(
         self, newest: CheckpointName, records: Sequence[IterationRecord]
     ) -> None:
-        self._marked.restore(newest, records)
+        """Find the milestones again when a trainer starts.
 
-    def _unmarked(self) -> list[str]:
+        It may have ended between evaluation and record, or have gone back. If the record is lost,
+        every checkpoint stays.
+        """
+        if not self._model.bucket.exists(keys.milestones(self._model.prefix)):
+            self._milestones = self._all_spaced()
+        self._mark(with_history(self._marked().until(newest), records))
+
+    def _marked(self) -> Milestones:
+        if self._milestones is None:
+            try:
+                self._milestones = read_milestones(self._model) or NO_MILESTONES
+            except ObjectDamaged:
+                self._milestones = self._all_spaced()
+        return self._milestones
+
+    def _mark(self, milestones: Milestones) -> None:
+        if milestones != self._milestones:
+            write_milestones(self._model, milestones)
+        self._milestones = milestones
+
+    def _all_spaced(self) -> Milestones:
         names = sorted(set(checkpoint_objects(self._model).values()))
         try:
             best = self.best_name()
         except ObjectDamaged:
             best = None
-        return [str(name) for name in names[: -self._keep] if str(name) != best]
+        spaced = [str(name) for name in names[: -self._keep] if str(name) != best]
+        return replace(NO_MILESTONES, spaced=spaced)
 
     def forget_damaged_best(self) -> str | None:
         """If damaged, the last becomes the best; says so in a sentence."""
@@ -372,7 +400,7 @@ class CheckpointStore:
 
     def begin_stage(self, first: int) -> None:
         """Forget best and fastest lap from before; until evaluated, the last is best."""
-        self._marked.begin_stage(first)
+        self._mark(self._marked().of_stage(first))
         known = read_scores(self._model)
         if known is None or checkpoint_name(known.best_checkpoint.name).number >= first:
             return
@@ -384,7 +412,7 @@ class CheckpointStore:
 
         If such laps are `judged`, the best stays, without its score.
         """
-        self._marked.begin_stage(first)
+        self._mark(self._marked().of_stage(first))
         known = read_scores(self._model) if judged else None
         best = None if known is None else known.best_checkpoint
         if (
@@ -458,10 +486,10 @@ class CheckpointStore:
             if name in sizes:
                 sizes[name] += info.size_bytes
         pinned = {name for name in names if str(name) in always} | {here}
-        marked = self._marked.milestones
+        marked = self._marked()
         kept = kept_besides(sizes, pinned, marked, self._rules, here)
         # First of all: what is not marked goes with the next checkpoint at the latest.
-        self._marked.write(replace(marked, spaced=list(kept.spaced)))
+        self._mark(replace(marked, spaced=list(kept.spaced)))
         old = names - pinned - kept.names
         # The graph of the newest one is written later; what is there belongs to a lost checkpoint.
         gone = {name.number for name in old} - {name.number for name in names - old}

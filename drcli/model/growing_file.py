@@ -7,6 +7,7 @@ enough to write anew. Object and parts are complete at any time, and readers com
 
 import csv
 import io
+import re
 import time
 import zlib
 from collections import Counter
@@ -289,10 +290,10 @@ def read_growing(
         return read_record(bucket, key, decode)
 
     parts = read_parts(bucket, key, read)
-    try:
-        return combine(read(key), parts)
-    except ObjectMissing:
-        return combine([], parts)
+    whole: list[R] = []
+    with suppress(ObjectMissing):
+        whole = read(key)
+    return combine(whole, parts) if parts else whole
 
 
 def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
@@ -311,13 +312,7 @@ def write_whole(bucket: Bucket, key: str, data: bytes) -> None:
 def read_complete(bucket: Bucket, key: str) -> bytes:
     """With its parts; ObjectMissing without any. Damage is left to others."""
     name = key.rpartition("/")[2]
-    combine: Callable[[bytes, Sequence[bytes]], bytes] | None = None
-    if name == keys.history("").rpartition("/")[2]:
-        combine = _history
-    elif name == keys.learner_metrics("").rpartition("/")[2]:
-        combine = _rows
-    elif name.startswith("TrainingMetrics") and name.endswith(".json"):
-        combine = _metrics
+    combine = next((each for pattern, each in _KINDS if re.fullmatch(pattern, name)), None)
     parts = read_parts(bucket, key, bucket.get) if combine is not None else []
     whole = bucket.get(key)
     if combine is None or not parts:
@@ -376,3 +371,10 @@ def _rows(whole: bytes, parts: Sequence[bytes]) -> bytes:
     writer.writeheader()
     writer.writerows(found[iteration] for iteration in sorted(found))
     return text.getvalue().encode()
+
+
+_KINDS: tuple[tuple[str, Callable[[bytes, Sequence[bytes]], bytes]], ...] = (
+    (r"history\.json", _history),
+    (r"learner\.csv", _rows),
+    (r"TrainingMetrics.*\.json", _metrics),
+)

@@ -1,6 +1,6 @@
 """The milestones of a training: checkpoints that did something first or best."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal, get_args
 
@@ -160,46 +160,3 @@ def readable_milestones(
     except ObjectDamaged as error:
         known, damaged = None, [f"{error} {error.remedy}"]
     return with_history(known or NO_MILESTONES, records), damaged
-
-
-# A trainer's milestones, in memory and in the bucket.
-
-
-class MarkedCheckpoints:
-    """Only a trainer writes it. If it is lost, `unmarked` checkpoints stay."""
-
-    def __init__(self, model: ModelStore, unmarked: Callable[[], list[str]]) -> None:
-        self._model = model
-        self._unmarked = unmarked
-        self._known: Milestones | None = None
-
-    @property
-    def milestones(self) -> Milestones:
-        if self._known is None:
-            try:
-                found = read_milestones(self._model)
-            except ObjectDamaged:
-                found = replace(NO_MILESTONES, spaced=self._unmarked())
-            self._known = found or NO_MILESTONES
-        return self._known
-
-    def add(self, result: EvaluationResult) -> None:
-        self.write(with_results(self.milestones, [result]))
-
-    def begin_stage(self, first: int) -> None:
-        self.write(self.milestones.of_stage(first))
-
-    def restore(self, newest: CheckpointName, records: Sequence[IterationRecord]) -> None:
-        """Find the milestones again when a trainer starts.
-
-        It may have ended between evaluation and record, or have gone back. If the record is lost,
-        every checkpoint stays.
-        """
-        if not self._model.bucket.exists(keys.milestones(self._model.prefix)):
-            self._known = replace(NO_MILESTONES, spaced=self._unmarked())
-        self.write(with_history(self.milestones.until(newest), records))
-
-    def write(self, milestones: Milestones) -> None:
-        if milestones != self._known:
-            write_milestones(self._model, milestones)
-        self._known = milestones

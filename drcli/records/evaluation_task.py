@@ -1,15 +1,15 @@
 """One of several evaluations that share worker processes, and its outcome."""
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from drcli.base.json_record import JsonRecord, SafeInt, Seconds, decode_json
+from drcli.base.files import FileRecord
+from drcli.base.json_record import JsonRecord, SafeInt, Seconds
 from drcli.base.report import Col, View, bold, table
 from drcli.records.episode_metrics import TrialMetrics
 
@@ -37,9 +37,6 @@ class PolicySource:
 
 
 # How far a policy gets with each of the simulator's cars.
-
-
-TRIALS_FILE = "cars.json"
 
 
 @dataclass(frozen=True)
@@ -90,16 +87,10 @@ class CarTrials:
 
 
 @dataclass(frozen=True)
-class _File:
+class DrivenCars(FileRecord):
+    FILE = "cars.json"
+
     cars: Annotated[list[CarTrial], Meta(min_length=1)]
-
-
-def encode_trials(trials: Sequence[CarTrial]) -> bytes:
-    return json.dumps({"cars": list(map(asdict, trials))}, allow_nan=False).encode()
-
-
-def decode_trials(data: bytes) -> list[CarTrial]:
-    return decode_json(_File, data).cars
 
 
 # How a model drives under each disturbance, and one number.

@@ -9,7 +9,7 @@ import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from drcli.base.files import load_record, save_record
+from drcli.base.files import FileRecord
 from drcli.base.json_record import JsonRecord, Pid, RecordError, SafeInt, Seconds
 
 FILE_BYTES = 1024
@@ -80,18 +80,14 @@ def open_pulse_file(folder: Path, name: str) -> int:
 # What a supervisor's watches warn of, for `dr-status`.
 
 
-_FILE = "watches.json"
-
-
 @dataclass(frozen=True)
-class WatchRecord:
+class WatchRecord(FileRecord):
+    FILE = "watches.json"
+
     session: str
     warnings: list[str] = field(default_factory=list)
 
-    def write(self, folder: Path) -> None:
-        save_record(folder / _FILE, self)
-
     @staticmethod
-    def read(folder: Path, session: str) -> "WatchRecord":
-        found = load_record(WatchRecord, folder / _FILE)
+    def of_session(folder: Path, session: str) -> "WatchRecord":
+        found = WatchRecord.read(folder)
         return found if found is not None and found.session == session else WatchRecord(session)

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from drcli.base.files import load_record, save_record
+from drcli.base.files import FileRecord, load_record, save_record
 from drcli.base.json_record import JsonRecord, Pid, SafeInt, Seconds
 from drcli.base.processes import is_alive
 from drcli.config.run_config import Cloud, Engine, StorageConfig
-
-_FILE = "run.json"
 
 _STOP_FILE = "stop-request.json"
 
@@ -79,13 +77,15 @@ class StorageRecord:
 
 
 @dataclass(frozen=True)
-class RunRecord:
+class RunRecord(FileRecord):
     """One start of a training, in `data/runs/<DR_RUN_ID>/run.json`.
 
     Attributes:
         pid_started: From `process_identity.started_s`; process numbers are reused.
         storage: None in early versions.
     """
+
+    FILE = "run.json"
 
     run_id: SafeInt
     session: str
@@ -113,16 +113,9 @@ class RunRecord:
     def alive(self) -> bool:
         return self.state in LIVE_STATES and is_alive(self.pid, self.pid_started)
 
-    def write(self, folder: Path) -> None:
-        save_record(folder / _FILE, self)
-
     @staticmethod
     def is_in(folder: Path) -> bool:
-        return (folder / _FILE).exists()
-
-    @staticmethod
-    def read(folder: Path) -> "RunRecord | None":
-        return load_record(RunRecord, folder / _FILE)
+        return (folder / RunRecord.FILE).exists()
 
     def ended(
         self, state: State, exit_code: int, message: str, remedy: str, now: float
@@ -291,11 +284,8 @@ def reward_log(worker: str) -> str:
 # Records of running evaluations, so that another shell can stop them.
 
 
-_EVALUATION_FILE = "running.json"
-
-
 @dataclass(frozen=True)
-class EvaluationRecord:
+class EvaluationRecord(FileRecord):
     """A running evaluation, in `data/runs/<DR_RUN_ID>/evaluations/<stamp>/`.
 
     Attributes:
@@ -303,6 +293,8 @@ class EvaluationRecord:
         pid_started: From `process_identity.started_s`; process numbers are reused.
         worker_pid: Drives.
     """
+
+    FILE = "running.json"
 
     run_id: SafeInt
     stamp: str
@@ -319,13 +311,6 @@ class EvaluationRecord:
     @property
     def alive(self) -> bool:
         return is_alive(self.pid, self.pid_started)
-
-    def write(self, folder: Path) -> None:
-        save_record(folder / _EVALUATION_FILE, self)
-
-    @staticmethod
-    def read(folder: Path) -> "EvaluationRecord | None":
-        return load_record(EvaluationRecord, folder / _EVALUATION_FILE)
 
 
 def claim(directory: Path, run_id: int, stamp: str) -> Path | None:

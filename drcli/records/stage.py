@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from drcli.base.files import load_record, save_record
+from drcli.base.files import FileRecord
 from drcli.base.json_record import JsonRecord, SafeInt, Seconds
 from drcli.config.run_config import RaceConfig
 from drcli.learn.phases import Phase
@@ -124,22 +124,18 @@ class StageMark:
 # What the trainer tells its supervisor when a stage or phase begins.
 
 
-_FILE = "stage.json"
-
-
 @dataclass(frozen=True)
-class StageNote:
+class StageNote(FileRecord):
+    FILE = "stage.json"
+
     session: str
     stage: str
     checkpoint: str
     text: str
 
-    def write(self, folder: Path) -> None:
-        save_record(folder / _FILE, self)
-
     @staticmethod
-    def read(folder: Path, session: str) -> "StageNote | None":
-        found = load_record(StageNote, folder / _FILE)
+    def of_session(folder: Path, session: str) -> "StageNote | None":
+        found = StageNote.read(folder)
         return found if found is not None and found.session == session else None
 
 

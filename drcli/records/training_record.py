@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from drcli.base.files import load_record, save_record
+from drcli.base.files import FileRecord, load_record, save_record
 from drcli.base.json_record import Amount, JsonRecord, SafeInt, Seconds, Text
 from drcli.config.run_config import UnattendedConfig
 from drcli.records.run_record import State
@@ -287,9 +287,6 @@ class RunOutcome(JsonRecord):
 # What the starts of a training have cost.
 
 
-_FILE = "spending.json"
-
-
 @dataclass(frozen=True)
 class StartSpending(JsonRecord):
     session: str
@@ -300,7 +297,7 @@ class StartSpending(JsonRecord):
 
 
 @dataclass(frozen=True)
-class Spending:
+class Spending(FileRecord):
     """All starts of a training, as its supervisor last knew it.
 
     Attributes:
@@ -317,6 +314,8 @@ class Spending:
         damaged: Unreadable objects of earlier starts, whose cost is missing.
     """
 
+    FILE = "spending.json"
+
     session: str
     starts: SafeInt
     hours: float
@@ -328,15 +327,6 @@ class Spending:
     own_hours: float = 0.0
     max_minutes: float | None = None
     damaged: list[str] = field(default_factory=list)
-
-    def write(self, folder: Path) -> None:
-        """Raises OSError."""
-        save_record(folder / _FILE, self)
-
-    @staticmethod
-    def read(folder: Path) -> "Spending | None":
-        """None if missing or unreadable."""
-        return load_record(Spending, folder / _FILE)
 
 
 # What all trainings of a working folder used on a day.

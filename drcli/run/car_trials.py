@@ -10,11 +10,10 @@ from math import comb
 from pathlib import Path
 
 from drcli.base.errors import ProblemsError, WorkerDied
-from drcli.base.json_record import RecordError
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problem
-from drcli.records.evaluation_task import TRIALS_FILE, CarTrial, CarTrials, decode_trials
+from drcli.records.evaluation_task import CarTrial, CarTrials, DrivenCars
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import log_file
 from drcli.run.worker_processes import end_process, start_process
@@ -74,15 +73,15 @@ def _run(job: Job, checkpoint: str) -> list[CarTrial]:
         raise
     path = log_file(job.directory, job.config.model.prefix, _NAME)
     words = WorkerExit.read(job.folder, _NAME)
-    try:
-        return decode_trials((job.folder / TRIALS_FILE).read_bytes())
-    except (OSError, RecordError) as error:
-        if words is not None:
-            raise WorkerDied(words.message, remedy=words.remedy) from error
-        raise WorkerDied(
-            f"The worker that tries the cars ended with exit code {code}.",
-            remedy=f"Read its log: {path}.",
-        ) from error
+    driven = DrivenCars.read(job.folder)
+    if driven is not None:
+        return driven.cars
+    if words is not None:
+        raise WorkerDied(words.message, remedy=words.remedy)
+    raise WorkerDied(
+        f"The worker that tries the cars ended with exit code {code}.",
+        remedy=f"Read its log: {path}.",
+    )
 
 
 def best_of(trials: Sequence[CarTrial], present: str) -> str:

@@ -19,6 +19,7 @@ from drcli.checks.start_rules import probe, refuse_start, review_prefix
 from drcli.config.editing import written
 from drcli.config.run_config import CustomFilesConfig
 from drcli.config.settings import Settings, catalogue
+from drcli.learn.algorithms import Algorithm
 from drcli.learn.phases import FINE_LR
 from drcli.model import keys, lease
 from drcli.model.best_checkpoint import forget_scores
@@ -266,7 +267,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     if files != found_files and kept is not None and before_this is not None:
         warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this.prefix))
     if resumes is not None and design.metadata.algorithm.replay:
-        warnings += _replay_lost(design, store, CheckpointName.parse(resumes))
+        warnings += _replay_lost(design.metadata.algorithm, store, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
     if source is not None:
@@ -384,7 +385,9 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
     )
 
 
-def _replay_lost(design: Design, model: ModelStore, newest: CheckpointName | None) -> list[str]:
+def _replay_lost(
+    algorithm: Algorithm, model: ModelStore, newest: CheckpointName | None
+) -> list[str]:
     listed = (
         keys.rollout_key(model.prefix, info.key)
         for info in model.bucket.list(keys.rollouts_folder(model.prefix))
@@ -393,7 +396,7 @@ def _replay_lost(design: Design, model: ModelStore, newest: CheckpointName | Non
     if not learned or any(each is not None and each.iteration in learned for each in listed):
         return []
     return [
-        f"{design.metadata.algorithm.label} starts with an empty replay buffer, because the steps "
+        f"{algorithm.label} starts with an empty replay buffer, because the steps "
         "of earlier iterations are not in the bucket: a copy of a model has none. It learns from "
         "new steps only, which costs some iterations."
     ]

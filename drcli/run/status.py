@@ -597,7 +597,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             0.0 if spending is None else spending.own_hours,
             record.storage_at_start(config.storage, config.directory),
         ),
-        watches=WatchRecord.read(folder, record.session).warnings,
+        watches=WatchRecord.of_session(folder, record.session).warnings,
         milestones=[
             MilestoneReport(kind, found.checkpoint, found.laps, found.episodes, found.best_lap_s)
             for kind, found in with_history(NO_MILESTONES, history).reached()

@@ -171,7 +171,7 @@ class StageWatch(Duty):
     def _look(self) -> None:
         if self._journal is None:
             return
-        note = StageNote.read(self._job.folder, self._job.session)
+        note = StageNote.of_session(self._job.folder, self._job.session)
         if note is None or note.checkpoint == self._seen:
             return
         self._seen = note.checkpoint

@@ -113,7 +113,7 @@ class WatchedRun:
     @property
     def warnings(self) -> list[str]:
         """What `dr-status` shows."""
-        return WatchRecord.read(self.folder, "start").warnings
+        return WatchRecord.of_session(self.folder, "start").warnings
 
     @property
     def told(self) -> list[str]:

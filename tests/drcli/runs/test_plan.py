@@ -9,6 +9,7 @@ import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks import before_start
+from drcli.learn.algorithms import ALGORITHMS
 from drcli.model import keys, lease
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
@@ -136,10 +137,15 @@ def test_a_start_says_that_a_copied_model_of_sac_has_lost_its_replay_buffer(roll
     for iteration in rollouts:
         bucket.put(keys.rollout_part("model-1", iteration, 0, "session", 0), b"steps")
 
-    told = plan._replay_lost(ModelStore(bucket, "model-1"), CheckpointName(8, 800))
+    told = plan._replay_lost(
+        ALGORITHMS["sac"], ModelStore(bucket, "model-1"), CheckpointName(8, 800)
+    )
 
     assert ["empty replay buffer" in text for text in told] == [True] * warned
-    assert plan._replay_lost(ModelStore(bucket, "model-1"), CheckpointName(0, 0)) == []
+    assert (
+        plan._replay_lost(ALGORITHMS["sac"], ModelStore(bucket, "model-1"), CheckpointName(0, 0))
+        == []
+    )
 
 
 def test_a_start_over_begins_new_logs_and_a_resumed_one_goes_on_with_them(trained):

@@ -154,7 +154,7 @@ def test_a_silent_worker_is_shown_as_such():
 def test_warnings_of_an_earlier_start_are_over(tmp_path):
     WatchRecord("one", ["sim-0 grows steadily."]).write(tmp_path)
 
-    assert WatchRecord.read(tmp_path, "two").warnings == []
+    assert WatchRecord.of_session(tmp_path, "two").warnings == []
 
 
 @pytest.fixture

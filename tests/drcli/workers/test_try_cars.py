@@ -11,7 +11,7 @@ from drcli.drive.try_cars import drive_car
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
 from drcli.model.files.model_metadata import ModelMetadata
-from drcli.records.evaluation_task import CarTrial, decode_trials, encode_trials
+from drcli.records.evaluation_task import CarTrial, DrivenCars
 from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR
 from drsim.sensing.scene import build_scene
 from drsim.track.worlds import load_track
@@ -21,7 +21,7 @@ MODELS = Path("../shared/reference-models")
 TRACKS = Path("../shared/tracks")
 
 
-def test_a_car_that_always_turns_gets_nowhere_from_any_start():
+def test_a_car_that_always_turns_gets_nowhere_from_any_start(tmp_path):
     track = load_track("reinvent_base")
     torch.manual_seed(0)
     policy = ActorCritic(PolicySpec(1, network="COMPACT_CONVOLUTIONAL_NETWORK")).eval()
@@ -32,7 +32,8 @@ def test_a_car_that_always_turns_gets_nowhere_from_any_start():
 
     assert (trial.car, trial.laps, trial.starts, trial.lap_times_s) == (DEFAULT_CAR, 0, 3, [])
     assert 0.0 < trial.mean_progress < 50.0
-    assert decode_trials(encode_trials([trial])) == [trial]
+    DrivenCars([trial]).write(tmp_path)
+    assert DrivenCars.read(tmp_path) == DrivenCars([trial])
 
 
 @pytest.mark.skipif(
