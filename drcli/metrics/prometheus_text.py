@@ -7,7 +7,15 @@ from pathlib import Path
 
 from drcli.base.files import rewrite
 from drcli.base.installation import lazy_imports
-from drcli.metrics.figure_events import Ended, EpisodePoint, EpochPoint, Event, Point, TrainingFacts
+from drcli.metrics.figure_events import (
+    Ended,
+    EpisodePoint,
+    EpochPoint,
+    Event,
+    Point,
+    Sink,
+    TrainingFacts,
+)
 
 with lazy_imports():
     import prometheus_client
@@ -84,7 +92,7 @@ class NewestFigures:
         self._metrics = metrics
 
 
-class FigureFile:
+class FigureFile(Sink):
     """A `.prom` file for node_exporter's textfile collector, in its existing folder."""
 
     takes = (Point, Ended)
@@ -120,7 +128,7 @@ class FigureFile:
         self._is_saved = True
 
 
-class FigureServer:
+class FigureServer(Sink):
     """An HTTP server of /metrics; the system chooses a port for 0.
 
     Raises:
@@ -170,7 +178,7 @@ def metric_name(name: str) -> str:
 _NAME = str.maketrans({",": r"\,", " ": r"\ ", "=": r"\=", "\n": " ", "\r": " "})
 
 
-class InfluxLines:
+class InfluxLines(Sink):
     """Sends each event to Telegraf as a datagram, without confirmation.
 
     Lines have a time: our episodes of an iteration end together, and the server keeps one line of
@@ -197,9 +205,6 @@ class InfluxLines:
         except OSError:
             self.close()  # the name may have another address when it is tried again
             raise
-
-    def miss(self, event: Event) -> bool:
-        return False
 
     def close(self) -> None:
         if self._socket is not None:
