@@ -4,6 +4,7 @@ import shutil
 import stat
 import subprocess
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 
@@ -32,7 +33,7 @@ FRAME_BYTES = 19_200
 LEAST_GPU_BYTES = 1_500_000_000
 """Taken by learning and its library."""
 
-GPU_PATIENCE_S = 3.0
+GPU_PATIENCE_S = 4.0
 
 
 def review_disk(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
@@ -87,7 +88,17 @@ def review_memory(
 
 def review_gpu(devices: str, environ: Mapping[str, str]) -> Iterator[Problem]:
     """Without `devices`, CUDA_VISIBLE_DEVICES counts."""
-    free = _free_gpu_bytes(devices or environ.get("CUDA_VISIBLE_DEVICES"))
+    allowed = devices or environ.get("CUDA_VISIBLE_DEVICES")
+    names = None if allowed is None else tuple(name.strip() for name in allowed.split(","))
+    if names in (("",), ("-1",)):
+        return
+    prefixes = tuple(name for name in names or () if name.startswith("GPU-"))
+    free = [
+        card.free_bytes
+        for card in graphics_cards()[0]
+        # A GPU may be named by its number or by the beginning of its UUID.
+        if names is None or card.index in names or card.uuid.startswith(prefixes)
+    ]
     if free and max(free) < LEAST_GPU_BYTES:
         what = (
             f"only {_shown(max(free))} of GPU memory is free; learning may need "
@@ -98,6 +109,53 @@ def review_gpu(devices: str, environ: Mapping[str, str]) -> Iterator[Problem]:
             "DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env."
         )
         yield Problem("V-50", "warning", "nvidia-smi", None, what, remedy)
+
+
+@dataclass(frozen=True)
+class Card:
+    """A GPU, as `nvidia-smi` describes it; `memory_bytes` 0: that of the machine."""
+
+    index: str
+    uuid: str
+    name: str
+    driver: str
+    memory_bytes: int
+    free_bytes: int
+
+
+def graphics_cards() -> tuple[list[Card], str]:
+    """NVIDIA's, and why they cannot be asked."""
+    program = shutil.which("nvidia-smi")
+    if program is None:
+        return [], ""
+    wanted = "--query-gpu=index,uuid,name,driver_version,memory.total,memory.free"
+    try:
+        done = subprocess.run(
+            [program, wanted, "--format=csv,noheader,nounits"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=GPU_PATIENCE_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return [], f"no answer within {GPU_PATIENCE_S:.0f} s."
+    except OSError as error:
+        return [], f"{error.strerror or error}."
+    lines = done.stdout.strip().splitlines()
+    if done.returncode != 0:
+        said = [*lines, *done.stderr.strip().splitlines()]
+        return [], said[0] if said else f"exit code {done.returncode}."
+    cards = []
+    for words in (line.strip().split(", ") for line in lines):
+        if len(words) == 6:
+            # A GPU that shares the memory of the machine answers `[N/A]`.
+            index, uuid, name, driver, *sizes = words
+            total, free = (int(size) * 2**20 if size.isdigit() else 0 for size in sizes)
+            free = free if total else LEAST_GPU_BYTES
+            cards.append(Card(index, uuid, name, driver, total, free))
+    return cards, ""
 
 
 def _open_to_others(path: Path, name: str, why: str) -> Iterator[Problem]:
@@ -118,28 +176,6 @@ def _secrets_in(path: Path) -> list[str]:
     except (OSError, ProblemsError):  # other rules say so
         return []
     return [name for name, entry in entries.items() if is_secret(name, entry.value)]
-
-
-def _free_gpu_bytes(allowed: str | None) -> list[int]:
-    names = None if allowed is None else tuple(name.strip() for name in allowed.split(","))
-    program = None if names in (("",), ("-1",)) else shutil.which("nvidia-smi")
-    if program is None:
-        return []
-    prefixes = tuple(name for name in names or () if name.startswith("GPU-"))
-    query = [program, "--query-gpu=index,uuid,memory.free", "--format=csv,noheader,nounits"]
-    try:
-        done = subprocess.run(
-            query, capture_output=True, text=True, timeout=GPU_PATIENCE_S, check=False
-        )
-        rows = [line.split(", ") for line in done.stdout.splitlines()]
-        return [
-            int(free) * 2**20
-            for index, uuid, free in rows
-            # A GPU may be named by its number or by the beginning of its UUID.
-            if names is None or index in names or uuid.startswith(prefixes)
-        ]
-    except (OSError, subprocess.TimeoutExpired, ValueError):
-        return []  # no working GPU: learning uses the processor
 
 
 def _shown(size_bytes: int) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.installation import lazy_imports
-from drcli.metrics.figure_events import Event, Point, TrainingFacts
+from drcli.metrics.figure_events import Event, Point, Sink, TrainingFacts
 
 with lazy_imports():
     from tensorboard.compat.proto import event_pb2, summary_pb2, tensor_pb2, types_pb2
@@ -26,7 +26,7 @@ _VERSION = "brain.Event:2"
 """From this one on, TensorBoard drops what was given up before a start."""
 
 
-class EventFile:
+class EventFile(Sink):
     """The file of one start of a training; TensorBoard joins those of a folder.
 
     Earlier files' figures of later steps are dropped. `earlier` points are for a folder without a
@@ -71,9 +71,6 @@ class EventFile:
             self._open()
         with self._complete():
             self._add(event)
-
-    def miss(self, event: Event) -> bool:
-        return False
 
     def close(self) -> None:
         with suppress(OSError):  # what it could not write, it tries once more

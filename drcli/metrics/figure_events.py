@@ -1,8 +1,9 @@
 """What is sent to other tools."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar
 
 from drcli.records.episode_metrics import EpisodeMetrics, TrialMetrics
 
@@ -81,21 +82,21 @@ class Ended:
 Event = Point | EpisodePoint | EpochPoint | Ended
 
 
-class Sink(Protocol):
-    """Where events go. One thread calls its methods, which may fail."""
+class Sink(ABC):
+    """Where events of the classes `takes` go. One thread calls its methods, which may fail."""
 
     name: str
+    takes: ClassVar[tuple[type, ...]]
 
-    @property
-    def takes(self) -> tuple[type, ...]:
-        """Classes of events."""
-
+    @abstractmethod
     def send(self, event: Event) -> None:
         """Send an event of these classes."""
 
     def miss(self, event: Event) -> bool:
         """Take note of an unsent event; whether it is sent later."""
+        return False
 
+    @abstractmethod
     def close(self) -> None:
         """Send what is left and free everything."""
 

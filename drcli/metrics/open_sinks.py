@@ -36,20 +36,30 @@ def sender_of_trainer(
     parameters: Mapping[str, str] | None = None,
 ) -> FigureSender:
     """`earlier` are points of iterations before, for sinks that lack them."""
-    openers: list[Callable[[], Sink]] = []
-    if config.tensorboard:
-        folder = tensorboard_folder(directory, facts.model)
-        openers.append(partial(_event_file, folder, facts, earlier))
-    if config.prometheus_folder:
-        openers.append(partial(_figure_file, directory / config.prometheus_folder, facts))
-    if config.prometheus_port:
-        openers.append(
-            partial(_figure_server, config.prometheus_host, config.prometheus_port, facts)
-        )
-    if config.mlflow_url:
-        openers.append(partial(_mlflow_run, config, facts, parameters or {}, earlier))
-    if config.trackio_url:
-        openers.append(partial(_trackio_run, config, facts, parameters or {}))
+    given, host, port = parameters or {}, config.prometheus_host, config.prometheus_port
+    # Each loads its libraries when it is needed, and in the thread that sends.
+    sinks: list[tuple[object, Callable[[], Sink]]] = [
+        (
+            config.tensorboard,
+            lambda: EventFile(tensorboard_folder(directory, facts.model), facts, earlier),
+        ),
+        (
+            config.prometheus_folder,
+            lambda: FigureFile(directory / config.prometheus_folder, facts),
+        ),
+        (port, lambda: FigureServer(host, port, facts)),
+        (
+            config.mlflow_url,
+            lambda: servers.MlflowRun(
+                config.mlflow_url, config.mlflow_experiment, facts, given, earlier
+            ),
+        ),
+        (
+            config.trackio_url,
+            lambda: servers.TrackioRun(config.trackio_url, config.trackio_project, facts, given),
+        ),
+    ]
+    openers = [opener for wanted, opener in sinks if wanted]
     return FigureSender([*openers, *_telegraf(config, facts.model)])
 
 
@@ -69,38 +79,4 @@ def tensorboard_folder(directory: Path, model: str) -> Path:
 def _telegraf(config: FigureConfig, model: str) -> list[Callable[[], Sink]]:
     if not config.telegraf_host:
         return []
-    return [partial(_influx_lines, config.telegraf_host, config.telegraf_port, model)]
-
-
-# Each loads its libraries when it is needed, and in the thread that sends.
-
-
-def _event_file(folder: Path, facts: TrainingFacts, earlier: Sequence[Point]) -> Sink:
-    return EventFile(folder, facts, earlier)
-
-
-def _figure_file(folder: Path, facts: TrainingFacts) -> Sink:
-    return FigureFile(folder, facts)
-
-
-def _figure_server(host: str, port: int, facts: TrainingFacts) -> Sink:
-    return FigureServer(host, port, facts)
-
-
-def _mlflow_run(
-    config: FigureConfig,
-    facts: TrainingFacts,
-    parameters: Mapping[str, str],
-    earlier: Sequence[Point],
-) -> Sink:
-    return servers.MlflowRun(
-        config.mlflow_url, config.mlflow_experiment, facts, parameters, earlier
-    )
-
-
-def _trackio_run(config: FigureConfig, facts: TrainingFacts, parameters: Mapping[str, str]) -> Sink:
-    return servers.TrackioRun(config.trackio_url, config.trackio_project, facts, parameters)
-
-
-def _influx_lines(host: str, port: int, model: str) -> Sink:
-    return InfluxLines(host, port, model)
+    return [partial(InfluxLines, config.telegraf_host, config.telegraf_port, model)]

@@ -2,18 +2,25 @@
 
 import re
 import socket
-import threading
-from collections.abc import Callable, Mapping
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Mapping
 from pathlib import Path
 
 from drcli.base.files import rewrite
-from drcli.metrics.figure_events import Ended, EpisodePoint, EpochPoint, Event, Point, TrainingFacts
+from drcli.base.installation import lazy_imports
+from drcli.metrics.figure_events import (
+    Ended,
+    EpisodePoint,
+    EpochPoint,
+    Event,
+    Point,
+    Sink,
+    TrainingFacts,
+)
 
-_PREFIX = "deepracer_"
+with lazy_imports():
+    import prometheus_client
+
 _LETTERS = re.compile(r"[^a-zA-Z0-9_]")
-
-CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 _MEANINGS = {
     "charts/episodic_return": "Mean total reward of the training episodes of an iteration.",
@@ -29,17 +36,23 @@ _MEANINGS = {
     "evaluation/median_lap_s": "Median of the clean laps, simulated seconds.",
     "losses/entropy": "Entropy of the policy, nats.",
     "losses/approx_kl": "Divergence from the policy that drove.",
+    "training_running": "1 while the training runs.",
+    "steps": "Steps learned from since the beginning.",
+    "updated_seconds": "Unix time of the newest figure.",
 }
 
 
 class NewestFigures:
+    """A collector with a registry of its own, so that nothing about Python is shown."""
+
     def __init__(self, facts: TrainingFacts) -> None:
-        self._labels = f'{{model="{_escaped(facts.model)}",run_id="{facts.run_id}"}}'
+        self._labels = {"model": facts.model, "run_id": str(facts.run_id)}
         self._learned: Mapping[str, float] = {}
         self._scores: Mapping[str, float] = {}
         self._step, self._time_s, self._is_running = facts.first_step, 0.0, True
-        self._text = ""
-        self._write()
+        self._gather()
+        self.registry = prometheus_client.CollectorRegistry()
+        self.registry.register(self)
 
     def add(self, event: Event) -> None:
         assert isinstance(event, Point | Ended)
@@ -53,29 +66,33 @@ class NewestFigures:
         else:
             self._is_running = False
         self._time_s = event.time_s
-        self._write()
+        self._gather()
 
-    def text(self) -> str:
-        return self._text
+    def collect(self) -> "list[prometheus_client.Metric]":
+        """All of one moment."""
+        return self._metrics
 
-    def _write(self) -> None:
-        own = {
-            "training_running": (float(self._is_running), "1 while the training runs."),
-            "steps": (float(self._step), "Steps learned from since the beginning."),
-            "updated_seconds": (self._time_s, "Unix time of the newest figure."),
+    def text(self) -> bytes:
+        return prometheus_client.generate_latest(self.registry)
+
+    def _gather(self) -> None:
+        values = {
+            **self._learned,
+            **self._scores,
+            "training_running": self._is_running,
+            "steps": self._step,
+            "updated_seconds": self._time_s,
         }
-        known = {
-            metric_name(name): (value, _MEANINGS.get(name, f"CleanRL's {name}."))
-            for name, value in (*self._learned.items(), *self._scores.items())
-        }
-        self._text = "".join(
-            f"# HELP {_PREFIX}{name} {meaning}\n# TYPE {_PREFIX}{name} gauge\n"
-            f"{_PREFIX}{name}{self._labels} {value!r}\n"
-            for name, (value, meaning) in sorted((known | own).items())
-        )
+        metrics = []
+        for name, value in sorted(values.items()):
+            meaning = _MEANINGS.get(name, f"CleanRL's {name}.")
+            metric = prometheus_client.Metric(metric_name(name), meaning, "gauge")
+            metric.add_sample(metric.name, self._labels, float(value))
+            metrics.append(metric)
+        self._metrics = metrics
 
 
-class FigureFile:
+class FigureFile(Sink):
     """A `.prom` file for node_exporter's textfile collector, in its existing folder."""
 
     takes = (Point, Ended)
@@ -106,12 +123,12 @@ class FigureFile:
 
     def _save(self) -> None:
         self._is_saved = False
-        rewrite(self._path, self._figures.text().encode())
+        rewrite(self._path, self._figures.text())
         self._path.chmod(0o644)  # the collector is another user
         self._is_saved = True
 
 
-class FigureServer:
+class FigureServer(Sink):
     """An HTTP server of /metrics; the system chooses a port for 0.
 
     Raises:
@@ -124,14 +141,12 @@ class FigureServer:
         self.name = f"DR_PROMETHEUS_PORT={port}"
         self._figures = NewestFigures(facts)
         try:
-            self._server = _Server(host, port, _handler(self._figures.text))
+            self._server, _ = prometheus_client.start_http_server(
+                port, host, self._figures.registry
+            )
         except OSError as error:
             text = f"nothing can listen on {host}:{port}: {error.strerror or error}."
             raise OSError(error.errno, f"{self.name}: {text}") from None
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, name="prometheus", daemon=True
-        )
-        self._thread.start()
 
     @property
     def port(self) -> int:
@@ -149,44 +164,9 @@ class FigureServer:
         self._server.server_close()
 
 
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-
-    def __init__(self, host: str, port: int, handler: type[BaseHTTPRequestHandler]) -> None:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        self.address_family = found[0][0]  # IPv4 or IPv6
-        super().__init__((host, port), handler)
-
-
-def _handler(text: Callable[[], str]) -> type[BaseHTTPRequestHandler]:
-    class Handler(BaseHTTPRequestHandler):
-        timeout = 10.0  # of a client that sends nothing
-        server_version, sys_version = "drcli", ""
-
-        def do_GET(self) -> None:
-            if self.path.partition("?")[0] not in ("/", "/metrics"):
-                self.send_error(404)
-                return
-            data = text().encode()
-            self.send_response(200)
-            self.send_header("Content-Type", CONTENT_TYPE)
-            self.send_header("Content-Length", str(len(data)))
-            self.end_headers()
-            self.wfile.write(data)
-
-        def log_message(self, format: str, *arguments: object) -> None:
-            """Keeps requests out of the log."""
-
-    return Handler
-
-
 def metric_name(name: str) -> str:
-    """`losses/approx_kl` is losses_approx_kl."""
-    return _LETTERS.sub("_", name)
-
-
-def _escaped(text: str) -> str:
-    return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
+    """`losses/approx_kl` is deepracer_losses_approx_kl."""
+    return "deepracer_" + _LETTERS.sub("_", name)
 
 
 # InfluxDB's line protocol over UDP, for DeepRacer-for-Cloud's Grafana board.
@@ -198,7 +178,7 @@ def _escaped(text: str) -> str:
 _NAME = str.maketrans({",": r"\,", " ": r"\ ", "=": r"\=", "\n": " ", "\r": " "})
 
 
-class InfluxLines:
+class InfluxLines(Sink):
     """Sends each event to Telegraf as a datagram, without confirmation.
 
     Lines have a time: our episodes of an iteration end together, and the server keeps one line of
@@ -225,9 +205,6 @@ class InfluxLines:
         except OSError:
             self.close()  # the name may have another address when it is tried again
             raise
-
-    def miss(self, event: Event) -> bool:
-        return False
 
     def close(self) -> None:
         if self._socket is not None:

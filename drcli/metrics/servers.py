@@ -6,7 +6,7 @@ Source: MLflow's REST API, version 2.0.
 import os
 import time
 import uuid
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,7 +17,7 @@ from urllib3.exceptions import LocationParseError
 
 from drcli.base.errors import cause_of
 from drcli.config import secret_environment
-from drcli.metrics.figure_events import Ended, Event, Point, TrainingFacts
+from drcli.metrics.figure_events import Ended, Event, Point, Sink, TrainingFacts
 
 # Requests to other tools' servers, with JSON answers.
 
@@ -82,7 +82,7 @@ def variable(name: str) -> str:
 # A sink that keeps what a server did not take.
 
 
-class RetriedSink(ABC):
+class RetriedSink(Sink):
     """Figures for a server that may be away."""
 
     def __init__(self, server: ServerRequests) -> None:

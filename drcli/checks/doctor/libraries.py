@@ -7,7 +7,6 @@ import json
 import os
 import platform
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -20,16 +19,13 @@ from typing import Any
 
 from drcli.base import installation
 from drcli.checks.doctor.findings import Finding, State, shown_bytes
+from drcli.checks.machine_rules import LEAST_GPU_BYTES, graphics_cards
 from drcli.config import secret_environment
 from drcli.model.run_metadata import processor_name
 from drcli.workers.cores import cores
 
 PATIENCE_S = 7.0
 """The process ends before the command."""
-
-GPU_PATIENCE_S = 4.0
-LEAST_GPU_BYTES = 1_500_000_000
-"""Taken by learning and its library."""
 
 _ROOT = Path("/")
 _UNITS = ("avx2", "avx512f", "avx512_bf16", "amx_bf16", "asimd", "sve", "bf16")
@@ -59,14 +55,6 @@ class LearnerSettings:
     precision: str = "auto"
     batch_size: int = 64
     gpus: str = ""
-
-
-@dataclass(frozen=True)
-class Card:
-    name: str
-    driver: str
-    memory_bytes: int
-    free_bytes: int
 
 
 @dataclass(frozen=True)
@@ -181,8 +169,7 @@ def examine_gpus(
         name = "DR_SAGEMAKER_CUDA_DEVICES" if wanted else "CUDA_VISIBLE_DEVICES"
         yield Finding("GPU", "ok", f"not used: {name} is '{allowed}'", facts={"usable": False})
         return
-    program = shutil.which("nvidia-smi")
-    cards, failure = _cards(program) if program else ([], "")
+    cards, failure = graphics_cards()
     facts = {
         "gpus": [card.name for card in cards],
         "driver": cards[0].driver if cards else None,
@@ -224,43 +211,6 @@ def examine_gpus(
     else:
         text += f"; torch uses it (CUDA {facts['torch_cuda']})"
         yield Finding("GPU", "ok", text, facts=facts)
-
-
-def _cards(program: str) -> tuple[list[Card], str]:
-    query = [
-        program,
-        "--query-gpu=name,driver_version,memory.total,memory.free",
-        "--format=csv,noheader,nounits",
-    ]
-    try:
-        done = subprocess.run(
-            query,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-            timeout=GPU_PATIENCE_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return [], f"no answer within {GPU_PATIENCE_S:.0f} s."
-    except OSError as error:
-        return [], f"{error.strerror or error}."
-    lines = done.stdout.strip().splitlines()
-    if done.returncode != 0:
-        said = [*lines, *done.stderr.strip().splitlines()]
-        return [], said[0] if said else f"exit code {done.returncode}."
-    return [card for card in map(_card, lines) if card is not None], ""
-
-
-def _card(line: str) -> Card | None:
-    words = [word.strip() for word in line.split(",")]
-    if len(words) != 4:
-        return None
-    name, driver, *sizes = words
-    # A GPU that shares the memory of the machine answers `[N/A]`.
-    total, free = (int(size) * 2**20 if size.isdigit() else 0 for size in sizes)
-    return Card(name, driver, total, free if total else LEAST_GPU_BYTES)
 
 
 def _without_driver(root: Path, facts: dict[str, Any]) -> Finding:

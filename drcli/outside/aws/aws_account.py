@@ -1,7 +1,7 @@
 """The racer's AWS account, with explained failures."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
@@ -82,8 +82,10 @@ class Account:
         return S3Bucket(endpoint, name, patience_s=10.0)
 
     @contextmanager
-    def trying(self, action: str) -> Iterator[None]:
+    def trying(self, action: str, *, unless: Collection[str] = ()) -> Iterator[None]:
         """Explain failures of Amazon; the action is read after "Cannot".
+
+        Error codes in `unless` only end the block.
 
         Raises:
             DrError: Amazon failed or refused.
@@ -91,7 +93,8 @@ class Account:
         try:
             yield
         except (boto.BotoCoreError, boto.ClientError) as error:
-            raise explained(error, action, self.region) from error
+            if error_code(error) not in unless:
+                raise explained(error, action, self.region) from error
 
     @cached_property
     def number(self) -> str:

@@ -199,12 +199,12 @@ def continue_stopped(bucket: S3Bucket, prefix: str) -> None:
 
 def key_of(account: Account, bucket: str) -> str:
     """Empty for Amazon's own KMS key, or if unknown."""
-    with account.trying(f"look at the encryption of {bucket}"):
-        try:
-            answer = account.client("s3").get_bucket_encryption(Bucket=bucket)
-        except boto.ClientError:
-            return ""  # old buckets have none, and not everybody may ask
-    for rule in answer["ServerSideEncryptionConfiguration"]["Rules"]:
+    rules: list[Any] = []
+    # Old buckets have none, and not everybody may ask.
+    with account.trying(f"look at the encryption of {bucket}"), suppress(boto.ClientError):
+        answer = account.client("s3").get_bucket_encryption(Bucket=bucket)
+        rules = answer["ServerSideEncryptionConfiguration"]["Rules"]
+    for rule in rules:
         key = str(rule.get("ApplyServerSideEncryptionByDefault", {}).get("KMSMasterKeyID", ""))
         if key:
             start = f"arn:aws:kms:{account.region}:{account.number}:key/"

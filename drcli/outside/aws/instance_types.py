@@ -5,13 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.base.installation import lazy_imports
-from drcli.bucket.s3_errors import error_code
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.training_template import Architecture, Image
-
-with lazy_imports():
-    from botocore import exceptions as boto
 
 Processor = Literal["x86", "arm", "any"]
 
@@ -102,15 +97,13 @@ def _offered(account: Account, names: Sequence[str]) -> set[str]:
         "LocationType": "region",
         "Filters": [{"Name": "instance-type", "Values": list(names)}],
     }
-    with account.trying("list the types of machines in the region"):
-        try:
-            found = account.pages(
-                "ec2", "describe_instance_type_offerings", "InstanceTypeOfferings", **asked
-            )
-        except boto.ClientError as error:
-            if error_code(error) == "InvalidInstanceType":
-                return set()
-            raise
+    found: list[Any] = []
+    with account.trying(
+        "list the types of machines in the region", unless=("InvalidInstanceType",)
+    ):
+        found = account.pages(
+            "ec2", "describe_instance_type_offerings", "InstanceTypeOfferings", **asked
+        )
     return {entry["InstanceType"] for entry in found}
 
 
@@ -133,13 +126,8 @@ IMAGE_NAMES: Mapping[Architecture, str] = {
 }
 """Canonical's public parameters."""
 
-_MISSING = frozenset(
-    {
-        "ParameterNotFound",
-        "InvalidAMIID.NotFound",
-        "InvalidAMIID.Malformed",
-    }
-)
+_NO_IMAGE = ("ParameterNotFound", "InvalidAMIID.NotFound", "InvalidAMIID.Malformed")
+_NO_SUBNET = ("InvalidSubnetID.NotFound", "InvalidSubnetID.Malformed", "InvalidSubnetId.Malformed")
 
 
 @dataclass(frozen=True)
@@ -157,13 +145,9 @@ def find_network(account: Account, subnets: Sequence[str]) -> Network:
     """
     filters = [{"Name": "default-for-az", "Values": ["true"]}]
     asked = {"SubnetIds": list(subnets)} if subnets else {"Filters": filters}
-    with account.trying(f"look for networks in {account.region}"):
-        try:
-            found = account.pages("ec2", "describe_subnets", "Subnets", **asked)
-        except boto.ClientError as error:
-            if not error_code(error).startswith("InvalidSubnetID"):
-                raise
-            found = []
+    found: list[Any] = []
+    with account.trying(f"look for networks in {account.region}", unless=_NO_SUBNET):
+        found = account.pages("ec2", "describe_subnets", "Subnets", **asked)
     networks = {entry["VpcId"] for entry in found}
     if len(networks) != 1 or len(found) < len(set(subnets)):
         missing = "a default network"
@@ -192,17 +176,13 @@ def find_images(
     """
     found: dict[Architecture, Image] = {}
     for kind in dict.fromkeys(kinds):
-        with account.trying("look for the image of Ubuntu 24.04"):
-            try:
-                name = image or IMAGE_NAMES[kind]
-                if not image:
-                    answer = account.client("ssm").get_parameter(Name=name)
-                    name = answer["Parameter"]["Value"]
-                entries = account.client("ec2").describe_images(ImageIds=[name])["Images"]
-            except boto.ClientError as error:
-                if error_code(error) not in _MISSING:
-                    raise
-                entries = []
+        entries: list[Any] = []
+        with account.trying("look for the image of Ubuntu 24.04", unless=_NO_IMAGE):
+            name = image or IMAGE_NAMES[kind]
+            if not image:
+                answer = account.client("ssm").get_parameter(Name=name)
+                name = answer["Parameter"]["Value"]
+            entries = account.client("ec2").describe_images(ImageIds=[name])["Images"]
         if not entries:
             raise StorageError(
                 f"There is no image {image or IMAGE_NAMES[kind]} in {account.region}.",

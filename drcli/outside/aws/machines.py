@@ -10,7 +10,7 @@ from drcli.base.errors import DrError
 from drcli.base.report import Col, View, counted, table
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.creation import ADDRESS_USD_PER_HOUR
-from drcli.outside.aws.machine_marks import ENDED, MachineMark
+from drcli.outside.aws.machine_marks import MachineMark
 from drcli.outside.aws.prices import LINUX, on_demand_prices
 from drcli.outside.aws.stacks import Stack
 from drcli.outside.aws.training_template import STACK_TAG
@@ -84,24 +84,18 @@ def _machine(
     mark: MachineMark | None,
     ends: Mapping[str, float],
 ) -> Machine:
-    state = entry["State"]["Name"] if entry is not None else "gone"
-    said, reason = (mark.state, mark.text) if mark is not None else ("", "")
-    started = entry["LaunchTime"].timestamp() if entry is not None else 0.0
-    if not started and mark is not None:
-        started = mark.started
-    ended = 0.0
-    if state not in RUNNING:
-        # Amazon writes the moment of an end into a sentence, and forgets a machine after an hour.
-        last = mark.written if mark is not None and mark.state in ENDED else 0.0
-        at = _moment(str((entry or {}).get("StateTransitionReason", "")))
-        ended = ends.get(name, 0.0) or at or last or (mark.written if mark is not None else started)
+    said, reason, price = (mark.state, mark.text, mark.price) if mark is not None else ("", "", 0.0)
+    state, ended = "gone", 0.0
     if entry is not None:
+        state, started = entry["State"]["Name"], entry["LaunchTime"].timestamp()
         market = entry.get("InstanceLifecycle", "on-demand")
         type_, zone = entry["InstanceType"], entry["Placement"]["AvailabilityZone"]
-    else:
-        market = mark.market if mark is not None else "on-demand"
-        type_, zone = (mark.type, mark.zone) if mark is not None else ("", "")
-    price = mark.price if mark is not None else 0.0
+    elif mark is not None:
+        started, market, type_, zone = mark.started, mark.market, mark.type, mark.zone
+    if state not in RUNNING:
+        # Amazon writes the moment of an end into a sentence, and forgets a machine after an hour.
+        at = _moment(str((entry or {}).get("StateTransitionReason", "")))
+        ended = ends.get(name, 0.0) or at or (mark.written if mark is not None else started)
     return Machine(name, type_, zone, market, state, said, reason, started, ended, price)
 
 

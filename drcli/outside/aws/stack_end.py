@@ -144,14 +144,11 @@ def verified_checkpoint(account: Account, stack: Stack) -> str:
 def end_groups(account: Account, stack: Stack) -> None:
     """Set the groups to 0."""
     for group in stack.groups:
-        with account.trying(f"end the machines of {group}"):
-            try:
-                account.client("autoscaling").update_auto_scaling_group(
-                    AutoScalingGroupName=group, MinSize=0, DesiredCapacity=0
-                )
-            except boto.ClientError as error:
-                if error_code(error) != "ValidationError":  # there is no such group
-                    raise
+        # That code says that there is no such group.
+        with account.trying(f"end the machines of {group}", unless=("ValidationError",)):
+            account.client("autoscaling").update_auto_scaling_group(
+                AutoScalingGroupName=group, MinSize=0, DesiredCapacity=0
+            )
 
 
 def remove_training(
@@ -184,13 +181,11 @@ def content_of_bucket(account: Account, stack: Stack) -> BucketContent | None:
             f"The bucket {stack.bucket} of {stack.name} is used by the stacks {', '.join(users)}.",
             remedy=f"Remove them first, as with `dr-spot delete {users[0]}`.",
         )
-    with account.trying(f"list the bucket {stack.bucket}"):
-        try:
-            found = account.pages("s3", "list_objects_v2", "Contents", Bucket=stack.bucket)
-        except boto.ClientError as error:
-            if error_code(error) == "NoSuchBucket":
-                return None
-            raise
+    found: list[Any] | None = None
+    with account.trying(f"list the bucket {stack.bucket}", unless=("NoSuchBucket",)):
+        found = account.pages("s3", "list_objects_v2", "Contents", Bucket=stack.bucket)
+    if found is None:
+        return None
     pointer = "/model/.coach_checkpoint"
     models = [each["Key"].removesuffix(pointer) for each in found if each["Key"].endswith(pointer)]
     size = sum(each["Size"] for each in found)
@@ -206,22 +201,17 @@ def remove_base(
         return
 
     client = account.client("s3")
-    with account.trying(f"delete the bucket {stack.bucket}"):
-        try:
-            pages = client.get_paginator("list_object_versions").paginate(Bucket=stack.bucket)
-            for page in pages:
-                entries = [*page.get("Versions", []), *page.get("DeleteMarkers", [])]
-                _delete_versions(client, stack.bucket, entries)
-            client.delete_bucket(Bucket=stack.bucket)
-        except boto.ClientError as error:
-            if error_code(error) != "NoSuchBucket":
-                raise
+    with account.trying(f"delete the bucket {stack.bucket}", unless=("NoSuchBucket",)):
+        pages = client.get_paginator("list_object_versions").paginate(Bucket=stack.bucket)
+        for page in pages:
+            entries = [*page.get("Versions", []), *page.get("DeleteMarkers", [])]
+            objects = [{"Key": each["Key"], "VersionId": each["VersionId"]} for each in entries]
+            if objects:
+                _delete_versions(client, stack.bucket, objects)
+        client.delete_bucket(Bucket=stack.bucket)
 
 
-def _delete_versions(client: Any, bucket: str, entries: Sequence[dict[str, str]]) -> None:
-    if not entries:
-        return
-    objects = [{"Key": each["Key"], "VersionId": each["VersionId"]} for each in entries]
+def _delete_versions(client: Any, bucket: str, objects: Sequence[dict[str, str]]) -> None:
     answer = client.delete_objects(Bucket=bucket, Delete={"Objects": objects, "Quiet": True})
     for failure in answer.get("Errors", []):
         raise StorageError(
@@ -257,12 +247,8 @@ def _send(account: Account, instances: Sequence[str]) -> str:
 
 
 def _done(account: Account, command: str, instances: Sequence[str]) -> bool:
-    client = account.client("ssm")
-    for instance in instances:
-        try:
-            answer = client.get_command_invocation(CommandId=command, InstanceId=instance)
-        except boto.ClientError:
-            return False  # not delivered yet
-        if answer["Status"] != "Success":
-            return False
-    return True
+    ask = account.client("ssm").get_command_invocation
+    with suppress(boto.ClientError):  # not delivered yet
+        answers = [ask(CommandId=command, InstanceId=instance) for instance in instances]
+        return all(answer["Status"] == "Success" for answer in answers)
+    return False

@@ -237,17 +237,12 @@ def add_access(account: Account, stack: Stack, address: str) -> str:
             remedy="Give your public address, which https://checkip.amazonaws.com shows.",
         )
     note = "drcli: added by dr-spot add-access"
-    rule: dict[str, Any] = {"IpProtocol": "tcp", "FromPort": 22, "ToPort": 22}
-    if single.version == 4:
-        rule["IpRanges"] = [{"CidrIp": f"{single}/32", "Description": note}]
-    else:
-        rule["Ipv6Ranges"] = [{"CidrIpv6": f"{single}/128", "Description": note}]
-    with account.trying(f"open port 22 for {single}"):
-        try:
-            account.client("ec2").authorize_security_group_ingress(
-                GroupId=stack.outputs["Firewall"], IpPermissions=[rule]
-            )
-        except boto.ClientError as error:
-            if error_code(error) != "InvalidPermission.Duplicate":
-                raise
-    return f"{single}/{32 if single.version == 4 else 128}"
+    ranges, key = ("IpRanges", "CidrIp") if single.version == 4 else ("Ipv6Ranges", "CidrIpv6")
+    added = str(ipaddress.ip_network(single))
+    rule = {"IpProtocol": "tcp", "FromPort": 22, "ToPort": 22}
+    rule[ranges] = [{key: added, "Description": note}]
+    with account.trying(f"open port 22 for {single}", unless=("InvalidPermission.Duplicate",)):
+        account.client("ec2").authorize_security_group_ingress(
+            GroupId=stack.outputs["Firewall"], IpPermissions=[rule]
+        )
+    return added

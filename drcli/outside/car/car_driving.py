@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from types import FrameType
@@ -181,9 +181,8 @@ def _watch(
         if time.monotonic() >= end_s:
             return
         try:
-            car.find("/api/get_battery_level", action="tell its battery level")
-            reachable = True
-        except CarRefused:  # a battery that is not connected
+            with suppress(CarRefused):  # a battery that is not connected
+                car.find("/api/get_battery_level", action="tell its battery level")
             reachable = True
         except DrError as e:
             if reachable:

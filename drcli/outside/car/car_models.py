@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 from urllib.parse import quote
@@ -115,24 +115,20 @@ class CarLoad:
 
 def list_models(car: CarWeb) -> CarModels:
     """Also those that the car cannot use."""
-    usable, disabled = _listed(car)
-    action = "list its folders"
-    folders = car.get("/api/uploaded_model_list", action=action)
+    listed = _listed(car)
+    folders = car.get("/api/uploaded_model_list", action="list its folders")
     sizes = {
         str(one["name"]): str(one.get("size") or "")
         for one in (folders if isinstance(folders, list) else [])
         if isinstance(one, dict) and one.get("name")
     }
-    known = {model.name for model in (*usable, *disabled)}
+    known = {model.name for model in listed}
     broken = [
         CarModel(name, False, "it has no model file, or its metadata is wrong")
         for name in sizes
         if name not in known
     ]
-    models = [
-        CarModel(**{**vars(model), "size": sizes.get(model.name, "")})
-        for model in (*usable, *disabled, *broken)
-    ]
+    models = [replace(model, size=sizes.get(model.name, "")) for model in (*listed, *broken)]
     return CarModels(car.address.place, models)
 
 
@@ -156,7 +152,7 @@ def upload_model(car: CarWeb, file: CarFile, *, say: Callable[[str], None]) -> C
     except (CarRefused, CarSilent) as e:
         refusal = e  # the car may have gone on installing
         say("The car has not confirmed the installation; waiting whether it lists the model ...")
-    found = _wait_for(lambda: _find(car, file.name), LISTED_WITHIN_S)
+    found = _wait_for(lambda: _found(_listed(car), file.name), LISTED_WITHIN_S)
     if found is None:
         raise _not_installed(car, file, refusal)
     place = car.address.place
@@ -193,7 +189,8 @@ def loading_state(car: CarWeb) -> str:
     return str(answer.get("isModelLoading", "")) if isinstance(answer, dict) else ""
 
 
-def _listed(car: CarWeb) -> tuple[list[CarModel], list[CarModel]]:
+def _listed(car: CarWeb) -> list[CarModel]:
+    """Usable ones first."""
     answer = car.get("/api/models", action="list its models")
     if not isinstance(answer, dict) or not isinstance(answer.get("models"), list):
         raise CarError(
@@ -206,7 +203,7 @@ def _listed(car: CarWeb) -> tuple[list[CarModel], list[CarModel]]:
         for entry in answer["models"]
         if isinstance(entry, dict) and entry.get("model_folder_name")
     ]
-    return [m for m in models if m.usable], [m for m in models if not m.usable]
+    return sorted(models, key=lambda model: not model.usable)
 
 
 def _model(entry: dict[str, Any], states: dict[str, Any]) -> CarModel:
@@ -233,24 +230,21 @@ def _missing_sensor(sensors: list[str], states: dict[str, Any]) -> str:
     return f"one of its sensors ({', '.join(sensors)}) is not connected"
 
 
-def _find(car: CarWeb, name: str) -> CarModel | None:
-    usable, disabled = _listed(car)
-    return next((model for model in (*usable, *disabled) if model.name == name), None)
+def _found(models: list[CarModel], name: str) -> CarModel | None:
+    return next((model for model in models if model.name == name), None)
 
 
 def _usable(car: CarWeb, name: str) -> CarModel:
-    usable, disabled = _listed(car)
-    place = car.address.place
-    for model in (*usable, *disabled):
-        if model.name == name and model.usable:
-            return model
-        if model.name == name:
-            raise SettingsError(
-                f"The car {place} cannot load {shown(name)}: {model.why}.",
-                remedy="Connect that sensor, or load a model that does without it.",
-            )
-    names = [model.name for model in usable]
-    near = closest(name, names, _SIMILAR)
+    models, place = _listed(car), car.address.place
+    model = _found(models, name)
+    if model is not None and model.usable:
+        return model
+    if model is not None:
+        raise SettingsError(
+            f"The car {place} cannot load {shown(name)}: {model.why}.",
+            remedy="Connect that sensor, or load a model that does without it.",
+        )
+    near = closest(name, [model.name for model in models if model.usable], _SIMILAR)
     hint = f"Did you mean {near}? " if near else ""
     raise SettingsError(
         f"There is no model {shown(name)} on the car {place}.",

@@ -4,9 +4,7 @@ import hashlib
 import json
 import os
 import stat
-import tempfile
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cache
@@ -15,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError, StorageError
-from drcli.base.files import read_regular
+from drcli.base.files import read_regular, write_private_json
 from drcli.base.installation import lazy_imports
 from drcli.bucket.s3_errors import error_code, error_text
 from drcli.outside.droa.droa_site import Site
@@ -66,7 +64,7 @@ def load_keys(path: Path, now: datetime) -> Keys | None:
 
 def save_keys(path: Path, keys: Keys) -> None:
     """Folder 0700 and file 0600."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.parent.chmod(0o700)
     values = {
         "access_key": keys.access_key,
@@ -74,24 +72,7 @@ def save_keys(path: Path, keys: Keys) -> None:
         "session_token": keys.session_token,
         "expiry": keys.expires.isoformat(),
     }
-    # mkstemp creates files that only their owner can read.
-    number, scratch = tempfile.mkstemp(prefix=f".{path.stem}-", dir=path.parent)
-    try:
-        with os.fdopen(number, "wb") as file:
-            file.write(json.dumps(values).encode())
-        Path(scratch).replace(path)
-    except OSError:
-        with suppress(OSError):
-            Path(scratch).unlink()
-        raise
-
-
-def forget_keys(path: Path) -> bool:
-    try:
-        path.unlink()
-    except FileNotFoundError:
-        return False
-    return True
+    write_private_json(path, values)
 
 
 def _is_ours(path: Path) -> bool:
@@ -354,9 +335,12 @@ class DroaSession:
     def forget(self) -> bool:
         self._keys = None
         try:
-            return forget_keys(self._path)
+            self._path.unlink()
+        except FileNotFoundError:
+            return False
         except OSError as e:
             raise SettingsError(
                 f"{self._path} cannot be deleted ({e.strerror or e}).",
                 remedy="Delete that file yourself; it holds keys that are valid for an hour.",
             ) from e
+        return True

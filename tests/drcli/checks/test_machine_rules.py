@@ -81,12 +81,13 @@ def gpus(monkeypatch):
 
     def answer(text: str) -> None:
         monkeypatch.setattr(shutil, "which", lambda _: "/usr/bin/nvidia-smi")
-        monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(stdout=text))
+        done = SimpleNamespace(stdout=text, stderr="", returncode=0)
+        monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
 
     return answer
 
 
-ROOMY, FULL = "0, GPU-aa11, 9000\n", "1, GPU-bb22, 800\n"
+ROOMY, FULL = "0, GPU-aa11, H100, 570.86, 81559, 9000\n", "1, GPU-bb22, H100, 570.86, 81559, 800\n"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import sys
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -242,7 +243,7 @@ def smi(tmp_path, monkeypatch):
     return make
 
 
-CARD = "NVIDIA H100 80GB HBM3, 570.86.15, 81559, 80000"
+CARD = "0, GPU-1, NVIDIA H100 80GB HBM3, 570.86.15, 81559, 80000"
 
 
 @pytest.mark.parametrize(
@@ -260,7 +261,7 @@ CARD = "NVIDIA H100 80GB HBM3, 570.86.15, 81559, 80000"
         ),
         (CARD, 0, Libraries(error="torch cannot be loaded"), "2.13.0", "warning", "unknown"),
         (CARD.replace("80000", "300"), 0, LOADED, "2.13.0", "warning", "315 MB of its memory"),
-        ("NVIDIA GB10, 580.1, [N/A], [N/A]", 0, LOADED, "2.13.0", "ok", "NVIDIA GB10"),
+        ("0, GPU-1, NVIDIA GB10, 580.1, [N/A], [N/A]", 0, LOADED, "2.13.0", "ok", "NVIDIA GB10"),
         ("Failed to initialize NVML: mismatch", 18, LOADED, "2.13.0", "problem", "mismatch"),
         ("", 0, LOADED, "2.13.0", "ok", "none"),
     ],
@@ -277,7 +278,7 @@ def test_a_gpu_is_described_with_what_keeps_torch_from_using_it(
 
 
 def test_a_gpu_without_a_driver_is_found_on_the_bus(machine, monkeypatch):
-    monkeypatch.setattr(libraries.shutil, "which", lambda _: None)
+    monkeypatch.setattr(shutil, "which", lambda _: None)
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
     device = "sys/bus/pci/devices/0000:17:00.0"
     root = machine(**{f"{device}/vendor": "0x10de\n", f"{device}/class": "0x030200\n"})
