@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from drcli.analysis.plain_values import plain
 from drcli.analysis.run import Numbers, Run
+from drcli.base.json_record import keys_of, plain
 
 # Uncertainty of a difference of two trainings, by bootstrap.
 
@@ -232,7 +232,7 @@ def _compared(run: Run) -> ComparedRun:
         ),
         late_lap_share=100.0 * float(rows["complete_laps"].sum()) / count if count else None,
         late_lap_s=float(np.average(of_laps, weights=weights)) if len(of_laps) else None,
-        first_lap_steps=None if first is None else _whole(curve["steps"][first]),
+        first_lap_steps=None if first is None else int(curve["steps"][first] or 0),
         goals=[_goal(curve, goal) for goal in GOALS],
         curve=curve,
         evaluated_laps=None if newest is None else newest.laps.driven,
@@ -264,7 +264,7 @@ def _curve(run: Run) -> dict[str, list[float | None]]:
         "lap_s": table["mean_lap_s"].to_numpy(float),
         "eval_progress": table["eval_mean_progress"].to_numpy(float),
     }
-    return {name: plain(values) for name, values in columns.items()}
+    return {name: plain(values.tolist()) for name, values in columns.items()}
 
 
 def _smooth(curve: dict[str, list[float | None]]) -> list[float]:
@@ -323,9 +323,7 @@ def _groups(episodes: Any, column: str, factor: float = 1.0) -> list[Numbers]:
 
 
 def _plain(difference: Difference | None) -> dict[str, Any] | None:
-    if difference is None:
-        return None
-    return {**plain(difference), "beyond_chance": difference.beyond_chance}
+    return None if difference is None else keys_of(difference)
 
 
 def _sentence(
@@ -338,15 +336,15 @@ def _sentence(
     if progress is None:
         return "There are too few iterations with traces to tell a difference from chance."
     told = []
-    if progress.beyond_chance:
-        word = "further" if progress.difference > 0 else "less far"
-        told.append(f"drives {word} ({progress.difference:+.1f} % of a lap)")
-    if share is not None and share.beyond_chance:
-        word = "more" if share.difference > 0 else "fewer"
-        told.append(f"drives {word} clean laps ({share.difference:+.0f} of 100)")
-    if laps is not None and laps.beyond_chance:
-        word = "slower" if laps.difference > 0 else "faster"
-        told.append(f"laps {word} ({laps.difference:+.2f} s)")
+    for found, more, less, form in (
+        (progress, "drives further", "drives less far", "{:+.1f} % of a lap"),
+        (share, "drives more clean laps", "drives fewer clean laps", "{:+.0f} of 100"),
+        (laps, "laps slower", "laps faster", "{:+.2f} s"),
+    ):
+        if found is not None and found.beyond_chance:
+            told.append(
+                f"{more if found.difference > 0 else less} ({form.format(found.difference)})"
+            )
     if not told:
         return f"The differences between {first} and {second} are within chance."
     listed = " and ".join(filter(None, (", ".join(told[:-1]), told[-1])))
@@ -379,15 +377,29 @@ def _last(values: list[float | None]) -> float | None:
     return values[-1] if values else None
 
 
-def _whole(value: float | None) -> int | None:
-    return None if value is None else int(value)
-
-
 # The rows of a comparison's table.
 
 
 Kind = Literal["count", "percent", "lap", "time", "usd", "number", "steps"]
 _USED: tuple[tuple[str, Kind], ...] = (("steps", "steps"), ("wall_s", "time"), ("usd", "usd"))
+_ROWS: tuple[tuple[str, Kind, str], ...] = (
+    ("iterations", "count", "iterations"),
+    ("steps", "count", "steps"),
+    ("wall time", "time", "wall_s"),
+    ("cost", "usd", "cost_usd"),
+    ("clean laps", "count", "complete_laps"),
+    ("best lap", "lap", "best_lap_s"),
+    ("late progress", "percent", "late_progress"),
+    ("late clean laps", "percent", "late_lap_share"),
+    ("late lap time", "lap", "late_lap_s"),
+    ("late reward", "number", "late_reward"),
+)
+_EVALUATED_ROWS: tuple[tuple[str, Kind, str], ...] = (
+    ("evaluation laps", "count", "evaluated_laps"),
+    ("of them clean", "count", "evaluated_clean"),
+    ("resets", "count", "evaluated_resets"),
+    ("median clean lap", "lap", "evaluated_median_s"),
+)
 
 
 @dataclass(frozen=True)
@@ -413,21 +425,9 @@ class IntervalRow:
 
 def comparison_rows(report: "Comparison") -> Iterator[ComparisonRow]:
     runs = report.runs
-    yield ComparisonRow("iterations", "count", [run.iterations for run in runs])
-    yield ComparisonRow("steps", "count", [run.steps for run in runs])
-    yield ComparisonRow("wall time", "time", [run.wall_s for run in runs])
-    yield ComparisonRow("cost", "usd", [run.cost_usd for run in runs])
-    yield ComparisonRow("clean laps", "count", [run.complete_laps for run in runs])
-    yield ComparisonRow("best lap", "lap", [run.best_lap_s for run in runs])
-    yield ComparisonRow("late progress", "percent", [run.late_progress for run in runs])
-    yield ComparisonRow("late clean laps", "percent", [run.late_lap_share for run in runs])
-    yield ComparisonRow("late lap time", "lap", [run.late_lap_s for run in runs])
-    yield ComparisonRow("late reward", "number", [run.late_reward for run in runs])
-    if any(run.evaluated_laps for run in runs):
-        yield ComparisonRow("evaluation laps", "count", [run.evaluated_laps for run in runs])
-        yield ComparisonRow("of them clean", "count", [run.evaluated_clean for run in runs])
-        yield ComparisonRow("resets", "count", [run.evaluated_resets for run in runs])
-        yield ComparisonRow("median clean lap", "lap", [run.evaluated_median_s for run in runs])
+    evaluated = _EVALUATED_ROWS if any(run.evaluated_laps for run in runs) else ()
+    for name, kind, field_ in (*_ROWS, *evaluated):
+        yield ComparisonRow(name, kind, [getattr(run, field_) for run in runs])
     for place, goal in enumerate(runs[0].goals):
         reached = [run.goals[place]["steps"] for run in runs]
         if any(value is not None for value in reached):

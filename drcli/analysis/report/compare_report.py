@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drcli.analysis.compare_runs import (
     ComparedPair,
@@ -32,8 +31,7 @@ from drcli.analysis.report.markup import (
 )
 from drcli.analysis.report.summary_sections import problems_box
 from drcli.base.files import rewrite
-
-Floats = NDArray[np.float64]
+from drsim.arrays import Floats
 
 _COLORS = 8
 _POINTS = 60
@@ -114,7 +112,10 @@ def _difference_section(report: Comparison) -> Section:
 
 def _numbers_section(report: Comparison) -> Section:
     rows: list[list[Content]] = [
-        [_row_name(row), *(_cell(row, value) for value in row.values)]
+        [
+            row.name if row.limit is None else f"{row.name} {_written(*row.limit)}",
+            *(_cell(row, value) for value in row.values),
+        ]
         for row in comparison_rows(report)
     ]
     head = ["", *(run.model for run in report.runs)]
@@ -129,10 +130,6 @@ def _numbers_section(report: Comparison) -> Section:
         look,
         (table("Late: the newest iterations", head, rows),),
     )
-
-
-def _row_name(row: ComparisonRow) -> str:
-    return row.name if row.limit is None else f"{row.name} {_written(*row.limit)}"
 
 
 def _cell(row: ComparisonRow, value: float | None) -> str:
