@@ -4,17 +4,20 @@ import dataclasses
 from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import fmean
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from drcli.analysis.findings.advice import advise
 from drcli.analysis.findings.advice_item import Advice
 from drcli.analysis.findings.evidence import Evidence, gather
 from drcli.analysis.findings.reward_rate import reward_function_time
 from drcli.analysis.findings.verdict import Verdict, judge
-from drcli.analysis.plain_values import plain, rows_of
 from drcli.analysis.run import Run, StoredEvaluation
+from drcli.base.json_record import plain
 from drcli.base.report import Col, Curve, Rows, Styled, View, bold, counted, dim, table
 from drcli.tracks.track_limit import limit_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _NOT_FINDINGS = ("run", "curve", "fallen", "late")
 
@@ -29,8 +32,7 @@ class Analysis:
     advice: tuple[Advice, ...]
 
     def as_json(self) -> dict[str, Any]:
-        report = self.report()
-        return {item.name: getattr(report, item.name) for item in dataclasses.fields(report)}
+        return vars(self.report())
 
     def report(self, *, html: str | None = None, png: tuple[str, ...] = ()) -> "AnalysisReport":
         run = self.run
@@ -215,3 +217,10 @@ def _evaluation(stored: StoredEvaluation) -> dict[str, Any]:
         "best_finished_s": float(finished.min()) if len(finished) else None,
         "trials": rows_of(trials),
     }
+
+
+def rows_of(table: "pd.DataFrame", *, index: str | None = None) -> list[dict[str, Any]]:
+    if index is not None:
+        table = table.rename_axis(index).reset_index()
+    rows: list[dict[str, Any]] = plain(table.to_dict("records"))
+    return rows

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from drcli.analysis.plain_values import plain
 from drcli.analysis.run import Numbers, Run
+from drcli.base.json_record import keys_of, plain
 from drcli.base.report import Cell, Col, Rows, Styled, View, bold, columns, dim
 
 # Uncertainty of a difference of two trainings, by bootstrap.
@@ -297,7 +297,7 @@ def _compared(run: Run) -> ComparedRun:
         ),
         late_lap_share=100.0 * float(rows["complete_laps"].sum()) / count if count else None,
         late_lap_s=float(np.average(of_laps, weights=weights)) if len(of_laps) else None,
-        first_lap_steps=None if first is None else _whole(curve["steps"][first]),
+        first_lap_steps=None if first is None else int(curve["steps"][first] or 0),
         goals=[_goal(curve, goal) for goal in GOALS],
         curve=curve,
         evaluated_laps=None if newest is None else newest.laps.driven,
@@ -329,7 +329,7 @@ def _curve(run: Run) -> dict[str, list[float | None]]:
         "lap_s": table["mean_lap_s"].to_numpy(float),
         "eval_progress": table["eval_mean_progress"].to_numpy(float),
     }
-    return {name: plain(values) for name, values in columns.items()}
+    return {name: plain(values.tolist()) for name, values in columns.items()}
 
 
 def _smooth(curve: dict[str, list[float | None]]) -> list[float]:
@@ -388,9 +388,7 @@ def _groups(episodes: Any, column: str, factor: float = 1.0) -> list[Numbers]:
 
 
 def _plain(difference: Difference | None) -> dict[str, Any] | None:
-    if difference is None:
-        return None
-    return {**plain(difference), "beyond_chance": difference.beyond_chance}
+    return None if difference is None else keys_of(difference)
 
 
 def _sentence(
@@ -403,15 +401,15 @@ def _sentence(
     if progress is None:
         return "There are too few iterations with traces to tell a difference from chance."
     told = []
-    if progress.beyond_chance:
-        word = "further" if progress.difference > 0 else "less far"
-        told.append(f"drives {word} ({progress.difference:+.1f} % of a lap)")
-    if share is not None and share.beyond_chance:
-        word = "more" if share.difference > 0 else "fewer"
-        told.append(f"drives {word} clean laps ({share.difference:+.0f} of 100)")
-    if laps is not None and laps.beyond_chance:
-        word = "slower" if laps.difference > 0 else "faster"
-        told.append(f"laps {word} ({laps.difference:+.2f} s)")
+    for found, more, less, form in (
+        (progress, "drives further", "drives less far", "{:+.1f} % of a lap"),
+        (share, "drives more clean laps", "drives fewer clean laps", "{:+.0f} of 100"),
+        (laps, "laps slower", "laps faster", "{:+.2f} s"),
+    ):
+        if found is not None and found.beyond_chance:
+            told.append(
+                f"{more if found.difference > 0 else less} ({form.format(found.difference)})"
+            )
     if not told:
         return f"The differences between {first} and {second} are within chance."
     listed = " and ".join(filter(None, (", ".join(told[:-1]), told[-1])))

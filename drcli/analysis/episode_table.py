@@ -25,8 +25,8 @@ def number_episodes(steps: "pd.DataFrame") -> "tuple[pd.DataFrame, list[str]]":
         The steps with the column `unique_episode`, and sentences on what was wrong.
     """
     names = ("steps", "episode", "worker", "iteration")
-    if not _is_sorted([steps[name].to_numpy() for name in reversed(names)]):
-        order = np.lexsort([steps[name].to_numpy() for name in names])
+    order = np.lexsort([steps[name].to_numpy() for name in names])
+    if (np.diff(order) < 0).any():
         steps = steps.take(order).reset_index(drop=True)
     problems = []
     columns = [steps[name].to_numpy() for name in ("iteration", "worker", "episode")]
@@ -56,15 +56,6 @@ def number_episodes(steps: "pd.DataFrame") -> "tuple[pd.DataFrame, list[str]]":
         numbers = usual[numbers]
     steps["unique_episode"] = pd.Series(numbers, dtype="int32")
     return steps, problems
-
-
-def _is_sorted(columns: list[Numbers]) -> bool:
-    equal = np.ones(max(0, len(columns[0]) - 1), bool)
-    for column in columns:
-        if (equal & (column[1:] < column[:-1])).any():
-            return False
-        equal &= column[1:] == column[:-1]
-    return True
 
 
 def _as_the_library(

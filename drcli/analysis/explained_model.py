@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 with lazy_imports():
     from drcli.view.saliency import explain_model, explanation_pictures
+    from drcli.view.video import overlay
 
 SOME_STEPS = Question(pictures=6, spacing=FAST_SPACING)
 _LIKELY = 3
@@ -51,9 +52,9 @@ def _picture(explained: "ExplainedEpisode", number: int, title: str) -> Picture:
     finding = explanation_pictures.finding(explained, number)
     caption = f"{' '.join(texts)} {finding} Row by row: {', '.join(parts)}."
     probabilities = explained.outputs.probabilities
-    if probabilities is None:
-        return Picture(explanation_pictures.png_of(np.vstack(rows)), caption)
-    shares = enumerate(probabilities[explained.chosen[number]].tolist())
-    likely = sorted(shares, key=lambda pair: -pair[1])[:_LIKELY]
-    numbers = {f"action {action}": share for action, share in likely}
-    return Picture(explanation_pictures.png_of(np.vstack(rows)), caption, numbers)
+    numbers = {}
+    if probabilities is not None:
+        shares = enumerate(probabilities[explained.chosen[number]].tolist())
+        likely = sorted(shares, key=lambda pair: -pair[1])[:_LIKELY]
+        numbers = {f"action {action}": share for action, share in likely}
+    return Picture(overlay.encoded(np.vstack(rows), "PNG"), caption, numbers)

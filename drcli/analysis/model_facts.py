@@ -3,8 +3,10 @@
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from drcli.analysis.find_world import world_in_log, world_in_parameters
@@ -19,6 +21,11 @@ from drcli.model.files.action_space import ActionSpace
 from drcli.records.training_record import StartSpending, TrainingStart
 
 SETTINGS = "settings"
+_PLACES = {
+    keys.REWARD_FUNCTION_FILE: ("reward_function.py",),
+    keys.HYPERPARAMETERS_FILE: ("ip/hyperparameters.json", "hyperparameters.json"),
+    keys.MODEL_METADATA_FILE: ("model/model_metadata.json", "model_metadata.json"),
+}
 _TEXT_BYTES = 1 << 20
 _LOG_START_BYTES = 4 << 20
 _LINE_START = re.compile(r"^\s*(?:\[[^\]\n]*\]\s+)+", re.MULTILINE)
@@ -60,30 +67,29 @@ def model_facts(source: ModelSource, problems: list[str]) -> ModelFacts:
     """Read them; what is damaged becomes a problem."""
     texts = _Texts(source, problems)
     log = texts.log_start()
-    parameters = texts.json(("ip/hyperparameters.json", "hyperparameters.json"))
+    parameters = texts.json(_PLACES[keys.HYPERPARAMETERS_FILE])
     if parameters is None and (found := _LOGGED_PARAMETERS.search(log)):
         parameters = _json_or_none(found[1])
-    metadata = texts.json(("model/model_metadata.json", "model_metadata.json"))
+    metadata = texts.json(_PLACES[keys.MODEL_METADATA_FILE])
     written = metadata.get("action_space") if isinstance(metadata, dict) else None
     if written is None and (logged := _LOGGED_ACTIONS.findall(log)):
         written = _json_or_none(logged[-1].replace("'", '"'))
-    start = _start(texts)
-    files = texts.of_racer(start)
+    start, files = _files_of_racer(texts.read)
     parent = start.pretrained.prefix if start is not None and start.pretrained else None
     hours, usd = _spending(source)
     world = world_in_parameters(texts.training_parameters()) or world_in_log(log)
-    settings = (start.settings if start is not None else None) or {}
+    settings = None if start is None else start.settings
     return ModelFacts(
         hyperparameters=parameters if isinstance(parameters, dict) else {},
         actions=actions_of(written),
-        world=world or _text_or_none(settings.get("DR_WORLD_NAME")),
+        world=world or str((settings or {}).get("DR_WORLD_NAME", "")) or None,
         evaluation_world=world_in_parameters(texts.read("evaluation_params.yaml")),
         parent=parent,
         files=files,
         parent_files=_parent_files(source, parent),
         machine_hours=hours,
         cost_usd=usd,
-        car=_car(start.settings if start is not None else None),
+        car=_car(settings),
     )
 
 
@@ -142,22 +148,16 @@ class _Texts:
             return ""
         return _LINE_START.sub("", self.read(logs[-1][0], _LOG_START_BYTES))
 
-    def of_racer(self, start: TrainingStart | None) -> dict[str, str]:
-        found = {
-            keys.REWARD_FUNCTION_FILE: self.read("reward_function.py"),
-            keys.HYPERPARAMETERS_FILE: self.read("ip/hyperparameters.json")
-            or self.read("hyperparameters.json"),
-            keys.MODEL_METADATA_FILE: self.read("model/model_metadata.json")
-            or self.read("model_metadata.json"),
-            SETTINGS: _settings_text(start),
-        }
-        return {name: text for name, text in found.items() if text}
 
-
-def _settings_text(start: TrainingStart | None) -> str:
-    if start is None or not start.settings:
-        return ""
-    return "".join(f"{name}={value}\n" for name, value in sorted(start.settings.items()))
+def _files_of_racer(read: Callable[[str], str]) -> tuple[TrainingStart | None, dict[str, str]]:
+    """The record of the start, and the files and settings as text."""
+    start = None
+    with suppress(RecordError):  # it only adds what other files lack
+        start = TrainingStart.decode(read("ip/run.json").encode())
+    found = {name: next(filter(None, map(read, places)), "") for name, places in _PLACES.items()}
+    settings = (start.settings if start is not None else None) or {}
+    found[SETTINGS] = "".join(f"{name}={value}\n" for name, value in sorted(settings.items()))
+    return start, {name: text for name, text in found.items() if text}
 
 
 def _car(settings: Mapping[str, Any] | None) -> str | None:
@@ -166,38 +166,15 @@ def _car(settings: Mapping[str, Any] | None) -> str | None:
     return str(settings.get("DR_SIM_CAR", USUAL_CAR))
 
 
-def _start(texts: _Texts) -> TrainingStart | None:
-    text = texts.read("ip/run.json")
-    if not text:
-        return None
-    try:
-        return TrainingStart.decode(text.encode())
-    except RecordError:
-        return None  # it only adds what other files lack
-
-
 def _parent_files(source: ModelSource, parent: str | None) -> dict[str, str]:
     if parent is None or source.bucket is None:
         return {}
-    names = {
-        keys.REWARD_FUNCTION_FILE: keys.reward_function(parent),
-        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(parent),
-        keys.MODEL_METADATA_FILE: keys.model_metadata(parent),
-    }
-    found = {name: _object_or_empty(source.bucket, key) for name, key in names.items()}
-    try:
-        start = TrainingStart.decode(
-            _object_or_empty(source.bucket, keys.training_start(parent)).encode()
-        )
-    except RecordError:
-        start = None
-    found[SETTINGS] = _settings_text(start)
-    return {name: text for name, text in found.items() if text}
+    return _files_of_racer(partial(_object_or_empty, source.bucket, keys.folder(parent)))[1]
 
 
-def _object_or_empty(bucket: Bucket, key: str) -> str:
+def _object_or_empty(bucket: Bucket, folder: str, name: str) -> str:
     try:
-        return bucket.get(key)[:_TEXT_BYTES].decode("utf-8", "replace")
+        return bucket.get(folder + name)[:_TEXT_BYTES].decode("utf-8", "replace")
     except DrError:
         return ""
 
@@ -224,7 +201,3 @@ def _json_or_none(text: str) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError):
         return None
-
-
-def _text_or_none(value: object) -> str | None:
-    return value if isinstance(value, str) and value else None

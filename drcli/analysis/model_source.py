@@ -283,12 +283,9 @@ def _is_certainly_a_path(what: str, path: Path) -> bool:
 def _if_in_own_bucket(settings: Settings, prefix: str, path: Path) -> ModelSource | None:
     try:
         return _in_own_bucket(settings, prefix, named=True)
-    except SettingsError:
-        if path.exists() or path.name.casefold().endswith(_ENDINGS):
-            return None
-        raise
-    except StorageError:
-        if path.exists():
+    except (SettingsError, StorageError) as error:
+        absent = isinstance(error, SettingsError)
+        if path.exists() or (absent and path.name.casefold().endswith(_ENDINGS)):
             return None
         raise
 
@@ -335,7 +332,8 @@ def _in_bucket(
         if setting:
             remedy = "Train it with `dr-start-training`, or name another one; " + remedy
         else:
-            remedy = _similar(model) + remedy
+            near = closest(prefix, list(models_in(bucket.list(""))))
+            remedy = (f"Did you mean {near}? " if near else "") + remedy
         raise SettingsError(f"There is nothing at {origin}.", remedy=remedy)
     objects = Objects(
         {name: info.size_bytes for name, info in infos.items()},
@@ -347,11 +345,6 @@ def _in_bucket(
     return ModelSource(
         prefix, f"s3://{bucket.name}/{prefix}", files, objects, bucket=bucket, prefix=prefix
     )
-
-
-def _similar(model: ModelStore) -> str:
-    near = closest(model.prefix, list(models_in(model.bucket.list(""))))
-    return f"Did you mean {near}? " if near else ""
 
 
 def _on_disk(path: Path, what: str) -> ModelSource:

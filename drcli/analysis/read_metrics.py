@@ -11,15 +11,14 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import chain
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from drcli.analysis.episode_table import aggregated
-from drcli.analysis.model_source import ModelSource
-from drcli.analysis.read_traces import STEP_COLUMNS, TraceFile, read_traces, trainer_logs
+from drcli.analysis.model_source import ModelSource, Trace
+from drcli.analysis.read_traces import STEP_COLUMNS, read_traces, trainer_logs
 from drcli.analysis.run import StoredEvaluation, spans
 from drcli.base.errors import DrError
 from drcli.base.installation import lazy_imports
@@ -77,7 +76,7 @@ def metric_records(source: ModelSource, problems: list[str]) -> "pd.DataFrame":
         if match is None and not _CONSOLE_METRICS.fullmatch(name):
             continue
         worker = int(match[1] or 0) if match else 0
-        records = _records(source, real, problems)
+        records = _decoded(source, real, decode_metrics, problems)
         by_worker[worker] = by_worker.get(worker, []) + records
     per_iteration = most_episodes(by_worker.get(0, [])) or 1
     rows = [
@@ -109,10 +108,6 @@ def _row(record: EpisodeMetrics, worker: int, per_iteration: int) -> tuple[Any, 
         record.episode_status == STATUS_LABELS["lap_complete"],
         status,
     )
-
-
-def _records(source: ModelSource, name: str, problems: list[str]) -> list[EpisodeMetrics]:
-    return _decoded(source, name, decode_metrics, problems)
 
 
 def _decoded(
@@ -161,17 +156,13 @@ def _learner_csv(source: ModelSource, problems: list[str]) -> dict[int, dict[str
             iteration = _number(row.pop("iteration", None))
             if math.isfinite(iteration):
                 found[int(iteration)] = {
-                    _column(title): number
+                    _LEARNER_NAMES.get(title, title.rpartition("/")[2]): number
                     for title, cell in row.items()
                     if title and "/" in title and math.isfinite(number := _number(cell))
                 }
     except (csv.Error, DrError) as error:
         problems.append(f"{name} cannot be read: {error}")
     return found
-
-
-def _column(title: str) -> str:
-    return _LEARNER_NAMES.get(title, title.rpartition("/")[2])
 
 
 def _trainer_logs(source: ModelSource) -> dict[int, dict[str, float]]:
@@ -213,18 +204,16 @@ _EVALUATION_METRICS = re.compile(
 )
 
 
-class WorldOf(Protocol):
-    def __call__(self, steps: "pd.DataFrame", named: str | None = None) -> str | None:
-        """The track of steps; `named` is what the files say."""
-
-
 def read_evaluations(
     source: ModelSource,
     named: str | None,
-    world_of: WorldOf,
+    world_of: "Callable[[pd.DataFrame, str | None], str | None]",
     problems: list[str],
 ) -> tuple[StoredEvaluation, ...]:
-    """All stand-alone evaluations, the oldest first; `named` is the track of the newest."""
+    """All stand-alone evaluations, the oldest first.
+
+    `named` is the track of the newest; `world_of` finds that of steps and what the files say.
+    """
     metrics = {
         match["stamp"]: real
         for name, real in source.files.others.items()
@@ -239,7 +228,7 @@ def read_evaluations(
     found = []
     for stamp in stamps:
         of_it = named if stamp == stamps[-1] else None
-        evaluation = _from_trace(source, stamp, partial(world_of, named=of_it), problems)
+        evaluation = _from_trace(source, stamp, of_it, world_of, problems)
         if stamp in metrics:
             measured = _from_metrics(source, stamp, metrics[stamp], of_it, problems)
             evaluation = _timed(evaluation, measured) if evaluation else measured
@@ -263,11 +252,12 @@ def _timed(traced: StoredEvaluation, measured: StoredEvaluation | None) -> Store
 def _from_trace(
     source: ModelSource,
     stamp: str,
-    world_of: "Callable[[pd.DataFrame], str | None]",
+    named: str | None,
+    world_of: "Callable[[pd.DataFrame, str | None], str | None]",
     problems: list[str],
 ) -> StoredEvaluation | None:
     names = source.files.evaluations.get(stamp, ())
-    files = [TraceFile(name, 0, number) for number, name in enumerate(names)]
+    files = [Trace(name, 0, number) for number, name in enumerate(names)]
     if not files:
         return None
     reading = read_traces(files, source.objects.read)
@@ -276,7 +266,7 @@ def _from_trace(
         return None
     steps = reading.steps.sort_values(["iteration", "episode", "steps"], kind="stable")
     steps = steps.reset_index(drop=True)
-    return StoredEvaluation(stamp, world_of(steps), steps, trials_of(steps))
+    return StoredEvaluation(stamp, world_of(steps, named), steps, trials_of(steps))
 
 
 def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":

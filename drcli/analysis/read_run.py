@@ -1,6 +1,7 @@
 """Reads the files of a training as one `Run`."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,6 @@ from drcli.analysis.read_metrics import (
 )
 from drcli.analysis.read_traces import (
     STEP_COLUMNS,
-    TraceFile,
     TraceReading,
     read_console_log,
     read_traces,
@@ -105,7 +105,7 @@ def run_of(source: ModelSource, tracks: Path, directory: Path) -> Run:
     iterations = iteration_table(steps, episodes, records, curve)
     problems += _gaps(iterations)
     world, track = _world(facts, steps, tracks, problems)
-    worlds = _EvaluationWorlds(track, tracks)
+    worlds = partial(_evaluation_world, tracks, [] if track is None else [track])
     evaluations = read_evaluations(source, facts.evaluation_world, worlds, problems)
     if not len(iterations) and not evaluations:
         why = " ".join(problems[:_NUMBER_RANGE])
@@ -146,7 +146,7 @@ def _limit(
 
 
 def _read_steps(source: ModelSource, facts: ModelFacts, problems: list[str]) -> TraceReading:
-    files = [TraceFile(*trace) for trace in source.files.traces]
+    files = source.files.traces
     if not files:
         return read_console_log(source, facts.episodes_per_iteration, problems)
     sizes = source.objects.sizes
@@ -155,7 +155,7 @@ def _read_steps(source: ModelSource, facts: ModelFacts, problems: list[str]) -> 
     if every > 1:
         numbers = sorted({file.iteration for file in files})
         kept = set(numbers[::every])
-        files = [file for file in files if file.iteration in kept]
+        files = tuple(file for file in files if file.iteration in kept)
         problems.append(
             f"The traces have {total / 1e9:.1f} GB; the steps of {len(kept)} of {len(numbers)} "
             "iterations are analysed, evenly spread."
@@ -255,20 +255,19 @@ def _world(
     return facts.world, None
 
 
-class _EvaluationWorlds:
-    def __init__(self, track: Track | None, tracks: Path) -> None:
-        self._known = [] if track is None else [track]
-        self._tracks = tracks
-
-    def __call__(self, steps: "pd.DataFrame", named: str | None = None) -> str | None:
-        if named is not None:
-            track = open_track(named, self._tracks)
-            if track is None or directed_as_driven(track, steps) is not None:
-                return named
-        for track in self._known:
-            if directed_as_driven(track, steps) is not None:
-                return track.name
-        found = fitting_track(steps, self._tracks)
-        if found is not None:
-            self._known.append(found)
-        return None if found is None else found.name
+def _evaluation_world(
+    tracks: Path, known: list[Track], steps: "pd.DataFrame", named: str | None
+) -> str | None:
+    """A track that is found is added to the `known` ones."""
+    if named is not None:
+        track = open_track(named, tracks)
+        if track is None or directed_as_driven(track, steps) is not None:
+            return named
+    for track in known:
+        if directed_as_driven(track, steps) is not None:
+            return track.name
+    found = fitting_track(steps, tracks)
+    if found is None:
+        return None
+    known.append(found)
+    return found.name

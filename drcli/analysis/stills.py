@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drcli.analysis.analysis import Analysis
 from drcli.analysis.findings.action_use import ActionUse
@@ -31,8 +30,6 @@ with lazy_imports():
 
 # Draws the track with what was driven on it.
 
-
-Floats = NDArray[np.float64]
 
 _CELL_M = 0.1
 _MAP_WIDTH_IN = 13.0

@@ -7,13 +7,12 @@ import numpy as np
 
 from drcli.analysis.findings import driving_advice, update_advice
 from drcli.analysis.findings.advice_item import TRAIN_ON, Advice, rounded, train_on
-from drcli.analysis.findings.curve_trend import LEAST_GAIN, UNDER, decline, rise, window
 from drcli.analysis.findings.driving_advice import LEARNED, REWARD_CHECK, TOP_SHARE, named
 from drcli.analysis.findings.evaluated_laps import EvaluatedLaps
-from drcli.analysis.findings.evidence import Evidence, algorithm_of, gather
+from drcli.analysis.findings.evidence import Evidence, algorithm_of
+from drcli.analysis.findings.learning_curve import LEAST_GAIN, UNDER, decline, rise, window
 from drcli.analysis.findings.update_advice import LOW_LR, USUAL_LR, lower_lr
 from drcli.analysis.findings.verdict import LEAST_ITERATIONS, LOW, NOT_LEARNING
-from drcli.analysis.run import Run
 
 # Advice that the learning curve gives.
 
@@ -177,10 +176,9 @@ def _advice(evidence: Evidence, found: EvaluatedLaps) -> Advice:
         "crashed": float(found.crashed),
     }
     seen = [f"{_counted(found.off_track, 'time')} off the track"]
-    if found.crashed:
-        seen.append(f"{_counted(found.crashed, 'crash')}")
-    if found.resets:
-        seen.append(_counted(found.resets, "reset"))
+    for count, word in ((found.crashed, "crash"), (found.resets, "reset")):
+        if count:
+            seen.append(_counted(count, word))
     evidence_ = f"In {what}{where}, {laps.clean} of {laps.driven} laps are clean: {', '.join(seen)}"
     if found.alone is not None and found.alone < 100.0:
         numbers["alone"] = found.alone
@@ -359,19 +357,12 @@ OF_OWN_LEARNING = {
 """Left out while a teacher learns, or a student from it."""
 
 
-def advice(run: Run) -> tuple[Advice, ...]:
-    """Advice on a training; empty without evidence."""
-    return advise(gather(run))
-
-
 def advise(evidence: Evidence) -> tuple[Advice, ...]:
-    rules = [rule for name, rule in RULES if _concerns(name, evidence)]
+    """Advice on a training; empty without evidence."""
+    own = evidence.curve.is_own_driving
+    rules = [rule for name, rule in RULES if own or name not in OF_OWN_LEARNING]
     found = [item for rule in rules if (item := rule(evidence)) is not None]
     if evidence.paid:
         found.sort(key=lambda item: item.id not in TAUGHT)
     implied = set().union(*(IMPLIED.get(item.id, set()) for item in found))
     return tuple(item for item in found if item.id not in implied)
-
-
-def _concerns(name: str, evidence: Evidence) -> bool:
-    return evidence.curve.is_own_driving or name not in OF_OWN_LEARNING

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drcli.analysis.run import Run
-from drcli.base.installation import lazy_imports
 from drsim.arrays import Bools, Floats, Ints
 
-with lazy_imports():
+if TYPE_CHECKING:
     import pandas as pd
 
 STEP_S = 1.0 / 15.0
@@ -77,7 +77,7 @@ _COLUMNS = tuple(DrivenSteps.__dataclass_fields__)
 
 def driven_steps(frame: "pd.DataFrame") -> DrivenSteps:
     """The driven steps of a frame like `Run.steps`, also of evaluations."""
-    moving = _moving(frame)
+    moving = ~np.asarray(frame["episode_status"].isin(STANDING), dtype=bool)
     key = "unique_episode" if "unique_episode" in frame else "episode"
     named = _numbers(frame, key)[moving]
     starts = np.ones(len(named), dtype=bool)
@@ -94,7 +94,7 @@ def driven_steps(frame: "pd.DataFrame") -> DrivenSteps:
         speed_mps=_numbers(frame, "speed")[moving],
         action=_integers(frame, "action", missing=-1)[moving],
         reward=_numbers(frame, "reward")[moving],
-        on_track=_truths(frame, "on_track")[moving],
+        on_track=np.asarray(frame["on_track"], dtype=bool)[moving],
         progress=_numbers(frame, "progress")[moving],
         waypoint=_integers(frame, "closest_waypoint")[moving],
         time_s=_numbers(frame, "tstamp")[moving],
@@ -103,42 +103,15 @@ def driven_steps(frame: "pd.DataFrame") -> DrivenSteps:
     )
 
 
-def driven_in(run: Run) -> DrivenSteps:
-    return driven_steps(run.steps)
-
-
 def _numbers(frame: "pd.DataFrame", name: str) -> Floats:
-    if name not in frame:
-        return np.full(len(frame), np.nan)
-    column = frame[name]
-    if column.dtype.kind not in "fiub":
-        column = pd.to_numeric(column, errors="coerce")
-    values = np.asarray(column, dtype=np.float64)
+    values = np.asarray(frame[name], dtype=np.float64)
     endless = np.isinf(values)
     return np.where(endless, np.nan, values) if endless.any() else values
 
 
 def _integers(frame: "pd.DataFrame", name: str, missing: int = 0) -> Ints:
     values = _numbers(frame, name)
-    known = np.isfinite(values)
-    return np.where(known, values, missing).astype(np.int64)
-
-
-def _truths(frame: "pd.DataFrame", name: str) -> Bools:
-    if name not in frame:
-        return np.ones(len(frame), dtype=bool)
-    column = frame[name]
-    if column.dtype.kind == "b":
-        return np.asarray(column, dtype=bool)
-    if column.dtype.kind in "fiu":
-        return np.asarray(column != 0, dtype=bool)
-    return np.asarray(column.astype(str).str.strip().str.lower() != "false", dtype=bool)
-
-
-def _moving(frame: "pd.DataFrame") -> Bools:
-    if "episode_status" not in frame:
-        return np.ones(len(frame), dtype=bool)
-    return ~np.asarray(frame["episode_status"].isin(STANDING), dtype=bool)
+    return np.where(np.isfinite(values), values, missing).astype(np.int64)
 
 
 # Where episodes end.
@@ -234,36 +207,25 @@ class EpisodeGroup:
 
 
 def by_quintile(run: Run) -> tuple[EpisodeGroup, ...]:
-    table = run.episodes
-    if not len(table) or "quintile" not in table:
-        return ()
-    names = sorted(set(table["quintile"].dropna().astype(str)))
-    quintile = table["quintile"].astype(str)
-    return tuple(_group(name, table[quintile == name]) for name in names)
+    groups = run.episodes.groupby("quintile", observed=True)
+    return tuple(_group(str(name), rows) for name, rows in groups)
 
 
 def by_start(run: Run) -> tuple[EpisodeGroup, ...]:
     """The episodes of the last third, by where they start."""
     table = run.episodes
-    if not len(table) or "start_at" not in table:
+    if not len(table):
         return ()
     first, last = int(table["iteration"].min()), int(table["iteration"].max())
     late = table[table["iteration"] > last - (last - first + 1) / 3]
     start = np.maximum(np.asarray(late["start_at"].fillna(0), dtype=np.int64), 0)
-    places = max(_last_waypoint(run.steps), int(start.max())) + 1
+    places = int(np.nanmax([run.steps["closest_waypoint"].max(), start.max()])) + 1
     size = min(START_GROUPS, places)
     group = start * size // places
     return tuple(
         _group(f"{-(-n * places // size)}-{-(-(n + 1) * places // size) - 1}", late[group == n])
         for n in np.unique(group).tolist()
     )
-
-
-def _last_waypoint(steps: "pd.DataFrame") -> int:
-    if "closest_waypoint" not in steps:
-        return 0
-    highest = steps["closest_waypoint"].max()
-    return int(highest) if np.isfinite(highest) else 0
 
 
 def _group(name: str, rows: "pd.DataFrame") -> EpisodeGroup:

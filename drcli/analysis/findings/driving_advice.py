@@ -5,11 +5,9 @@ from typing import TYPE_CHECKING
 
 from drcli.analysis.findings.action_use import ActionUse
 from drcli.analysis.findings.advice_item import TRAIN_ON, Advice, rounded, train_on
-from drcli.analysis.findings.curve_trend import LEAST_GAIN, present_trend
 from drcli.analysis.findings.evidence import Evidence, algorithm_of
-from drcli.analysis.findings.lap_slowing import SLOWER, change_t
-from drcli.analysis.findings.learning_curve import TREND_T
-from drcli.analysis.findings.reward_rate import RewardRate
+from drcli.analysis.findings.learning_curve import LEAST_GAIN, TREND_T, present_trend
+from drcli.analysis.findings.reward_rate import SLOWER, RewardRate, change_t
 from drcli.analysis.findings.steering import SteeringBalance
 from drcli.analysis.findings.verdict import NOT_LEARNING
 
@@ -104,10 +102,8 @@ def _pay_sentences(rate: RewardRate, *, slowed: bool, step: bool) -> list[str]:
 
 def standing_still(evidence: Evidence) -> Advice | None:
     table = evidence.run.episodes
-    if not len(table) or "status" not in table:
-        return None
     numbers = evidence.curve.iteration[: evidence.until]
-    if not len(numbers):
+    if not len(table) or not len(numbers):
         return None
     first = numbers[-max(1, len(numbers) // 3)]
     late = table[(table["iteration"] >= first) & (table["iteration"] <= numbers[-1])]
@@ -131,8 +127,6 @@ def standing_still(evidence: Evidence) -> Advice | None:
 
 
 def _standing(steps: "pd.DataFrame", episodes: "pd.Index[int]") -> int:
-    if not {"x", "y"} <= set(steps.columns):
-        return len(episodes)
     ends = steps[steps["unique_episode"].isin(episodes)].groupby("unique_episode")
     places = ends[["x", "y"]].tail(STILL_STEPS).groupby(steps["unique_episode"])
     moved = (places.max() - places.min()).max(axis="columns")
@@ -200,15 +194,9 @@ def dead_actions(evidence: Evidence) -> Advice | None:
     one = len(use.dead) == 1
     names = ", ".join(named(use, number) for number in use.dead)
     counts = sum(use.actions[number].count for number in use.dead)
-    never = "never" if counts == 0 else f"in only {counts}"
-    seen = (
-        f"{never} of the last {use.steps:,} steps"
-        if counts
-        else f"in none of the last {use.steps:,} steps"
-    )
+    seen = f"in {f'only {counts}' if counts else 'none'} of the last {use.steps:,} steps"
     rarest = min(action.share for action in use.actions if action.index not in use.dead)
-    prefix = shlex.quote(evidence.run.name) if evidence.run.name else ""
-    where = f" -p {prefix}" if prefix else ""
+    where = f" -p {shlex.quote(evidence.run.name)}" if evidence.run.name else ""
     return Advice(
         "dead-action",
         f"{'An action is' if one else 'Some actions are'} dead",

@@ -114,9 +114,8 @@ def evaluated_in_training(run: Run, curve: LearningCurve) -> EvaluatedLaps | Non
 
 def _ended_s(steps: "pd.DataFrame") -> float:
     """Unix seconds; infinite where older simulators do not tell them."""
-    clock = np.asarray(steps["wall_clock"], dtype=np.float64) if len(steps) else np.empty(0)
-    clock = clock[np.isfinite(clock)]
-    return float(clock.max()) if len(clock) else math.inf
+    ended_s = steps["wall_clock"].max()
+    return float(ended_s) if math.isfinite(ended_s) else math.inf
 
 
 def _place(evaluation: StoredEvaluation) -> BadPlace | None:

@@ -24,8 +24,8 @@ from drcli.analysis.findings.evaluated_laps import (
     evaluated_alone,
     evaluated_in_training,
 )
-from drcli.analysis.findings.lap_slowing import change_t, lap_slowing
 from drcli.analysis.findings.learning_curve import (
+    LEAST_NOISE,
     TREND_T,
     Fall,
     LearningCurve,
@@ -33,7 +33,12 @@ from drcli.analysis.findings.learning_curve import (
     learning_curve,
     rolling,
 )
-from drcli.analysis.findings.reward_rate import RewardRate, reward_rate
+from drcli.analysis.findings.reward_rate import (
+    RewardRate,
+    change_t,
+    lap_slowing,
+    reward_rate,
+)
 from drcli.analysis.findings.steering import (
     Snaking,
     SteeringBalance,
@@ -48,7 +53,7 @@ from drcli.learn.algorithms import ALGORITHMS, Algorithm, algorithm_named
 from drcli.model.alarms import ENTROPY_NEAR, ENTROPY_RISE, ENTROPY_SINCE, ENTROPY_WINDOW
 from drcli.model.files.action_space import ActionSpace
 from drcli.model.keys import MODEL_METADATA_FILE
-from drsim.arrays import Bools, Floats
+from drsim.arrays import Floats
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,39 +65,25 @@ LATE_SHARE = 3
 LEAST_STEPS = 1500
 
 
-def late_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> DrivenSteps:
-    """The last third of the iterations, or the third before a collapse."""
-    return steps.where(_mask(steps, curve, fall))
-
-
-def learned_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> DrivenSteps:
-    """All steps on the present track before a collapse."""
+def split_steps(
+    steps: DrivenSteps, curve: LearningCurve, fall: Fall | None
+) -> tuple[DrivenSteps, DrivenSteps, DrivenSteps]:
+    """All steps on the present track before a collapse; the last and the first third of them."""
     if not len(curve):
-        return steps
-    kept = steps.iteration >= curve.iteration[0]
+        return steps, steps, steps.where(np.zeros(len(steps), dtype=bool))
+    numbers, learned = curve.iteration, steps.iteration >= curve.iteration[0]
     if fall is not None:
-        kept &= steps.iteration < curve.iteration[fall.at]
-    return steps.where(kept)
-
-
-def early_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> DrivenSteps:
-    numbers = curve.iteration if fall is None else curve.iteration[: fall.at]
-    if not len(numbers):
-        return steps.where(np.zeros(len(steps), dtype=bool))
-    last = numbers[max(0, -(-len(numbers) // LATE_SHARE) - 1)]
-    return steps.where((steps.iteration >= numbers[0]) & (steps.iteration <= last))
-
-
-def _mask(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> Bools:
-    numbers = curve.iteration if fall is None else curve.iteration[: fall.at]
-    if not len(numbers):
-        return np.ones(len(steps), dtype=bool)
+        learned &= steps.iteration < numbers[fall.at]
+        numbers = numbers[: fall.at]
     counts = np.bincount(np.maximum(steps.iteration, 0), minlength=int(numbers[-1]) + 1)
-    counts = counts[numbers[::-1]]
-    enough = int(np.searchsorted(np.cumsum(counts), LEAST_STEPS)) + 1
-    count = min(len(numbers), max(-(-len(numbers) // LATE_SHARE), enough))
-    first, last = numbers[-count], numbers[-1]
-    return np.asarray((steps.iteration >= first) & (steps.iteration <= last))
+    enough = int(np.searchsorted(np.cumsum(counts[numbers[::-1]]), LEAST_STEPS)) + 1
+    third = -(-len(numbers) // LATE_SHARE)
+    late = numbers[-min(len(numbers), max(third, enough)) :]
+    parts = [
+        steps.where((steps.iteration >= part[0]) & (steps.iteration <= part[-1]))
+        for part in (late, numbers[:third])
+    ]
+    return steps.where(learned), parts[0], parts[1]
 
 
 # Complete laps: number, times, records.
@@ -123,18 +114,12 @@ class LapTimes:
 
 def lap_times(run: Run) -> LapTimes:
     table = run.episodes
-    if not len(table):
-        return LapTimes(0, None, None, None, {}, ())
     done = table[table["complete"].astype(bool) & (table["time"] > 0)]
     if not len(done):
         return LapTimes(0, None, None, None, {}, ())
-    time_s = np.asarray(done["time"], dtype=np.float64)
-    iteration = np.asarray(done["iteration"], dtype=np.int64)
-    names = np.asarray(done.index, dtype=np.int64)
-    best: list[BestLap] = []
-    for n in np.argsort(iteration, kind="stable"):
-        if not best or time_s[n] < best[-1].seconds:
-            best.append(BestLap(int(iteration[n]), int(names[n]), float(time_s[n])))
+    done = done.sort_values("iteration", kind="stable")
+    time_s, iteration = done["time"].to_numpy(np.float64), done["iteration"].to_numpy(np.int64)
+    best = done[done["time"] < done["time"].cummin().shift(fill_value=math.inf)]
     first, last = int(table["iteration"].min()), int(table["iteration"].max())
     late = time_s[iteration > last - (last - first + 1) / 3]
     return LapTimes(
@@ -143,7 +128,10 @@ def lap_times(run: Run) -> LapTimes:
         best_s=float(time_s.min()),
         median_s=float(np.median(late)) if len(late) else None,
         percentiles={p: float(np.percentile(time_s, p)) for p in PERCENTILES},
-        best_laps=tuple(best),
+        best_laps=tuple(
+            BestLap(int(row["iteration"]), int(name), float(row["time"]))
+            for name, row in best.iterrows()
+        ),
     )
 
 
@@ -275,7 +263,6 @@ def _gap(
 FALL_FROM = 20.0
 """Percent. The warning during a training asks for 40; a whole curve shows smaller falls."""
 
-LEAST_NOISE = 1.5
 REWARD_FALL = 0.4
 """Stricter than for the progress."""
 
@@ -350,8 +337,7 @@ def gather(run: Run) -> Evidence:
     broken = None if paid else fall
     until = len(curve) if broken is None else broken.at
     steps = driven_steps(run.steps)
-    learned = learned_steps(steps, curve, broken)
-    late, early = late_steps(steps, curve, broken), early_steps(steps, curve, broken)
+    learned, late, early = split_steps(steps, curve, broken)
     evaluated = [driven_steps(each.steps) for each in run.evaluations[-3:]]
     restless = [found for each in evaluated if (found := snaking(each)) is not None]
     return Evidence(

@@ -2,17 +2,105 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from drcli.analysis.findings.driven_steps import DrivenSteps
-from drcli.analysis.findings.lap_slowing import LapSlowing, change_t
+from drcli.analysis.findings.learning_curve import TREND_T, LearningCurve
+from drcli.analysis.run import Run
 from drcli.base.installation import lazy_imports
 from drcli.model.files.action_space import ActionSpace
 from drsim.arrays import Bools, Floats, Ints
 
 with lazy_imports():
     import pandas as pd
+
+# Whether laps became slower while they earned more.
+
+
+SLOWER, SLOWER_T = 0.12, 4.0
+"""Recorded trainings with a reward for the centre line became slower by 0.02 to 0.09."""
+
+LEAST_LAPS = 12
+
+
+@dataclass(frozen=True)
+class LapSlowing:
+    """The first and the last third of laps that became slower."""
+
+    what: str
+    laps: int
+    early_s: float
+    late_s: float
+    t: float
+    early_reward: float
+    late_reward: float
+
+    @property
+    def sentence(self) -> str:
+        return (
+            f"{self.what} became slower: the first third of them took {self.early_s:.1f} s and "
+            f"earned {self.early_reward:.4g}, the last third took {self.late_s:.1f} s and earned "
+            f"{self.late_reward:.4g}."
+        )
+
+
+def lap_slowing(run: Run, curve: LearningCurve, until: int) -> LapSlowing | None:
+    """Compare early and late laps, of evaluations first, before `until`."""
+    numbers = curve.iteration[:until]
+    if not len(numbers):
+        return None
+    found = None
+    if run.records is not None and len(run.records):
+        evaluated = run.records[run.records["phase"] == "evaluation"]
+        found = _compared("Evaluation laps", evaluated, int(numbers[0]), int(numbers[-1]))
+    if found is None:
+        found = _compared("Training laps", run.episodes, int(numbers[0]), int(numbers[-1]))
+    return found
+
+
+def _compared(what: str, table: "pd.DataFrame", first: int, last: int) -> LapSlowing | None:
+    if not len(table):
+        return None
+    iteration, time_s, reward = (
+        np.asarray(table[name], dtype=np.float64) for name in ("iteration", "time", "reward")
+    )
+    kept: Bools = np.asarray(table["complete"], dtype=bool) & (time_s > 0) & np.isfinite(reward)
+    kept &= (iteration >= first) & (iteration <= last)
+    if np.count_nonzero(kept) < LEAST_LAPS:
+        return None
+    order = np.argsort(iteration[kept], kind="stable")
+    time_s, reward = time_s[kept][order], reward[kept][order]
+    third = len(time_s) // 3
+    t = change_t(time_s[:third], time_s[-third:])
+    early_s, late_s = float(time_s[:third].mean()), float(time_s[-third:].mean())
+    if late_s < (1.0 + SLOWER) * early_s or t < SLOWER_T:
+        return None
+    if change_t(reward[:third], reward[-third:]) < TREND_T:
+        return None
+    return LapSlowing(
+        what=what,
+        laps=len(time_s),
+        early_s=early_s,
+        late_s=late_s,
+        t=t,
+        early_reward=float(reward[:third].mean()),
+        late_reward=float(reward[-third:].mean()),
+    )
+
+
+def change_t(early: Floats, late: Floats) -> float:
+    """t-value of a change; a standard error below 0.3 % of the mean is not believed."""
+    if min(len(early), len(late)) < 2:
+        return 0.0
+    spread = math.sqrt(float(early.var(ddof=1)) / len(early) + float(late.var(ddof=1)) / len(late))
+    floor = 0.003 * abs(float(np.concatenate([early, late]).mean()))
+    return float(late.mean() - early.mean()) / max(spread, floor, 1e-9)
+
+
+# What the reward pays for.
+
 
 PARTS, STEPS_IN_PART = 20, 20
 """So that a bend is not compared with a straight. The finer the better: a reward that is only paid
@@ -139,7 +227,6 @@ def reward_rate(
     done = float(np.nansum(ends))
     total = float(fine.reward.sum())
     power, t = _step_power(steps)
-    laps = _Laps.of(episodes, int(steps.iteration.min()), int(steps.iteration.max()))
     early_mps, late_mps, slowing_t = _slowing(steps)
     return RewardRate(
         per_step=total / len(fine),
@@ -148,14 +235,7 @@ def reward_rate(
         by_speed=_by_speed(fine),
         step_power=power,
         step_t=t,
-        lap_power=laps.power,
-        lap_t=laps.t,
-        episodes=laps.count,
-        complete=laps.complete,
-        slow_s=laps.halves[0],
-        fast_s=laps.halves[1],
-        slow_reward=laps.halves[2],
-        fast_reward=laps.halves[3],
+        **_laps(episodes, int(steps.iteration.min()), int(steps.iteration.max())),
         early_mps=early_mps,
         late_mps=late_mps,
         slowing_t=slowing_t,
@@ -214,55 +294,48 @@ def _by_speed(steps: DrivenSteps) -> tuple[SpeedPay, ...]:
     )
 
 
-@dataclass(frozen=True)
-class _Laps:
-    """Reward against time, over laps or long episodes."""
-
-    power: float | None
-    t: float | None
-    count: int
-    complete: bool
-    halves: tuple[float | None, float | None, float | None, float | None]
-
-    @staticmethod
-    def of(table: "pd.DataFrame", first: int, last: int) -> "_Laps":
-        nothing = _Laps(None, None, 0, False, (None, None, None, None))
-        if not len(table):
-            return nothing
-        iteration = np.asarray(table["iteration"], dtype=np.int64)
-        progress, time_s, reward = (
-            np.asarray(table[name], dtype=np.float64) for name in ("progress", "time", "reward")
-        )
-        fine = (iteration >= first) & (iteration <= last)
-        fine &= np.isfinite(reward + time_s + progress)
-        fine &= (time_s > 0) & (reward > 0) & (progress > 0)
-        complete = np.asarray(table["complete"], dtype=bool) & fine
-        laps = int(complete.sum()) >= LEAST_EPISODES
-        kept = complete if laps else fine & (progress >= LEAST_PROGRESS)
-        if int(kept.sum()) < LEAST_EPISODES:
-            return nothing
-        share = progress[kept] / 100.0
-        return _Laps._fit(time_s[kept] / share, reward[kept] / share, complete=laps)
-
-    @staticmethod
-    def _fit(time_s: Floats, reward: Floats, *, complete: bool) -> "_Laps":
-        x, y = np.log(time_s), np.log(reward)
-        kept = _central(x) & _central(y)
-        x, y = x[kept] - x[kept].mean(), y[kept] - y[kept].mean()
-        moved, middle = float(x @ x), float(np.median(time_s))
-        slow = time_s >= middle
-        halves = (
-            float(time_s[slow].mean()),
-            float(time_s[~slow].mean()) if (~slow).any() else None,
-            float(reward[slow].mean()),
-            float(reward[~slow].mean()) if (~slow).any() else None,
-        )
-        if len(x) < LEAST_EPISODES or moved / len(x) < 0.01**2:
-            return _Laps(None, None, len(time_s), complete, halves)
+def _laps(table: "pd.DataFrame", first: int, last: int) -> dict[str, Any]:
+    """Reward against time, over laps or long episodes: fields of `RewardRate`."""
+    names = ("lap_power", "lap_t", "slow_s", "fast_s", "slow_reward", "fast_reward")
+    found: dict[str, Any] = {**dict.fromkeys(names), "episodes": 0, "complete": False}
+    if not len(table):
+        return found
+    iteration = np.asarray(table["iteration"], dtype=np.int64)
+    progress, time_s, reward = (
+        np.asarray(table[name], dtype=np.float64) for name in ("progress", "time", "reward")
+    )
+    fine = (iteration >= first) & (iteration <= last)
+    fine &= np.isfinite(reward + time_s + progress)
+    fine &= (time_s > 0) & (reward > 0) & (progress > 0)
+    complete = np.asarray(table["complete"], dtype=bool) & fine
+    laps = int(complete.sum()) >= LEAST_EPISODES
+    kept = complete if laps else fine & (progress >= LEAST_PROGRESS)
+    if int(kept.sum()) < LEAST_EPISODES:
+        return found
+    share = progress[kept] / 100.0
+    time_s, reward = time_s[kept] / share, reward[kept] / share
+    slow = time_s >= np.median(time_s)
+    found |= {
+        "episodes": len(time_s),
+        "complete": laps,
+        "slow_s": float(time_s[slow].mean()),
+        "slow_reward": float(reward[slow].mean()),
+    }
+    if not slow.all():
+        found |= {
+            "fast_s": float(time_s[~slow].mean()),
+            "fast_reward": float(reward[~slow].mean()),
+        }
+    x, y = np.log(time_s), np.log(reward)
+    central = _central(x) & _central(y)
+    x, y = x[central] - x[central].mean(), y[central] - y[central].mean()
+    moved = float(x @ x)
+    if len(x) >= LEAST_EPISODES and moved / len(x) >= 0.01**2:
         rate = float(x @ y) / moved
         rest = y - rate * x
         error = math.sqrt(max(float(rest @ rest) / max(1, len(x) - 2) / moved, 1e-18))
-        return _Laps(rate, rate / error, len(time_s), complete, halves)
+        found |= {"lap_power": rate, "lap_t": rate / error}
+    return found
 
 
 def _central(values: Floats) -> Bools:
@@ -316,10 +389,8 @@ def reward_function_time(steps: "pd.DataFrame") -> RewardFunctionTime | None:
         if name in steps:
             measured = pd.to_numeric(steps[name], errors="coerce")
             values = np.asarray(measured, dtype=np.float64) * unit
-            if "episode_status" in steps:  # a call may take less than what the trace can tell
-                called = (values >= 0) & ~np.asarray(steps["episode_status"].isin(_NO_CALL))
-            else:
-                called = values > 0
+            # A call may take less than what the trace can tell.
+            called = (values >= 0) & ~np.asarray(steps["episode_status"].isin(_NO_CALL))
             values = values[np.isfinite(values) & called]
             if len(values):
                 half, most = np.percentile(values, [50.0, 99.0])

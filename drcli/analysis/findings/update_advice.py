@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from drcli.analysis.findings.advice_item import Advice, rounded, train_on
-from drcli.analysis.findings.curve_trend import UNDER, rise
 from drcli.analysis.findings.driving_advice import REWARD_CHECK
-from drcli.analysis.findings.evidence import LEAST_NOISE, Evidence, algorithm_of
-from drcli.analysis.findings.learning_curve import slope, swings
+from drcli.analysis.findings.evidence import Evidence, algorithm_of
+from drcli.analysis.findings.learning_curve import LEAST_NOISE, UNDER, rise, slope, swings
 from drcli.analysis.findings.verdict import NOT_LEARNING
 from drcli.analysis.run import Run
 from drsim.arrays import Floats, Ints
@@ -55,17 +54,12 @@ def _left_out(values: Floats, waves: Floats) -> tuple[Floats, float]:
 
 def _waves(run: Run, numbers: Ints) -> list[Floats]:
     """Mean sines and cosines of the starts. Shapes (n, columns)."""
-    table, steps = run.episodes, run.steps
-    nothing: list[Floats] = []
-    if not len(table) or "start_at" not in table or "closest_waypoint" not in steps:
-        return nothing
+    table, most = run.episodes, run.steps["closest_waypoint"].max()
     at = np.asarray(table["start_at"], dtype=np.float64)
-    places = np.asarray(steps["closest_waypoint"], dtype=np.float64)
-    most = float(np.nanmax(places)) if np.isfinite(places).any() else 0.0
-    if not np.isfinite(at).all() or most <= 0:
-        return nothing
     found: list[Floats] = []
-    sets = []
+    sets: list[Floats] = []
+    if not len(table) or not np.isfinite(at).all() or not most > 0:
+        return sets
     for wave in range(1, WAVES + 1):
         angle = 2.0 * math.pi * wave * at / (most + 1.0)
         for value in (np.sin(angle), np.cos(angle)):

@@ -5,20 +5,23 @@ from typing import Literal
 
 import numpy as np
 
-from drcli.analysis.findings.curve_trend import (
+from drcli.analysis.findings.evaluated_laps import EvaluatedLaps
+from drcli.analysis.findings.evidence import Evidence
+from drcli.analysis.findings.learning_curve import (
     LEAST_GAIN,
     SHORT,
+    SMOOTH,
     Decline,
+    LearningCurve,
+    Slope,
     decline,
     present_trend,
     rise,
     settled_since,
+    slope,
+    swings,
     window,
 )
-from drcli.analysis.findings.evaluated_laps import EvaluatedLaps
-from drcli.analysis.findings.evidence import Evidence, gather
-from drcli.analysis.findings.learning_curve import SMOOTH, LearningCurve, Slope, slope, swings
-from drcli.analysis.run import Run
 from drcli.model.alarms import CONVERGED_GAP, CONVERGED_OVER, CONVERGED_PROGRESS
 
 Kind = Literal[
@@ -63,10 +66,6 @@ class Verdict:
     kind: Kind
     sentence: str
     numbers: dict[str, float]
-
-
-def verdict(run: Run) -> Verdict:
-    return judge(gather(run))
 
 
 def judge(evidence: Evidence) -> Verdict:

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drcli.analysis.compare_runs import (
     ComparedPair,
@@ -25,8 +24,7 @@ from drcli.analysis.report.markup import (
 )
 from drcli.analysis.report.summary_sections import problems_box
 from drcli.base.files import rewrite
-
-Floats = NDArray[np.float64]
+from drsim.arrays import Floats
 
 _COLORS = 8
 _POINTS = 60

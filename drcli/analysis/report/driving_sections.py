@@ -2,7 +2,7 @@
 
 import base64
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from drcli.analysis.findings.reward_rate import RewardFunctionTime, RewardRate
 from drcli.analysis.findings.steering import Snaking, SteeringBalance, WheelsOff
 from drcli.analysis.report.graphs import Graph, Section, dots_note, many_points
 from drcli.analysis.report.markup import (
+    UNKNOWN,
     Content,
     Html,
     bar,
@@ -167,7 +168,12 @@ def steering_section(balance: SteeringBalance | None, snaking: Snaking | None) -
     content: list[Content] = []
     if balance is not None:
         rows: list[list[Content]] = [
-            [side, bar(share), percent(100 * share), _share(needed)]
+            [
+                side,
+                bar(share),
+                percent(100 * share),
+                UNKNOWN if needed is None else percent(100 * needed),
+            ]
             for side, share, needed in (
                 ("left", balance.left, balance.needed_left),
                 ("right", balance.right, balance.needed_right),
@@ -199,10 +205,6 @@ def steering_section(balance: SteeringBalance | None, snaking: Snaking | None) -
         "that swings from side to side: both cost speed, and the physical car shows them worse."
     )
     return Section("steering", "Steering", "Steering", look, tuple(content))
-
-
-def _share(value: float | None) -> str:
-    return digits(math.nan) if value is None else percent(100 * value)
 
 
 def horizon_section(
@@ -323,26 +325,17 @@ def _trial(row: Any) -> list[Content]:
 _WIDTH_IN = 10.0
 
 
-class _Lap(NamedTuple):
-    lap_s: float
-    steps: "pd.DataFrame"
-
-
-def _fastest_lap(run: Run) -> _Lap | None:
-    clean = run.episodes[run.episodes["complete"].astype(bool)]
-    if clean.empty:
+def limit_section(run: Run) -> Section | None:
+    clean, track, limit = run.episodes[run.episodes["complete"].astype(bool)], run.track, run.limit
+    if clean.empty or limit is None or track is None:
         return None
     number = clean["time"].astype(float).idxmin()
-    steps = run.steps[run.steps["unique_episode"] == number]
-    return _Lap(float(clean.loc[number, "time"]), steps) if len(steps) > 1 else None
-
-
-def limit_section(run: Run) -> Section | None:
-    lap, track, limit = _fastest_lap(run), run.track, run.limit
-    if lap is None or limit is None or track is None:
+    lap = run.steps[run.steps["unique_episode"] == number]
+    if len(lap) < 2:
         return None
     places = _places(lap, track, limit)
-    content: list[Content] = [element("p", f"The fastest lap, {limit_text(lap.lap_s, limit)}.")]
+    lap_s = float(clean.loc[number, "time"])
+    content: list[Content] = [element("p", f"The fastest lap, {limit_text(lap_s, limit)}.")]
     if places:
         items = [element("li", str(place)) for place in places]
         content += [element("p", "Most time is lost at:"), element("ol", *items)]
@@ -362,19 +355,17 @@ def limit_section(run: Run) -> Section | None:
     return Section("limit", "The fastest line", "Fastest line", look, tuple(content))
 
 
-def _places(lap: _Lap, track: Track, limit: StoredLimit) -> list[LostPlace]:
+def _places(lap: "pd.DataFrame", track: Track, limit: StoredLimit) -> list[LostPlace]:
     rows = [
         LapRow(float(progress), int(waypoint))
-        for progress, waypoint in zip(
-            lap.steps["progress"], lap.steps["closest_waypoint"], strict=True
-        )
+        for progress, waypoint in zip(lap["progress"], lap["closest_waypoint"], strict=True)
     ]
-    first = lap.steps[["x", "y"]].to_numpy(np.float64)[:1]
+    first = lap[["x", "y"]].to_numpy(np.float64)[:1]
     start = float(track.locate(first).distance_m[0]) / track.length_m
     return lost_places(rows, start - rows[0].progress % 100.0 / 100.0, limit)
 
 
-def _picture(track: Track, limit: StoredLimit, lap: _Lap) -> bytes:
+def _picture(track: Track, limit: StoredLimit, lap: "pd.DataFrame") -> bytes:
     line = points_of(track, np.array(limit.offset_mm) / 1000.0)
     speed: Floats = np.array(limit.speed_mmps) / 1000.0
     low_x, low_y, high_x, high_y = track.bounds
@@ -389,7 +380,7 @@ def _picture(track: Track, limit: StoredLimit, lap: _Lap) -> bytes:
         )
         axes.add_collection(colored)
         figure.colorbar(colored, ax=axes, label="m/s", shrink=0.7)
-        axes.plot(lap.steps["x"], lap.steps["y"], color=LINES[1], linewidth=1.4)
+        axes.plot(lap["x"], lap["y"], color=LINES[1], linewidth=1.4)
         axes.set(aspect="equal")
         axes.grid(False)
         axes.set_axis_off()

@@ -69,7 +69,6 @@ def _differences(run: Run) -> Iterator[Html]:
     if not run.parent_files:
         yield element("p", "The files of that model could not be read, so nothing is compared.")
         return
-    same = True
     rows: list[list[Content]] = []
     for name in _TABLES:
         if name not in run.files or name not in run.parent_files:
@@ -81,23 +80,21 @@ def _differences(run: Run) -> Iterator[Html]:
             if before.get(key) != now.get(key)
         ]
     if rows:
-        same = False
         yield table("Values that differ", ["name", "parent", "this model"], rows, texts=3)
-    for name in sorted({*run.files, *run.parent_files} - {*_TABLES}):
-        before_text, now_text = run.parent_files.get(name, ""), run.files.get(name, "")
-        if before_text != now_text:
-            same = False
-            yield element("h3", name)
-            yield _line_difference(before_text, now_text)
-    if same:
+    changed = [
+        name
+        for name in sorted({*run.files, *run.parent_files} - {*_TABLES})
+        if run.parent_files.get(name, "") != run.files.get(name, "")
+    ]
+    for name in changed:
+        yield element("h3", name)
+        before_lines, now_lines = (
+            files.get(name, "").splitlines() for files in (run.parent_files, run.files)
+        )
+        lines = difflib.unified_diff(before_lines, now_lines, n=2, lineterm="")
+        yield coloured_difference([*lines][2:])
+    if not rows and not changed:
         yield element("p", "All files and settings that could be read are the same.")
-
-
-def _line_difference(before: str, now: str) -> Html:
-    lines = difflib.unified_diff(
-        before.splitlines(), now.splitlines(), "parent", "this", n=2, lineterm=""
-    )
-    return coloured_difference(list(lines)[2:])
 
 
 def _actions(space: ActionSpace) -> Html:

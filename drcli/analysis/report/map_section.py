@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drcli.analysis.report.graphs import Section
 from drcli.analysis.report.lap_choice import LapChoice
@@ -25,6 +24,7 @@ from drcli.analysis.report.markup import (
 from drcli.analysis.run import Run, StoredEvaluation
 from drcli.base.installation import lazy_imports
 from drcli.records.trace import STEP_S, VIOLATIONS
+from drsim.arrays import Bools, Floats, Ints
 from drsim.track.track import Track
 
 with lazy_imports():
@@ -32,8 +32,6 @@ with lazy_imports():
 
 # Speed and slip angle of a car, from its positions.
 
-
-Floats = NDArray[np.float64]
 
 REAR_M = 0.222
 """From the rear axle to the recorded point, measured on recordings of the reference."""
@@ -43,7 +41,7 @@ _FASTEST_MPS = 12.0
 """Three times the fastest car."""
 
 
-def slip_deg(x: Floats, y: Floats, yaw_deg: Floats, first: NDArray[np.bool_]) -> Floats:
+def slip_deg(x: Floats, y: Floats, yaw_deg: Floats, first: Bools) -> Floats:
     """Slip angle within [-180, 180), positive where the car moves to the left of its nose.
 
     The rear axle of a car that does not slide moves where the car points. NaN where the car hardly
@@ -63,7 +61,7 @@ def slip_deg(x: Floats, y: Floats, yaw_deg: Floats, first: NDArray[np.bool_]) ->
     return slip
 
 
-def driven_mps(x: Floats, y: Floats, time_s: Floats, first: NDArray[np.bool_]) -> Floats:
+def driven_mps(x: Floats, y: Floats, time_s: Floats, first: Bools) -> Floats:
     """Speed over ground since the step before; NaN after a jump. All have shape (n,)."""
     speed: Floats = np.full(len(x), np.nan)
     if len(x) < 2:
@@ -109,7 +107,9 @@ def lap_data(
     for number in laps.ids:
         if number in frames:
             places[number] = len(parts)
-            parts.append((frames[number], _lap_facts(run.episodes.loc[number], number)))
+            episode = run.episodes.loc[number]
+            facts_ = {"id": number, **episode[[*_FACTS[1:], "status"]]}
+            parts.append((frames[number], facts_))
     groups["fastest"] = [places[number] for number in laps.fastest if number in places]
     groups["worst"] = [places[number] for number in laps.worst if number in places]
     groups["both"] = list(dict.fromkeys(groups["fastest"] + groups["worst"]))
@@ -134,12 +134,6 @@ def lap_data(
             **{name: numbers([float(fact[name]) for fact in facts]) for name in _FACTS},
         },
         "groups": groups,
-    }
-
-
-def _lap_facts(episode: Any, number: int) -> dict[str, Any]:
-    return {"status": str(episode["status"]), "id": number} | {
-        name: episode[name] for name in _FACTS[1:]
     }
 
 
@@ -231,14 +225,8 @@ def with_motion(steps: "pd.DataFrame") -> "pd.DataFrame":
     return steps.assign(slip=slip_deg(x, y, yaw_deg, first), driven=driven_mps(x, y, time_s, first))
 
 
-def evaluations_on_the_map(run: Run) -> list[str]:
-    return [evaluation.stamp for evaluation in same_road(run) if len(located(evaluation.steps))]
-
-
 # What the map of a report draws.
 
-
-Integers = NDArray[np.int64]
 
 _CELLS_M = (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0)
 _MOST_CELLS = 3000
@@ -336,7 +324,7 @@ def _resampled(line: Floats, count: int) -> Floats:
     return np.stack([np.interp(at, np.arange(len(line)), column) for column in line.T], axis=1)
 
 
-def ground_cells(xy: Floats, size_m: float) -> tuple[Integers, Integers]:
+def ground_cells(xy: Floats, size_m: float) -> tuple[Ints, Ints]:
     """The squares of the ground in which positions, shape (n, 2), metres within 1e5, lie.
 
     Returns:
@@ -475,8 +463,8 @@ def _controls(run: Run) -> Html:
         "both": "fastest and worst laps",
         "iteration": "one iteration",
     }
-    for number, stamp in enumerate(evaluations_on_the_map(run)):
-        groups[f"evaluation-{number}"] = f"evaluation {stamp}"
+    shown = [each.stamp for each in same_road(run) if len(located(each.steps))]
+    groups |= {f"evaluation-{number}": f"evaluation {stamp}" for number, stamp in enumerate(shown)}
     return element(
         "div",
         element(

@@ -162,8 +162,6 @@ def known(value: float) -> bool:
 # Numbers for the page: short lists as JSON, long ones as base64.
 
 
-Floats = NDArray[np.float64]
-
 _SHORT = 64
 _INTEGERS: dict[str, tuple[type[np.signedinteger[Any]], int]] = {
     "i8": (np.int8, 127),

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drcli.analysis.findings.advice_item import Advice
 from drcli.analysis.findings.driven_steps import EpisodeGroup, by_quintile, by_start
@@ -25,6 +24,7 @@ from drcli.analysis.report.markup import (
     tiles,
 )
 from drcli.analysis.run import Run
+from drsim.arrays import Floats
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,7 +70,7 @@ def problems_box(
 
 
 def verdict_section(verdict: Verdict, advice: Sequence[Advice]) -> Section:
-    kind = _title(verdict.kind)
+    kind = verdict.kind.replace("_", " ").capitalize()
     named = verdict.sentence.casefold().startswith(kind.casefold())
     word = None if named else element("strong", f"{kind}.")
     sentence = element("p", word, verdict.sentence, class_="verdict")
@@ -131,10 +131,6 @@ def _text(value: object) -> str:
     return str(value)
 
 
-def _title(kind: str) -> str:
-    return kind.replace("_", " ").capitalize()
-
-
 def _duration(time_s: float) -> str:
     if not known(time_s):
         return digits(time_s)
@@ -143,8 +139,6 @@ def _duration(time_s: float) -> str:
 
 # Sections on rewards, laps, and the learner.
 
-
-Floats = NDArray[np.float64]
 
 _SPREAD = 0.8
 _LEARNER = {
@@ -293,16 +287,17 @@ def lap_section(run: Run) -> Section | None:
     at = table_.index.to_numpy(np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = 100 * table_["complete_laps"].to_numpy(float) / table_["episodes"].to_numpy(float)
+    evaluated = table_["eval_mean_progress"]
     completion = [
         Series("clean laps of the training", at, share, "--c1", decimals=0),
-        *_evaluated_share(run, at),
+        Series("mean progress of the evaluation", at, evaluated, "--c3", decimals=1),
     ]
     graphs = [
         Graph(
             "completion",
             "Episodes that ended with a clean lap",
             "iteration",
-            completion,
+            completion if evaluated.notna().any() else completion[:1],
             "clean laps (%)",
             left_range=(0.0, 102.0),
             height=240,
@@ -314,12 +309,12 @@ def lap_section(run: Run) -> Section | None:
         best_s = np.minimum.accumulate(np.where(np.isfinite(lap_s), lap_s, np.inf))
         best_s = np.where(np.isfinite(best_s), best_s, np.nan)
         dots = spread_over_iterations(run.episodes)[complete]
-        evaluated = table_["eval_best_lap_s"]
+        evaluated_s = table_["eval_best_lap_s"]
         times = [
             many_points("lap", dots, run.episodes["time"][complete], "--c1", decimals=2),
             Series("mean lap time", at, table_["mean_lap_s"], "--c1", decimals=2),
             Series("best so far", at, best_s, "--c3", decimals=2),
-            Series("best lap of the evaluation", at, evaluated, "--c2", "marks", decimals=2),
+            Series("best lap of the evaluation", at, evaluated_s, "--c2", "marks", decimals=2),
         ]
         times = [one for one in times if np.isfinite(np.asarray(one.y, np.float64)).any()]
         graphs.append(
@@ -336,14 +331,6 @@ def lap_section(run: Run) -> Section | None:
         _groups("By start position, last third of the training", "waypoints", by_start(run)),
     )
     return Section("laps", "Laps", "Laps", look, content, tuple(graphs))
-
-
-def _evaluated_share(run: Run, at: Floats) -> list[Series]:
-    progress = run.iterations["eval_mean_progress"]
-    if progress.isna().all():
-        return []
-    name = "mean progress of the evaluation"
-    return [Series(name, at, progress, "--c3", decimals=1)]
 
 
 def _groups(caption: str, name: str, groups: Sequence[EpisodeGroup]) -> Html | None:

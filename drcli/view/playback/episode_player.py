@@ -4,12 +4,9 @@ import re
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
-from io import BytesIO
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.installation import lazy_imports
@@ -23,9 +20,11 @@ from drcli.view.playback.lap_parameters import KnownRace, directed_track, lap_pa
 from drcli.view.playback.player_handle import pack
 from drcli.view.playback.stored_traces import StoredTrace, parse_name, trace_key
 from drcli.view.video.make_video import chosen_laps, rank_of
+from drcli.view.video.overlay import encoded
 from drcli.view.video.recorded_lap import RecordedLap, find_world, load_world
 from drcli.view.video.trace_source import FoundTrace, trace_of_key
 from drcli.view.video.video_job import Defaults
+from drsim.arrays import Bytes, Floats, Singles
 from drsim.car.actions import DiscreteActions
 from drsim.race.solids import SHAPES, Shape
 from drsim.track.track import Track
@@ -125,8 +124,7 @@ def open_trace(model: ModelStore, defaults: Defaults, name: str) -> OpenedTrace:
     assert trace is not None
     found = trace_of_key(model, key, _title(trace), "")
     notes = list(found.notes)
-    unknown: dict[str, Any] = {}
-    told = _or(lambda: of_parameter_file(model), unknown, notes)
+    told = _or(lambda: of_parameter_file(model), dict[str, Any](), notes)
     track = _track(found, defaults, str(told.get("world", "")), notes)
     policy = policy_of(model, defaults.model, trace, found)
     eyes = _or(
@@ -134,9 +132,10 @@ def open_trace(model: ModelStore, defaults: Defaults, name: str) -> OpenedTrace:
         1,
         notes,
     )
-    none: list[str] = []
     used = _or(
-        lambda: used_parameters(model.bucket.get(keys.reward_function(model.prefix))), none, notes
+        lambda: used_parameters(model.bucket.get(keys.reward_function(model.prefix))),
+        list[str](),
+        notes,
     )
     race = _race(trace, found, str(told.get("race_type", "")))
     return OpenedTrace(trace, found, track, race, policy, eyes, used, notes)
@@ -144,18 +143,12 @@ def open_trace(model: ModelStore, defaults: Defaults, name: str) -> OpenedTrace:
 
 def outline(track: Track) -> dict[str, Any]:
     """A map's lines, in metres with millimetres."""
-
-    def line(points: np.ndarray) -> list[list[float]]:
-        rounded: list[list[float]] = np.round(points, _DIGITS).tolist()
-        return rounded
-
+    lines = {"center": track.center, "inner": track.inner, "outer": track.outer}
     return {
         "name": track.name,
         "closed": track.closed,
         "length_m": track.length_m,
-        "center": line(track.center),
-        "inner": line(track.inner),
-        "outer": line(track.outer),
+        **{name: np.round(line, _DIGITS).tolist() for name, line in lines.items()},
     }
 
 
@@ -238,53 +231,39 @@ CACHE_BYTES = 48 << 20
 _TRACES, _EYES, _POLICIES = 4, 2, 2
 """A trace takes some MB, a painted world up to 55, a policy up to 20."""
 
-_QUALITY = 88
-
 _SAMPLES = 9
-Picture = NDArray[np.uint8]
 
 V = TypeVar("V")
 
 
 class Kept(Generic[V]):
-    def __init__(self, most: int) -> None:
-        self._most = most
+    """The values that were used last, up to a sum of sizes."""
+
+    def __init__(self, most: int, size: Callable[[V], int] = lambda _: 1) -> None:
+        self._most, self._size_of = most, size
         self._values: OrderedDict[Any, V] = OrderedDict()
+        self.size = 0
+
+    def find(self, key: Any) -> V | None:
+        if key in self._values:
+            self._values.move_to_end(key)
+        return self._values.get(key)
 
     def get(self, key: Any, make: Callable[[], V]) -> V:
-        if key not in self._values:
-            self._values[key] = make()
-        self._values.move_to_end(key)
-        while len(self._values) > self._most:
-            self._values.popitem(last=False)
-        return self._values[key]
+        found = self.find(key)
+        return self.keep(key, make()) if found is None else found
+
+    def keep(self, key: Any, value: V) -> V:
+        self.drop(lambda other: other == key)
+        self._values[key] = value
+        self.size += self._size_of(value)
+        while self.size > self._most:
+            self.size -= self._size_of(self._values.popitem(last=False)[1])
+        return value
 
     def drop(self, of: Callable[[Any], bool]) -> None:
         for key in [key for key in self._values if of(key)]:
-            del self._values[key]
-
-
-class KeptPictures:
-    def __init__(self, most_bytes: int) -> None:
-        self._most_bytes = most_bytes
-        self._files: OrderedDict[Any, bytes] = OrderedDict()
-        self.size_bytes = 0
-
-    def find(self, key: Any) -> bytes | None:
-        file = self._files.get(key)
-        if file is not None:
-            self._files.move_to_end(key)
-        return file
-
-    def keep(self, key: Any, file: bytes) -> None:
-        self.size_bytes += len(file) - len(self._files.pop(key, b""))
-        self._files[key] = file
-        while self.size_bytes > self._most_bytes:
-            self.size_bytes -= len(self._files.popitem(last=False)[1])
-
-    def drop(self, of: Callable[[Any], bool]) -> None:
-        for key in [key for key in self._files if of(key)]:
-            self.size_bytes -= len(self._files.pop(key))
+            self.size -= self._size_of(self._values.pop(key))
 
 
 class EpisodePlayer:
@@ -296,7 +275,7 @@ class EpisodePlayer:
         self._eyes: Kept[CarEye] = Kept(_EYES)
         self._policies: Kept[ExplainedPolicy] = Kept(_POLICIES)
         self._most: Kept[float] = Kept(64)
-        self.pictures = KeptPictures(CACHE_BYTES)
+        self.pictures: Kept[bytes] = Kept(CACHE_BYTES, len)
 
     def answer(self, request: dict[str, Any]) -> bytes:
         """The answer in the form of `packed_answer`.
@@ -362,15 +341,18 @@ class EpisodePlayer:
         self, opened: OpenedTrace, model: str, index: int, first: int, count: int
     ) -> list[bytes]:
         lap, name = opened.lap(index), opened.trace.name
-        there = {row: self.pictures.find((model, name, index, row)) for row in _rows(first, count)}
+        there = {
+            row: self.pictures.find((model, name, index, row))
+            for row in range(first, first + count)
+        }
         missing = [row for row, file in there.items() if file is None]
         if missing:
             frames = self._eye(opened).frames(
                 lap.poses[missing], _objects(lap, opened, missing), opened.eyes
             )
             for row, eyes in zip(missing, frames, strict=True):
-                there[row] = jpeg(np.concatenate(list(eyes), axis=1))
-                self.pictures.keep((model, name, index, row), there[row] or b"")
+                file = encoded(np.concatenate(list(eyes), axis=1), "JPEG")
+                there[row] = self.pictures.keep((model, name, index, row), file)
         return [file or b"" for file in there.values()]
 
     def _policy(self, model: str, checkpoint: int) -> "ExplainedPolicy":
@@ -414,7 +396,7 @@ class EpisodePlayer:
         count: int,
         checkpoint: int,
     ) -> bytes:
-        rows = _rows(first, min(count, MOST_EXPLAINED))
+        rows = range(first, first + min(count, MOST_EXPLAINED))
         name, lap = opened.trace.name, opened.lap(index)
         place = (model, name, index, checkpoint)
         there = {row: self.pictures.find((*place, row)) for row in rows}
@@ -426,10 +408,8 @@ class EpisodePlayer:
             eyes = subject.policy.spec.eyes
             for row, frame, values in zip(missing, frames, maps, strict=True):
                 # Of a stack, the newest picture of the first eye.
-                there[row] = jpeg(
-                    explanation_pictures.overlay(frame[len(frame) - eyes], values, full)
-                )
-                self.pictures.keep((*place, row), there[row] or b"")
+                picture = explanation_pictures.overlay(frame[len(frame) - eyes], values, full)
+                there[row] = self.pictures.keep((*place, row), encoded(picture, "JPEG"))
         facts = {"first": first, "count": len(there), "checkpoint": checkpoint}
         return pack(facts, [file or b"" for file in there.values()])
 
@@ -445,7 +425,7 @@ class EpisodePlayer:
         subject: "ExplainedPolicy",
         lap: RecordedLap,
         rows: Iterable[int],
-    ) -> tuple[Picture, NDArray[np.float32]]:
+    ) -> tuple[Bytes, Singles]:
         frames, scans, states = self._seen(opened, subject, lap, rows)
         return frames, policy_insight.action_maps(subject, frames, scans, states)
 
@@ -455,7 +435,7 @@ class EpisodePlayer:
         subject: "ExplainedPolicy",
         lap: RecordedLap,
         rows: Iterable[int],
-    ) -> tuple[Picture, NDArray[np.float32], NDArray[np.float32]]:
+    ) -> tuple[Bytes, Singles, Singles]:
         eye, spec, chosen = self._eye(opened), subject.policy.spec, list(rows)
         needed = sorted({max(row - back, 0) for row in chosen for back in range(spec.stack)})
         frames = eye.frames(lap.poses[needed], _objects(lap, opened, needed), spec.eyes)
@@ -469,7 +449,7 @@ class EpisodePlayer:
 
 
 def choices(outputs: "PolicyOutputs", subject: "ExplainedPolicy") -> dict[str, Any]:
-    def rounded(values: NDArray[np.float64] | None, digits: int = 4) -> Any:
+    def rounded(values: Floats | None, digits: int = 4) -> Any:
         return None if values is None else np.round(values, digits).tolist()
 
     actions = subject.actions
@@ -499,9 +479,8 @@ def choices(outputs: "PolicyOutputs", subject: "ExplainedPolicy") -> dict[str, A
 
 
 def lap_columns(lap: RecordedLap) -> dict[str, Any]:
-    def rounded(values: NDArray[np.float64], digits: int) -> list[float]:
-        found: list[float] = np.round(values, digits).tolist()
-        return found
+    def rounded(values: Floats, digits: int) -> Any:
+        return np.round(values, digits).tolist()
 
     return {
         "number": lap.number,
@@ -523,22 +502,12 @@ def lap_columns(lap: RecordedLap) -> dict[str, Any]:
     }
 
 
-def jpeg(picture: Picture) -> bytes:
-    data = BytesIO()
-    Image.fromarray(picture).save(data, "JPEG", quality=_QUALITY)
-    return data.getvalue()
-
-
 def _stands(lap: RecordedLap) -> bool:
     return bool((lap.objects == lap.objects[:1]).all())
 
 
-def _objects(lap: RecordedLap, opened: OpenedTrace, rows: list[int]) -> NDArray[np.float64]:
+def _objects(lap: RecordedLap, opened: OpenedTrace, rows: list[int]) -> Floats:
     return lap.objects[rows] if opened.race.shapes else np.empty((len(rows), 0, 3))
-
-
-def _rows(first: int, count: int) -> list[int]:
-    return list(range(first, first + count))
 
 
 def _range(request: dict[str, Any], lap: RecordedLap) -> tuple[int, int]:

@@ -1,13 +1,12 @@
 """A model's traces in the bucket, and what is known without reading them."""
 
-import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError
-from drcli.base.json_record import RecordError
+from drcli.base.json_record import RecordError, plain
 from drcli.bucket.bucket import ObjectInfo
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
@@ -195,15 +194,11 @@ def _with_record(trace: StoredTrace, record: IterationRecord | None) -> StoredTr
         return trace
     return replace(
         trace,
-        mean_reward=_known(record.mean_reward),
-        mean_progress=_known(record.mean_progress),
+        mean_reward=plain(record.mean_reward),
+        mean_progress=plain(record.mean_progress),
         full_laps=record.full_laps,
         best_lap_s=record.best_lap_s,
     )
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _evaluation_numbers(

@@ -32,11 +32,9 @@ from drcli.view.saliency.explained_episode import (
 from drcli.view.saliency.explanation_pictures import (
     decision,
     finding,
-    jpeg_bytes,
     lidar_finding,
     moment,
     pictures_of,
-    png_of,
     still,
 )
 from drcli.view.saliency.policy_outputs import (
@@ -48,6 +46,7 @@ from drcli.view.saliency.policy_outputs import (
     open_policy_file,
 )
 from drcli.view.saliency.question import Question
+from drcli.view.video.overlay import encoded
 from drcli.workers.cores import usable_cores
 
 # SVG curves along an episode.
@@ -79,10 +78,6 @@ def action_curves(explained: ExplainedEpisode) -> str:
             below = edges[:, place]
         return _chart(explained, "".join(body), (0.0, 1.0), _LEGEND, "%")
     return _with_spread(explained, 0, "steering, degrees to the left")
-
-
-def speed_curve(explained: ExplainedEpisode) -> str:
-    return _with_spread(explained, 1, "requested speed, m/s")
 
 
 def value_curve(explained: ExplainedEpisode) -> str:
@@ -261,13 +256,14 @@ def page(explained: ExplainedEpisode) -> str:
 
 def section(explained: ExplainedEpisode) -> str:
     episode = explained.episode
+    speed = _with_spread(explained, 1, "requested speed, m/s")
     ended = f"{episode.outcome} after {episode.last.time_s:.1f} s, {episode.last.progress:.1f} %"
     notes = "".join(f"<p>{escape(note)}</p>" for note in explained.notes)
     steps = "".join(_step(explained, number) for number in range(len(explained.chosen)))
     return (
         f'<section class="saliency"><p>The most likely action is driven at every step. {ended} of '
         f"the lap. The numbers below the curves are those of the pictures.</p>{notes}"
-        f"<h2>Along the lap</h2>{action_curves(explained)}{speed_curve(explained)}"
+        f"<h2>Along the lap</h2>{action_curves(explained)}{speed}"
         f"{entropy_curve(explained)}{value_curve(explained)}"
         f"<h2>Which pixels move {_TARGETS[explained.saliency.target]}</h2>{_how_to_read(explained)}"
         f"{_summary(explained)}{steps}</section>"
@@ -307,7 +303,7 @@ def _summary(explained: ExplainedEpisode) -> str:
 def _step(explained: ExplainedEpisode, number: int) -> str:
     views = "".join(
         f'<figure><img alt="{escape(title)}, picture {number + 1}" src="data:image/jpeg;base64,'
-        f'{b64encode(jpeg_bytes(picture)).decode()}"><figcaption>{escape(title)}</figcaption>'
+        f'{b64encode(encoded(picture, "JPEG")).decode()}"><figcaption>{escape(title)}</figcaption>'
         "</figure>"
         for title, picture in pictures_of(explained, number).items()
     )
@@ -457,7 +453,7 @@ def write_stills(folder: Path, explained: ExplainedEpisode) -> list[str]:
     written = []
     for number, step in enumerate(explained.chosen):
         path = folder / f"saliency-{explained.episode.rows[step].steps:04d}.png"
-        rewrite(path, png_of(still(explained, number)))
+        rewrite(path, encoded(still(explained, number), "PNG"))
         written.append(str(path))
     return written
 

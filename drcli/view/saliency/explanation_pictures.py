@@ -1,10 +1,8 @@
 """Pictures of an explained episode, with maps."""
 
-import io
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from drcli.view.saliency.explained_episode import (
@@ -16,11 +14,10 @@ from drcli.view.saliency.explained_episode import (
 )
 from drcli.view.saliency.policy_outputs import Float32s
 from drcli.view.saliency.question import Method
+from drsim.arrays import Bytes
 
 # Draws a saliency map over its picture.
 
-
-Picture = NDArray[np.uint8]
 
 _STOPS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 _COLOURS = np.array(
@@ -43,7 +40,7 @@ def full_of(maps: Float32s) -> float:
     return float(np.quantile(maps.reshape(len(maps), -1).max(axis=1), 0.9))
 
 
-def overlay(frame: Picture, values: Float32s, full: float | None = None) -> Picture:
+def overlay(frame: Bytes, values: Float32s, full: float | None = None) -> Bytes:
     """A map over a grey or RGB picture, as RGB; `full` (None: the maximum) is drawn as most."""
     full = float(values.max(initial=0.0)) if full is None else full
     ground = frame[..., None].repeat(3, axis=2) if frame.ndim == 2 else frame
@@ -53,8 +50,7 @@ def overlay(frame: Picture, values: Float32s, full: float | None = None) -> Pict
     colour = np.stack([np.interp(share, _STOPS, band) for band in _COLOURS.T], axis=-1)
     weight = (_STRONGEST * np.sqrt(share))[..., None]
     mixed = ground * (1.0 - weight) + colour * weight
-    picture: Picture = np.rint(mixed).astype(np.uint8)
-    return picture
+    return np.asarray(np.rint(mixed), np.uint8)
 
 
 TITLES: Mapping[Method, str] = {
@@ -68,7 +64,7 @@ _GAP, _CAPTION = 8, 46
 _INK, _PAPER = (38, 42, 48), (255, 255, 255)
 
 
-def pictures_of(explained: ExplainedEpisode, number: int) -> dict[str, Picture]:
+def pictures_of(explained: ExplainedEpisode, number: int) -> dict[str, Bytes]:
     """What the car saw at a step, and each map over it, by title.
 
     Newest frame of a stack; right camera below the left. A map has one scale in the episode, except
@@ -88,7 +84,7 @@ def pictures_of(explained: ExplainedEpisode, number: int) -> dict[str, Picture]:
     return found
 
 
-def still(explained: ExplainedEpisode, number: int) -> Picture:
+def still(explained: ExplainedEpisode, number: int) -> Bytes:
     """All pictures of a step, threefold, with a caption."""
     pictures = pictures_of(explained, number)
     height = next(iter(pictures.values())).shape[0] * _ZOOM
@@ -165,24 +161,9 @@ def lidar_finding(explained: ExplainedEpisode, number: int) -> str:
 
 def quantity(value: float, unit: str) -> str:
     if unit.startswith("of the"):
-        if 0.0 < value < 0.0005:
-            return f"less than 0.1% {unit}"
-        return f"{value:.1%} {unit}"
+        share = "less than 0.1%" if 0.0 < value < 0.0005 else f"{value:.1%}"
+        return f"{share} {unit}"
     return f"{value:.3g} {unit}"
-
-
-def png_of(picture: Picture) -> bytes:
-    """The smallest form would take ten times as long."""
-    data = io.BytesIO()
-    Image.fromarray(picture).save(data, "PNG")
-    return data.getvalue()
-
-
-def jpeg_bytes(picture: Picture) -> bytes:
-    """A quarter of a PNG's size."""
-    data = io.BytesIO()
-    Image.fromarray(picture).save(data, "JPEG", quality=88)
-    return data.getvalue()
 
 
 def _bearing(degrees: float) -> str:

@@ -61,10 +61,16 @@ def grad_cam(
         )
     if target == "value" and not subject.sees_value:
         raise NotExplainable("The critic of this model does not see the picture.")
-    with torch.enable_grad(), _Kept(network.body) as kept:
+    kept: list[Tensor] = []
+
+    def keep(_module: nn.Module, _inputs: object, output: Tensor) -> None:
+        kept.append(output)
+
+    layer = network.body.convolutions[_layer(network.body)]
+    with torch.enable_grad(), layer.register_forward_hook(keep):
         head = head_of(subject, seen)
         total = torch.zeros(())
-        features = kept.features()
+        features = kept[-1]
         scores = _scores(subject, head, target)
         for number, score in enumerate(scores):
             (slope,) = torch.autograd.grad(
@@ -77,25 +83,6 @@ def grad_cam(
     own = total[: len(seen.frames)]  # a body adds frames to a single one
     maps: Float32s = _over_picture(network.body, own).float().numpy()
     return maps
-
-
-class _Kept:
-    def __init__(self, body: Encoder) -> None:
-        self._layer = body.convolutions[_layer(body)]
-        self._found: list[Tensor] = []
-
-    def __enter__(self) -> "_Kept":
-        def keep(_module: nn.Module, _inputs: object, output: Tensor) -> None:
-            self._found.append(output)
-
-        self._hook = self._layer.register_forward_hook(keep)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._hook.remove()
-
-    def features(self) -> Tensor:
-        return self._found[-1]
 
 
 def _layer(body: Encoder) -> int:

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from drcli.view.video.overlay import RGB, Overlay, Readings, Titles
 from drcli.view.video.recorded_lap import JUMP_M, RecordedLap, status_label
+from drsim.arrays import Bytes, Floats, Ints
 from drsim.race.solids import SHAPES, Shape
 from drsim.track.track import Track
 from drsim.viewing.car_eye import FollowingCamera, lens_above
@@ -19,8 +19,6 @@ from drsim.viewing.world_view import Lens
 
 # A car between the rows of its trace.
 
-
-Floats = NDArray[np.float64]
 
 _WHEELS_S = 0.158
 """For 63 % of a turn. Source: the reference simulator."""
@@ -40,7 +38,7 @@ class CarMotion:
     """
 
     poses: Floats
-    row: NDArray[np.int64]
+    row: Ints
     share: Floats
     rolled_m: Floats
     wheels_deg: Floats
@@ -163,7 +161,6 @@ def _area(ring: Floats) -> float:
     return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
 
 
-Frame = NDArray[np.uint8]
 View = Literal["film", "chase", "top"]
 
 SIZES: dict[str, tuple[int, int]] = {"640x480": (480, 640), "1280x720": (720, 1280)}
@@ -178,7 +175,7 @@ _QUIET = ("", "in_progress", "prepare", "pause", "manual_pause", "park")
 class Renderer(Protocol):
     size: tuple[int, int]
 
-    def frame(self, lens: Lens, things: Sequence[Thing]) -> Frame:
+    def frame(self, lens: Lens, things: Sequence[Thing]) -> Bytes:
         """Shape (rows, columns, 3)."""
 
     def close(self) -> None:
@@ -217,7 +214,7 @@ class Scene:
     titles: Titles
     color: tuple[float, float, float]
     shapes: tuple[Shape, ...] = ()
-    camera: Frame | None = None
+    camera: Bytes | None = None
     insight: Insight | None = None
     ghosts: tuple[tuple[RecordedLap, RGB], ...] = ()
     other_color: tuple[float, float, float] = OPPONENT_COLOR
@@ -235,7 +232,7 @@ class Film:
         )
         self._above = lens_above(track, renderer.size)
 
-    def frames(self, scene: Scene, views: Sequence[View] = ("film",)) -> Iterator[list[Frame]]:
+    def frames(self, scene: Scene, views: Sequence[View] = ("film",)) -> Iterator[list[Bytes]]:
         """One list for each time, of a frame per view: `film` has overlays on `chase`."""
         lap = scene.lap
         at_s = np.minimum(np.arange(frame_count(lap, self._fps)) / self._fps, lap.duration_s)
@@ -251,7 +248,7 @@ class Film:
             row = int(motion.row[number])
             pose = _pose(motion.poses[number])
             things = self._things(scene, motion, ghosts, number, now_s)
-            made: dict[View, Frame] = {}
+            made: dict[View, Bytes] = {}
             if "top" in views:
                 made["top"] = self._renderer.frame(self._above, things)
             if "top" not in views or len(views) > 1:
@@ -273,7 +270,6 @@ class Film:
             red, green, blue = (round(c) for c in scene.color)
             marks.append(((pose[0], pose[1]), (red, green, blue), overlay.px(4)))
             status, good = _status(lap, events, row, now_s)
-            choice = _choice(scene, row)
             readings = Readings(
                 time_s=now_s,
                 speed_mps=float(speeds[row]),
@@ -286,10 +282,7 @@ class Film:
                 good=good,
                 camera=None if scene.camera is None else scene.camera[row],
                 fastest_mps=fastest,
-                probabilities=choice.probabilities,
-                asked=choice.asked,
-                spread=choice.spread,
-                value=choice.value,
+                **_choice(scene, row),
             )
             made["film"] = overlay.draw(frame, readings, inset.picture(marks))
             yield [made[view] for view in views]
@@ -324,11 +317,10 @@ class Film:
             things.append(Thing(shape, _pose(pose), paint))
         for other, lap, color in ghosts:
             if now_s <= lap.duration_s + 1e-6:
-                shade = (float(color[0]), float(color[1]), float(color[2]))
                 wheels = math.radians(float(other.wheels_deg[number]))
                 rolled = float(other.rolled_m[number])
                 things.append(
-                    Thing(car, _pose(other.poses[number]), shade, wheels, rolled, ghost=True)
+                    Thing(car, _pose(other.poses[number]), color, wheels, rolled, ghost=True)
                 )
         return things
 
@@ -344,12 +336,11 @@ def _pose(values: Floats) -> tuple[float, float, float]:
 
 
 def _events(lap: RecordedLap) -> list[tuple[float, str]]:
-    events = []
-    for row, status in enumerate(lap.status):
-        fresh = row == 0 or lap.status[row - 1] != status
-        if fresh and status not in _QUIET:
-            events.append((float(lap.time_s[row]), status))
-    return events
+    return [
+        (float(time_s), status)
+        for time_s, status, before in zip(lap.time_s, lap.status, (None, *lap.status), strict=False)
+        if status not in (before, *_QUIET)
+    ]
 
 
 def _status(
@@ -368,23 +359,18 @@ def _status(
     return "", False
 
 
-class _Choice(NamedTuple):
-    probabilities: Floats | None
-    asked: tuple[float, float]
-    spread: tuple[tuple[float, float], tuple[float, float]] | None
-    value: float | None
-
-
-def _choice(scene: Scene, row: int) -> _Choice:
+def _choice(scene: Scene, row: int) -> dict[str, Any]:
+    """Fields of `Readings`."""
     insight, lap = scene.insight, scene.lap
     if insight is None:
         asked = (float(lap.steering_deg[row]), float(lap.speed_mps[row]))
-        return _Choice(None, asked, None, None)
+        return {"probabilities": None, "asked": asked, "spread": None, "value": None}
     spread = None
     if insight.low is not None and insight.high is not None:
-        low, high = insight.low[row].tolist(), insight.high[row].tolist()
-        spread = ((low[0], low[1]), (high[0], high[1]))
-    steering, speed = insight.asked[row].tolist()
-    probabilities = None if insight.probabilities is None else insight.probabilities[row]
-    value = None if insight.value is None else float(insight.value[row])
-    return _Choice(probabilities, (steering, speed), spread, value)
+        spread = (insight.low[row].tolist(), insight.high[row].tolist())
+    return {
+        "probabilities": None if insight.probabilities is None else insight.probabilities[row],
+        "asked": insight.asked[row].tolist(),
+        "spread": spread,
+        "value": None if insight.value is None else float(insight.value[row]),
+    }

@@ -16,10 +16,20 @@ from drcli.config.value_types import shell_color
 from drcli.records.iteration import counted_resets
 from drcli.records.trace import STATUS_LABELS
 from drcli.view.video import encode
-from drcli.view.video.film import GHOST_COLORS, SIZES, Film, Renderer, Scene, View, frame_count
+from drcli.view.video.film import (
+    GHOST_COLORS,
+    SIZES,
+    Film,
+    Insight,
+    Renderer,
+    Scene,
+    View,
+    frame_count,
+)
 from drcli.view.video.overlay import Titles, clock
 from drcli.view.video.recorded_lap import RecordedLap
 from drcli.view.video.trace_source import FoundTrace
+from drsim.arrays import Bytes
 from drsim.race.solids import SHAPES, Shape
 from drsim.track.track import Track
 from drsim.viewing.car_eye import CarEye, lens_above
@@ -272,7 +282,7 @@ def _ghosts(
 
 def _ghost_time(lap: RecordedLap) -> str:
     resets = int(lap.resets[-1])
-    return f"{clock(lap.duration_s)}, {counted_resets(resets)}" if resets else clock(lap.duration_s)
+    return clock(lap.duration_s) + (f", {counted_resets(resets)}" if resets else "")
 
 
 def _scene(
@@ -286,13 +296,12 @@ def _scene(
     driver: str,
     ghosts: Sequence[tuple[str, RecordedLap]],
 ) -> Scene:
-    insight = None
-    actions: tuple[tuple[float, float], ...] = ()
+    seen: tuple[Insight | None, Bytes, tuple[tuple[float, float], ...]]
     if subject is None:
-        camera = eye.frames(lap.poses, lap.objects)[:, 0]
+        seen = None, eye.frames(lap.poses, lap.objects)[:, 0], ()
     else:
         seen = policy_insight.look_through(subject, eye, lap, explain=wish.explain)
-        insight, camera, actions = seen.insight, seen.camera, seen.actions
+    insight, camera, actions = seen
     other_color = "" if trace.recording is None else trace.recording.other_color
     where = f"{track.name} · episode {lap.number}"
     titles = Titles(

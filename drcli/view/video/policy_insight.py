@@ -1,11 +1,9 @@
 """A policy's choices on a recorded lap, and the pixels that moved them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from drcli.learn.policy import Observation
 from drcli.view.saliency.explanation_pictures import full_of, overlay
@@ -19,6 +17,7 @@ from drcli.view.saliency.policy_outputs import (
 from drcli.view.saliency.question import Method
 from drcli.view.video.film import Insight
 from drcli.view.video.recorded_lap import RecordedLap
+from drsim.arrays import Bytes, Ints, Singles
 from drsim.car.actions import DiscreteActions
 from drsim.viewing.car_eye import CarEye
 
@@ -30,21 +29,14 @@ _COARSE = 20
 """Perturbation grid, pixels: one evaluation per place."""
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What a policy saw on a lap, and made of it.
+def look_through(
+    subject: ExplainedPolicy, eye: CarEye, lap: RecordedLap, *, explain: bool
+) -> tuple[Insight, Bytes, tuple[tuple[float, float], ...]]:
+    """Show a policy a lap's pictures, made anew from poses; `explain` adds maps.
 
-    Attributes:
-        camera: Grey, or RGB with maps. Shape (t, 120, 160) or (t, 120, 160, 3).
+    Returns:
+        What it made of them, the pictures, grey or RGB with maps, and its discrete actions.
     """
-
-    insight: Insight
-    camera: NDArray[np.uint8]
-    actions: tuple[tuple[float, float], ...]
-
-
-def look_through(subject: ExplainedPolicy, eye: CarEye, lap: RecordedLap, *, explain: bool) -> Seen:
-    """Show a policy a lap's pictures, made anew from poses; `explain` adds maps."""
     spec, sensors = subject.policy.spec, subject.sensors
     frames = eye.frames(lap.poses, lap.objects, spec.eyes)
     scans = eye.scans(lap.poses, lap.objects, sensors)
@@ -68,16 +60,16 @@ def look_through(subject: ExplainedPolicy, eye: CarEye, lap: RecordedLap, *, exp
     actions: tuple[tuple[float, float], ...] = ()
     if isinstance(subject.actions, DiscreteActions):
         actions = tuple((float(a), float(b)) for a, b in subject.actions.choices)
-    return Seen(insight, camera, actions)
+    return insight, camera, actions
 
 
-def _parts(count: int) -> Iterator[NDArray[np.int64]]:
+def _parts(count: int) -> Iterator[Ints]:
     """Some pictures at a time: all stacks take gigabytes."""
     for first in range(0, count, _AT_A_TIME):
         yield np.arange(first, min(first + _AT_A_TIME, count))
 
 
-def _stacked(frames: NDArray[np.uint8], rows: NDArray[np.int64], stack: int) -> NDArray[np.uint8]:
+def _stacked(frames: Bytes, rows: Ints, stack: int) -> Bytes:
     """Oldest first. Shape (len(rows), stack * eyes, 120, 160)."""
     parts = [frames[np.maximum(rows - back, 0)] for back in reversed(range(stack))]
     return np.concatenate(parts, axis=1)
@@ -85,10 +77,10 @@ def _stacked(frames: NDArray[np.uint8], rows: NDArray[np.int64], stack: int) -> 
 
 def _explained(
     subject: ExplainedPolicy,
-    frames: NDArray[np.uint8],
-    scans: NDArray[np.float32],
-    states: NDArray[np.float32],
-) -> NDArray[np.uint8]:
+    frames: Bytes,
+    scans: Singles,
+    states: Singles,
+) -> Bytes:
     with torch.inference_mode(False):
         maps = np.concatenate(
             [
@@ -110,16 +102,14 @@ def _explained(
 
 def action_maps(
     subject: ExplainedPolicy,
-    frames: NDArray[np.uint8],
-    scans: NDArray[np.float32],
-    states: NDArray[np.float32],
-) -> NDArray[np.float32]:
+    frames: Bytes,
+    scans: Singles,
+    states: Singles,
+) -> Singles:
     """By gradients where there are any, else by perturbation."""
     try:
         found = saliency_maps(subject, frames, scans, states, methods=_NETWORK)
-        seen: NDArray[np.float32] = found.maps["hires-cam"].max(axis=1)
-        return seen
+        return np.asarray(found.maps["hires-cam"].max(axis=1))
     except (NotExplainable, KeyError):
         found = saliency_maps(subject, frames, scans, states, methods=_ANY, spacing=_COARSE)
-        blurred: NDArray[np.float32] = found.maps["perturbation"].max(axis=1)
-        return blurred
+        return np.asarray(found.maps["perturbation"].max(axis=1))

@@ -3,21 +3,20 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
 from drcli.records.evaluation_task import RaceRecording
 from drcli.records.iteration import counted_resets, is_clean_lap, lap_time
 from drcli.records.trace import STATUS_LABELS, VIOLATIONS, TraceRow, read_rows
+from drsim.arrays import Floats, Ints
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.errors import TrackError
 from drsim.track.track import Track
 from drsim.track.worlds import known_worlds, load_track
-
-Floats = NDArray[np.float64]
 
 JUMP_M = 0.6
 """Beyond this, the car was put there; it drives 0.27 m at most per row."""
@@ -72,13 +71,10 @@ class RecordedLap:
         return self.status[-1] == "lap_complete"
 
     @property
-    def resets(self) -> NDArray[np.int64]:
+    def resets(self) -> Ints:
         """Before each row; the last one does not count."""
-        fresh = np.zeros(len(self.status), np.int64)
-        for k in range(1, len(self.status)):
-            before = self.status[k - 1]
-            fresh[k] = before in VIOLATIONS and self.status[k] != before
-        return np.cumsum(fresh)
+        fresh = [before in VIOLATIONS and now != before for before, now in pairwise(self.status)]
+        return np.cumsum([0, *fresh])
 
     @property
     def penalty_s(self) -> float:
@@ -152,7 +148,7 @@ def read_laps(data: bytes, origin: str) -> tuple[list[RecordedLap], list[str]]:
             f"{origin} is not a simtrace: its first line names no column {', '.join(missing)}.",
             remedy="Choose a file such as evaluation-simtrace/0-iteration.csv.",
         )
-    readable, lost = found.rows, len(found.damaged)
+    readable = found.rows
     laps = []
     begin = short = cut = 0
     for end in range(1, len(readable) + 1):
@@ -169,20 +165,27 @@ def read_laps(data: bytes, origin: str) -> tuple[list[RecordedLap], list[str]]:
             f"{origin} holds no episode that can be shown: {len(readable)} rows can be read.",
             remedy="Choose another trace; each episode needs at least two rows.",
         )
-    left_out = (
-        "1 line cannot be read and is" if lost == 1 else f"{lost} lines cannot be read and are"
-    )
-    notes = [f"{origin}: {left_out} left out."] if lost else []
-    if short:
-        are = "1 episode has" if short == 1 else f"{short} episodes have"
-        notes.append(f"{origin}: {are} fewer than two rows and cannot be shown.")
-    if cut:
-        are = (
-            "1 row has a wrong clock and is"
-            if cut == 1
-            else f"{cut} rows have a wrong clock and are"
+    notes = [
+        f"{origin}: {one if count == 1 else f'{count} {many}'}."
+        for count, one, many in (
+            (
+                len(found.damaged),
+                "1 line cannot be read and is left out",
+                "lines cannot be read and are left out",
+            ),
+            (
+                short,
+                "1 episode has fewer than two rows and cannot be shown",
+                "episodes have fewer than two rows and cannot be shown",
+            ),
+            (
+                cut,
+                "1 row has a wrong clock and is left out",
+                "rows have a wrong clock and are left out",
+            ),
         )
-        notes.append(f"{origin}: {are} left out.")
+        if count
+    ]
     return laps, notes
 
 

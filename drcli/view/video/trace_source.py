@@ -52,8 +52,7 @@ def trace_of_file(path: Path) -> FoundTrace:
     beside = path.parent.parent / "recording.json"
     recording = None
     if beside.is_file():
-        recording, lost = decode_recording(_bytes(beside), str(beside))
-        notes += lost
+        recording = decode_recording(_bytes(beside), str(beside), notes)
     unnamed = ("/", "..", "~", "evaluation-simtrace")
     parts = [part for part in path.parts[-3:-1] if part not in unnamed]
     stem = "-".join([*parts, path.stem]).replace("-iteration", "")
@@ -123,30 +122,27 @@ def trace_of_key(model: ModelStore, key: str, name: str, stem: str) -> FoundTrac
     recording = None
     beside = keys.recording_of(key)
     if "evaluation-simtrace/" in key and model.bucket.exists(beside):
-        recording, lost = decode_recording(
-            model.bucket.get(beside), f"s3://{model.bucket.name}/{beside}"
+        recording = decode_recording(
+            model.bucket.get(beside), f"s3://{model.bucket.name}/{beside}", notes
         )
-        notes += lost
     stem = f"{model.prefix.replace('/', '-')}-{stem}"
     return FoundTrace(name, laps, model.prefix, recording, notes, stem).objects_added()
 
 
 def stored_evaluations(model: ModelStore) -> list[str]:
     """Stamps with a trace, oldest first."""
-    stamps = []
-    for info in model.bucket.list(keys.folder(model.prefix)):
-        found = _EVALUATION.fullmatch(info.key.removeprefix(keys.folder(model.prefix)))
-        if found is not None:
-            stamps.append(found[1])
-    return sorted(stamps)
+    folder = keys.folder(model.prefix)
+    names = (info.key.removeprefix(folder) for info in model.bucket.list(folder))
+    return sorted(found[1] for name in names if (found := _EVALUATION.fullmatch(name)))
 
 
-def decode_recording(data: bytes, origin: str) -> tuple[RaceRecording | None, list[str]]:
-    """None and a sentence if it is damaged."""
+def decode_recording(data: bytes, origin: str, notes: list[str]) -> RaceRecording | None:
+    """None, with a note, if it is damaged."""
     try:
-        return RaceRecording.decode(data), []
+        return RaceRecording.decode(data)
     except RecordError as error:
-        return None, [f"{origin} is damaged ({error}), so objects and names are not shown."]
+        notes.append(f"{origin} is damaged ({error}), so objects and names are not shown.")
+        return None
 
 
 def _file(path: Path) -> Path:

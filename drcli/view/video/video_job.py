@@ -127,7 +127,7 @@ def _policy(
 ) -> tuple["ExplainedPolicy | None", str, list[str]]:
     if wish.name == NO_POLICY:
         return None, "", []
-    if wish.name is not None and _is_file(wish.name):
+    if wish.name is not None and Path(wish.name).suffix.lower() in _POLICY_FILES:
         path = Path(wish.name).expanduser()
         return policy_outputs.open_policy_file(path, wish.metadata), path.name, []
     if wish.name is not None:
@@ -164,10 +164,6 @@ def _checkpoint(
     number = found.partition("_")[0]
     title = f"{race_keys.submitted_model(model)} · checkpoint {number}"
     return policy_outputs.open_policy(ModelStore(bucket, model), found), title, []
-
-
-def _is_file(name: str) -> bool:
-    return Path(name).suffix.lower() in _POLICY_FILES
 
 
 def _ghost(bucket: Callable[[], Bucket], trace: FoundTrace, name: str) -> tuple[str, RecordedLap]:

@@ -8,7 +8,7 @@ from PIL import Image
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.model import keys
-from drcli.view.playback.episode_player import CACHE_BYTES, MOST_STEPS, KeptPictures
+from drcli.view.playback.episode_player import CACHE_BYTES, MOST_STEPS, Kept
 from drcli.view.playback.player_handle import facts_of, pack, unpack
 from drcli.view.playback.player_process import answer_of
 from played_model import EVALUATION, GONE, TRAINING
@@ -146,17 +146,17 @@ def test_every_error_is_an_answer(player, monkeypatch):
 
 
 def test_kept_pictures_stay_within_their_bound(player):
-    kept = KeptPictures(1000)
+    kept = Kept(1000, len)
     for number in range(50):
         kept.keep(("a", number), bytes(100))
     kept.keep(("a", 49), bytes(60))
     kept.drop(lambda key: key[1] == 48)
 
-    assert kept.size_bytes == 860
+    assert kept.size == 860
     assert kept.find(("a", 0)) is None
     assert kept.find(("a", 49)) == bytes(60)
     ask(player, "steps", episode=1, first=0, count=40)
-    assert 40 * 500 < player.pictures.size_bytes < CACHE_BYTES
+    assert 40 * 500 < player.pictures.size < CACHE_BYTES
 
 
 def test_a_packed_answer_that_is_cut_off_is_noticed():

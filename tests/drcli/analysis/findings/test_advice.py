@@ -15,7 +15,7 @@ import pytest
 
 import synthetic_plans
 from drcli.analysis.findings.action_use import ActionShare, ActionUse
-from drcli.analysis.findings.advice import RULES, Advice, advice, advise
+from drcli.analysis.findings.advice import RULES, Advice, advise
 from drcli.analysis.findings.driven_steps import EndsInPart, EpisodeEnds
 from drcli.analysis.findings.evaluated_laps import BadPlace, EvaluatedLaps
 from drcli.analysis.findings.evidence import gather, learner_health
@@ -49,6 +49,10 @@ FAULTS = {
 }
 
 SEEDS = (30001, 30006)
+
+
+def advice(run):
+    return advise(gather(run))
 
 
 def small(plan: Plan) -> Plan:
@@ -583,13 +587,6 @@ def test_a_damaged_column_changes_no_more_than_what_rests_on_it(column, value):
     assert judge(evidence).kind == judge(gather(run)).kind
     for item in advise(evidence):
         assert all(math.isfinite(number) for number in item.numbers.values())
-
-
-def test_a_trace_without_columns_is_judged_by_what_there_is():
-    run = made_healthy()
-    kept = ["unique_episode", "iteration", "worker", "progress"]
-
-    assert judge(gather(replace(run, steps=run.steps[kept]))).kind == judge(gather(run)).kind
 
 
 @cache

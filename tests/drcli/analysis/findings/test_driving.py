@@ -19,6 +19,14 @@ from drsim.track.track import Track
 STEPS = 400
 
 
+def told(**columns: object) -> DrivenSteps:
+    """Steps of which only these columns are known."""
+    names = ("iteration", "x", "y", "steering_angle", "speed", "action", "reward", "progress")
+    unknown = dict.fromkeys((*names, "closest_waypoint", "tstamp", "track_len"), np.nan)
+    fixed = {"on_track": True, "episode_status": "in_progress"}
+    return driven_steps(pd.DataFrame({**unknown, **fixed, **columns}))
+
+
 def drive(**columns: object) -> DrivenSteps:
     """Two episodes of a car that goes round a circle of 2 m, counter-clockwise, twice."""
     number = np.arange(STEPS)
@@ -90,11 +98,7 @@ def test_an_action_with_a_twentieth_of_the_next_rarer_one_is_dead():
     def dead(*counts: int) -> tuple[int, ...]:
         number = np.repeat(np.arange(len(counts)), counts)
         zeros = np.zeros(len(number))
-        steps = driven_steps(
-            pd.DataFrame(
-                {"unique_episode": zeros, "action": number, "steering_angle": zeros, "speed": zeros}
-            )
-        )
+        steps = told(unique_episode=zeros, action=number, steering_angle=zeros, speed=zeros)
         return action_use(steps, steps, None).dead
 
     assert dead(560, 965, 979, 3048, 1841, 15) == (5,)
@@ -242,7 +246,7 @@ def test_the_entropy_rises_only_if_it_does_for_long():
 
 
 def test_the_time_of_the_reward_function_is_unknown_unless_the_trace_has_it():
-    steps = pd.DataFrame({"reward": [1.0, 2.0]})
+    steps = pd.DataFrame({"reward": [1.0, 2.0], "episode_status": "in_progress"})
 
     assert reward_function_time(steps) is None
     assert reward_function_time(steps.assign(reward_ms=[1.0, 3.0])).p50_ms == 2.0
@@ -268,17 +272,14 @@ def test_a_reward_that_is_paid_at_slow_places_only_does_not_pay_for_slowness():
     place = number % 200
     paid = place % 10 == 5
     chance = 0.1 * np.random.default_rng(5).standard_normal(len(number))
-    frame = pd.DataFrame(
-        {
-            "unique_episode": number // 200,
-            "iteration": number // 200 * 8 // laps,
-            "closest_waypoint": place,
-            "speed": np.where(paid, 1.0, 2.0) + chance,
-            "reward": 10.0 * paid,
-            "progress": place / 1.99,
-        }
+    steps = told(
+        unique_episode=number // 200,
+        iteration=number // 200 * 8 // laps,
+        closest_waypoint=place,
+        speed=np.where(paid, 1.0, 2.0) + chance,
+        reward=10.0 * paid,
+        progress=place / 1.99,
     )
-    steps = driven_steps(frame)
 
     rate = reward_rate(steps, steps, pd.DataFrame(), None)
 
