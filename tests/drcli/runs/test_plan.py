@@ -4,11 +4,13 @@ import errno
 import json
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks import before_start
+from drcli.learn.algorithms import ALGORITHMS
 from drcli.model import keys, lease
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
@@ -136,10 +138,12 @@ def test_a_start_says_that_a_copied_model_of_sac_has_lost_its_replay_buffer(roll
     for iteration in rollouts:
         bucket.put(keys.rollout_part("model-1", iteration, 0, "session", 0), b"steps")
 
-    told = plan._replay_lost(ModelStore(bucket, "model-1"), CheckpointName(8, 800))
+    design = SimpleNamespace(metadata=SimpleNamespace(algorithm=ALGORITHMS["sac"]))
+    model = ModelStore(bucket, "model-1")
+    told = plan._replay_lost(design, model, CheckpointName(8, 800))
 
     assert ["empty replay buffer" in text for text in told] == [True] * warned
-    assert plan._replay_lost(ModelStore(bucket, "model-1"), CheckpointName(0, 0)) == []
+    assert plan._replay_lost(design, model, CheckpointName(0, 0)) == []
 
 
 def test_a_start_over_begins_new_logs_and_a_resumed_one_goes_on_with_them(trained):
