@@ -567,7 +567,7 @@ def test_the_status_tells_which_software_the_car_has(ready, community, software,
     assert report["model_state"] == "loaded"
     assert bool(report["metrics"]) == community
     assert ready("status") == 0
-    assert f"software: {software} 2" in capsys.readouterr().out
+    assert f"software  {software} 2" in capsys.readouterr().out
 
 
 def test_what_a_car_cannot_tell_is_unknown(ready, capsys):
@@ -575,7 +575,7 @@ def test_what_a_car_cannot_tell_is_unknown(ready, capsys):
         ready.car.refusals[f"/api/{path}"] = "Error"
 
     assert ready("status") == 0
-    assert "battery: unknown" in capsys.readouterr().out
+    assert "battery   unknown" in capsys.readouterr().out
 
 
 def test_another_login_at_a_car_with_the_original_software_ends_this_one(
