@@ -11,7 +11,6 @@ from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.config.run_config import ModelConfig
 from drcli.config.value_types import CheckpointWord
 from drcli.model import keys
-from drcli.model.best_checkpoint import read_scores
 from drcli.model.checkpoint_choice import OUR_PARTS, Chosen, ModelCheckpoints
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import own_files
@@ -125,25 +124,22 @@ class CheckpointList:
         ]
 
 
-def list_checkpoints(
-    config: ModelConfig, store: ModelStore, *, check: bool = False
-) -> CheckpointList:
+def list_checkpoints(model: ModelStore, *, check: bool = False) -> CheckpointList:
     """List the checkpoints of a model; with `check`, their files are compared.
 
     Raises:
         SettingsError: There is no such model.
     """
-    if not keys.is_valid_prefix(store.prefix):
+    if not keys.is_valid_prefix(model.prefix):
         raise SettingsError(
-            f"{store.prefix!r} is not the prefix of a model.",
+            f"{model.prefix!r} is not the prefix of a model.",
             remedy="List the models with `dr-list-models`.",
         )
-    model = ModelStore.of(config, store.bucket, store.prefix)
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(store))
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(model))
     history = has.history
-    results = readable_evaluations(store).values()
+    results = readable_evaluations(model).values()
     # By number: where driving and learning overlap, an older one drove the iteration.
     evaluated = {
         record.iteration: (
@@ -159,7 +155,7 @@ def list_checkpoints(
     # The record of a milestone has the numbers of an evaluation that the learning curve has lost.
     marked = {found.name: found for _, found in has.milestones.reached()}
     sizes = _sizes(has)
-    checkpoints = CheckpointStore(store)
+    checkpoints = CheckpointStore(model)
     spaced = set(has.milestones.spaced)
     there = {info.key for info in has.listed}
     listed = []
@@ -184,7 +180,7 @@ def list_checkpoints(
                 best_lap_s=seen[3],
                 size_bytes=sizes[name],
                 problem=_problem(has, checkpoints, name, check=check),
-                form="tensorflow" if is_tensorflow(there, store.prefix, str(name)) else "drcli",
+                form="tensorflow" if is_tensorflow(there, model.prefix, str(name)) else "drcli",
                 median_s=Laps(len(progress), lap_s).median_s,
                 untaught=untaught,
             )
@@ -270,14 +266,6 @@ PARAMETERS_FILE = "training_params.yaml"
 class Item:
     name: str
     data: bytes
-
-
-def known_best(model: ModelStore) -> str | None:
-    try:
-        scores = read_scores(model)
-    except ObjectDamaged:
-        return None
-    return None if scores is None else scores.best_checkpoint.name
 
 
 def read_checkpoint(model: ModelStore, chosen: Chosen) -> list[Item]:

@@ -5,6 +5,7 @@ from which readers start. Only the trainer writes here.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -322,8 +323,11 @@ class CheckpointStore:
         )
 
     def best_name(self) -> str | None:
-        scores = read_scores(self._model)
-        return None if scores is None else scores.best_checkpoint.name
+        """None also if damaged: it is forgotten then, or worked out again."""
+        with suppress(ObjectDamaged):
+            scores = read_scores(self._model)
+            return None if scores is None else scores.best_checkpoint.name
+        return None
 
     def record_evaluation(
         self,
@@ -378,10 +382,7 @@ class CheckpointStore:
 
     def _all_spaced(self) -> Milestones:
         names = sorted(set(checkpoint_objects(self._model).values()))
-        try:
-            best = self.best_name()
-        except ObjectDamaged:
-            best = None
+        best = self.best_name()
         spaced = [str(name) for name in names[: -self._keep] if str(name) != best]
         return replace(NO_MILESTONES, spaced=spaced)
 

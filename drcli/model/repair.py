@@ -17,7 +17,6 @@ from drcli.base.errors import SettingsError
 from drcli.base.json_record import NewerFormat, RecordError
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, ObjectNewer, read_record
 from drcli.config.editing import raised
-from drcli.config.run_config import ModelConfig
 from drcli.model import keys, lease
 from drcli.model.best_checkpoint import evaluated_numbers, write_scores
 from drcli.model.checkpoints import CheckpointsLost, CheckpointStore
@@ -52,10 +51,10 @@ KEPT_DAMAGED, KEPT_BYTES = 100, 256 << 20
 """How many damaged objects of a model are kept, and the largest size of the older ones."""
 
 
-def repair_unless_trained(config: ModelConfig, store: ModelStore, *, missing: bool = False) -> None:
+def repair_unless_trained(model: ModelStore, *, missing: bool = False) -> None:
     """Repair a model, and say so, while nobody trains it; `missing` as in `repair`."""
-    if lease.live_holder(store) is None:
-        for sentence in repair(ModelStore.of(config, store.bucket, store.prefix), missing=missing):
+    if lease.live_holder(model) is None:
+        for sentence in repair(model, missing=missing):
             errors.warn(sentence)
 
 

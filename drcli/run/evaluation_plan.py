@@ -97,7 +97,7 @@ def prepare_evaluation(
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     if own.file is None:
         repair_unless_trained(
-            settings.model, ModelStore(bucket, settings.model_prefix), missing=True
+            ModelStore.of(settings.model, bucket, settings.model_prefix), missing=True
         )
         check_model(ModelStore(bucket, settings.model_prefix), "DR_LOCAL_S3_MODEL_PREFIX")
         on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
@@ -114,7 +114,7 @@ def prepare_evaluation(
     if settings.race_type == "HEAD_TO_MODEL":
         theirs = settings.eval_opp_s3_model_prefix
         if sources[1].file is None:
-            repair_unless_trained(settings.model, ModelStore(bucket, theirs), missing=True)
+            repair_unless_trained(ModelStore.of(settings.model, bucket, theirs), missing=True)
             check_model(ModelStore(bucket, theirs), "DR_EVAL_OPP_S3_MODEL_PREFIX")
         choice = settings.eval_opp_checkpoint or choice
         option = "--opp-checkpoint"

@@ -284,8 +284,8 @@ def plan_increment(
 
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     store = ModelStore(bucket, after)
-    model = ModelStore(bucket, before)
-    repair_unless_trained(settings.model, model)
+    model = ModelStore.of(settings.model, bucket, before)
+    repair_unless_trained(model)
     checkpoint = parse_checkpoint(others.get(CHECKPOINT, settings.pretrained_checkpoint))
     place = settings.place(MODEL)
     pretrained, _ = read_weights(model, checkpoint, MODEL, place)

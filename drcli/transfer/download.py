@@ -125,7 +125,7 @@ def download(planned: PlannedDownload, settings: Settings, progress: Progress) -
     source = _source(settings, options, patience_s=COPY_PATIENCE_S)
     store = ModelStore(source.bucket, source.prefix)
     here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
-    model = ModelStore(here, options.prefix)
+    model = ModelStore.of(settings.model, here, options.prefix)
     listed = list_whole(source)
     delivery = Delivery(model, lambda more: None)
     report = DownloadReport(
@@ -144,7 +144,7 @@ def download(planned: PlannedDownload, settings: Settings, progress: Progress) -
         delivery.withdraw()
         delivery.send(_fetch(source, delivery, listed, watch))
         delivery.confirm((*SHAPING, *POINTERS))
-    repair_unless_trained(settings.model, model)
+    repair_unless_trained(model)
     kept = [*delivery.copied, *delivery.unchanged]
     if options.wipe:
         delivery.delete_strays("", kept)

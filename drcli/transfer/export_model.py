@@ -23,7 +23,8 @@ from drcli.model.checkpoint_choice import (
     find_choice,
     sentence_about,
 )
-from drcli.model.checkpoint_list import Item, known_best
+from drcli.model.checkpoint_list import Item
+from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
 from drcli.model.repair import repair_unless_trained
@@ -93,8 +94,8 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     prefix = checked_prefix(prefix, "-p") if prefix else settings.model_prefix
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     store = ModelStore(bucket, prefix)
-    repair_unless_trained(settings.model, store)
     model = ModelStore.of(settings.model, bucket, prefix)
+    repair_unless_trained(model)
     for attempt in range(_PICKS):
         chosen = find_choice(model, selection.choice)
         try:
@@ -120,7 +121,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
         found.tensors,
         f"s3://{bucket.name}/{key}",
         _world(store),
-        known_best(store),
+        CheckpointStore(store).best_name(),
         bucket.get(graph) if has_graph else None,
     )
 

@@ -24,11 +24,11 @@ from drcli.model.checkpoint_choice import CheckpointGone, Chosen, find_choice, t
 from drcli.model.checkpoint_list import (
     SHAPING,
     Item,
-    known_best,
     read_checkpoint,
     read_model_files,
     refuse_incomplete,
 )
+from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.params_yaml import training_parameters
 from drcli.model.model_prefix import contains
 from drcli.model.model_store import ModelStore
@@ -370,11 +370,11 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
         otherwise="or upload into the local bucket with -L",
     )
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    model = ModelStore(here, source)
+    model = ModelStore.of(settings.model, here, source)
     if not options.dry_run:
-        repair_unless_trained(settings.model, model)
+        repair_unless_trained(model)
     refuse_incomplete(settings.model, model)
-    chosen = take_choice(ModelStore.of(settings.model, here, source), options.choice)
+    chosen = take_choice(model, options.choice)
     there.list(keys.model_folder(target))  # fails here if the target cannot be reached
     refuse_overlap((here, source), (there, target), flag="--to", may_write=not options.dry_run)
     if options.local:
@@ -411,7 +411,7 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
             there,
             planned,
             [*checkpoint, *shared],
-            known_best(model),
+            CheckpointStore(model).best_name(),
         )
     total = sum(len(item.data) for item in (*checkpoint, *shared))
     with progress("Uploading model", total) as watch:
@@ -429,7 +429,7 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
             delivery.delete_strays("model/")
         delivery.repair_crossing(chosen.score, [*checkpoint, *shaping])
         if planned.retention.is_active:
-            best = known_best(model)
+            best = CheckpointStore(model).best_name()
             delivery.deleted += delete_surplus_checkpoints(delivery, planned.retention, best)
     older, older_bytes = _older(there, planned.target, chosen.name)
     return replace(delivery.complete(report), older=older, older_bytes=older_bytes)

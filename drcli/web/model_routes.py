@@ -15,7 +15,6 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.files import safe_name
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.config.editing import raised
-from drcli.config.run_config import ModelConfig
 from drcli.model import keys, lease
 from drcli.model.checkpoint_list import list_checkpoints
 from drcli.model.growing_file import read_all_metrics
@@ -260,16 +259,15 @@ class RewardCurve:
     damaged: list[str] = field(default_factory=list)
 
 
-def read_reward_curve(config: ModelConfig, store: ModelStore) -> RewardCurve:
+def read_reward_curve(model: ModelStore) -> RewardCurve:
     """Reconstructs damaged records; raises StorageError."""
-    model = ModelStore.of(config, store.bucket, store.prefix)
     history, damaged = readable_history(model)
     scores, worse = readable_scores(model)
     damaged += worse
     records: list[EpisodeMetrics] = []
     for key in _metrics_keys(model):
         try:
-            records += read_all_metrics(store.bucket, key)
+            records += read_all_metrics(model.bucket, key)
         except ObjectMissing:
             continue
         except ObjectDamaged as error:
@@ -354,12 +352,12 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     def checkpoints(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
-        return list_checkpoints(settings.model, ModelStore(bucket, prefix))
+        return list_checkpoints(ModelStore.of(settings.model, bucket, prefix))
 
     def curve(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
-        return read_reward_curve(settings.model, ModelStore(bucket, prefix))
+        return read_reward_curve(ModelStore.of(settings.model, bucket, prefix))
 
     def evaluations(request: Request) -> Any:
         prefix = prefix_of(request)

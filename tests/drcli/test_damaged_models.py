@@ -405,7 +405,7 @@ def test_a_command_says_what_is_damaged_and_goes_on(world, name, reader, told):
 
 
 def list_of_checkpoints(world: World) -> list[str]:
-    return list_checkpoints(world.settings.model, ModelStore(world.here, PREFIX)).damaged
+    return list_checkpoints(ModelStore.of(world.settings.model, world.here, PREFIX)).damaged
 
 
 LISTS: dict[str, tuple[Callable[[World], list[str]], tuple[str, ...]]] = {

@@ -37,7 +37,7 @@ def list_checkpoints(
     bucket = transfer_buckets.bucket_to_look_at(loaded.transfer, upload=False)
     with console.waiting(f"Reading s3://{bucket.name}/{prefix} ..."):
         found = checkpoint_list.list_checkpoints(
-            loaded.model, ModelStore(bucket, prefix), check=check
+            ModelStore.of(loaded.model, bucket, prefix), check=check
         )
     console.warn(*found.damaged)
     show(found)

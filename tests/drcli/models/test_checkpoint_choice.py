@@ -139,7 +139,7 @@ def test_a_damaged_record_costs_no_milestone_of_the_evaluations_that_are_left(da
     model = trained()
     model.bucket.put(keys.milestones(PREFIX), damage)
 
-    found = list_checkpoints(CONFIG, ModelStore(model.bucket, PREFIX))
+    found = list_checkpoints(ModelStore.of(CONFIG, model.bucket, PREFIX))
 
     assert len(found.damaged) == (damage != b"{}")
     assert [each.number for each in found.checkpoints] == [5, 11, 14, 17, 18, 19, 20]
@@ -149,7 +149,7 @@ def test_the_list_has_the_numbers_of_the_evaluations():
     model = trained()
     model.bucket.put(keys.checkpoint_tensors(PREFIX, "17_Step-1700.ckpt"), b"weights ??")
 
-    found = list_checkpoints(CONFIG, ModelStore(model.bucket, PREFIX), check=True)
+    found = list_checkpoints(ModelStore.of(CONFIG, model.bucket, PREFIX), check=True)
 
     eleven = next(each for each in found.checkpoints if each.number == 11)
     assert (eleven.laps, eleven.episodes, eleven.best_lap_s) == (2, 3, 20.0)
@@ -185,7 +185,7 @@ def test_checkpoints_in_which_only_a_teacher_has_learned_are_marked_and_are_not_
     store.save(3, 300, b"weights 3")
     model = ModelStore(bucket, PREFIX, keys.metrics_prefix(PREFIX))
 
-    found = list_checkpoints(CONFIG, ModelStore(bucket, PREFIX))
+    found = list_checkpoints(ModelStore.of(CONFIG, bucket, PREFIX))
     take_choice(model, "last")
     take_choice(model, 2)
 
