@@ -66,21 +66,6 @@ class ModelReport:
     values: dict[str, Any]
     means: list[PhaseMeans]
 
-    @staticmethod
-    def of(site: str, model: RemoteModel, means: list[PhaseMeans]) -> "ModelReport":
-        """The report of a model."""
-        return ModelReport(
-            site,
-            model.model_id,
-            model.name,
-            model.status,
-            model.training_status,
-            model.created_at,
-            model.import_error,
-            dict(model.values),
-            means,
-        )
-
 
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
     """Of training; SettingsError without any."""
