@@ -244,19 +244,14 @@ class _Reviewer:
 
     def _files(self, read: CurriculumFile, index: int, entry: StageEntry) -> dict[str, InputFile]:
         files = dict(self.files)
-        if entry.reward_function is not None:
-            file = self._file(read, index, "reward_function", entry.reward_function)
+        for key, given, name in (
+            ("reward_function", entry.reward_function, keys.REWARD_FUNCTION_FILE),
+            ("hyperparameters", entry.hyperparameters, keys.HYPERPARAMETERS_FILE),
+        ):
+            file = self._file(read, index, key, given) if isinstance(given, str) else None
             if file is not None:
-                files[keys.REWARD_FUNCTION_FILE] = InputFile(
-                    keys.REWARD_FUNCTION_FILE, file.data, file.origin
-                )
-        if isinstance(entry.hyperparameters, str):
-            file = self._file(read, index, "hyperparameters", entry.hyperparameters)
-            if file is not None:
-                files[keys.HYPERPARAMETERS_FILE] = InputFile(
-                    keys.HYPERPARAMETERS_FILE, file.data, file.origin
-                )
-        elif entry.hyperparameters:
+                files[name] = InputFile(name, file.data, file.origin)
+        if entry.hyperparameters and not isinstance(entry.hyperparameters, str):
             self._merge(read, index, entry.hyperparameters, files)
         return files
 

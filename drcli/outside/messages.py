@@ -8,15 +8,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
+from functools import partial
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.base.installation import lazy_imports
 from drcli.base.json_record import json_default
-from drcli.bucket.endpoint import lend_to_refreshes, session_of
-from drcli.config import secret_environment
 from drcli.config.groups.train_settings import MessageSettings
+from drcli.outside.aws.aws_account import Account
 from drcli.outside.web_request import USER_AGENT, explain
 
 with lazy_imports():
@@ -24,8 +24,29 @@ with lazy_imports():
     import ssl
 
     import requests
-    from botocore import config as botocore_config
     from botocore import exceptions as boto
+
+TIMEOUT_S = 10.0
+TOPIC_VARIABLE = "MY_SNS_TOPIC"
+"""Of deepracer-on-the-spot."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """`event` as in DR_MESSAGE_EVENTS, or "test"."""
+
+    event: str
+    subject: str
+    text: str
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def lines(self) -> str:
+        facts = [
+            f"{name}: {value}" for name, value in self.facts.items() if value not in ("", None)
+        ]
+        return "\n".join([self.text, "", *facts]).rstrip()
+
 
 # Sends a mail through a mail server.
 
@@ -51,22 +72,22 @@ class Mail:
         self._host = self._url.hostname or ""
         self._port = self._url.port or _PORTS.get(self._url.scheme, 587)
 
-    def send(self, subject: str, text: str, timeout_s: float) -> None:
+    def send(self, message: Message) -> None:
         """Send a mail.
 
         Raises:
             SettingsError: The password needs encryption.
             StorageError: The server refuses, or does not answer.
         """
-        message = EmailMessage()
-        message["Subject"] = " ".join(subject.split())
-        message["From"] = self._sender
-        message["To"] = ", ".join(self.receivers)
-        message["Date"] = formatdate()
-        message["Message-ID"] = make_msgid(domain="drcli.invalid")
-        message.set_content(text)
+        mail = EmailMessage()
+        mail["Subject"] = " ".join(f"[drcli] {message.subject}".split())
+        mail["From"] = self._sender
+        mail["To"] = ", ".join(self.receivers)
+        mail["Date"] = formatdate()
+        mail["Message-ID"] = make_msgid(domain="drcli.invalid")
+        mail.set_content(message.lines)
         try:
-            self._deliver(message, timeout_s)
+            self._deliver(mail)
         except smtplib.SMTPAuthenticationError as error:
             raise StorageError(
                 f"The mail server {self._host} refuses the login (code {error.smtp_code}).",
@@ -85,14 +106,14 @@ class Mail:
                 remedy=f"Check {SETTING} in system.env, and the network.",
             ) from None
 
-    def _deliver(self, message: EmailMessage, timeout_s: float) -> None:
+    def _deliver(self, mail: EmailMessage) -> None:
         context = ssl.create_default_context()
         user, password = unquote(self._url.username or ""), unquote(self._url.password or "")
         server: smtplib.SMTP
         if self._url.scheme == "smtps":
-            server = smtplib.SMTP_SSL(self._host, self._port, timeout=timeout_s, context=context)
+            server = smtplib.SMTP_SSL(self._host, self._port, timeout=TIMEOUT_S, context=context)
         else:
-            server = smtplib.SMTP(self._host, self._port, timeout=timeout_s)
+            server = smtplib.SMTP(self._host, self._port, timeout=TIMEOUT_S)
         with server:
             if self._url.scheme != "smtps":
                 server.ehlo()
@@ -107,7 +128,7 @@ class Mail:
                     )
             if user:
                 server.login(user, password)
-            server.send_message(message)
+            server.send_message(mail)
 
 
 def _addresses(text: str) -> list[str]:
@@ -128,41 +149,26 @@ _LONGEST_TEXT = 200_000
 """SNS takes 256 KB."""
 
 
-def publish(
-    topic: str, subject: str, text: str, event: str, *, profile: str | None, timeout_s: float
-) -> None:
+def publish(topic: str, profile: str | None, message: Message) -> None:
     """Publish a message; the keys need `sns:Publish`.
 
     Raises:
         StorageError: The topic does not exist, the keys may not publish, or nobody answers.
     """
     try:
-        client = _client(topic, profile, timeout_s)
-        client.publish(
+        account = Account(topic.split(":")[3], profile, attempts=1, timeout_s=TIMEOUT_S)
+        account.client("sns").publish(
             TopicArn=topic,
-            Subject=_subject(subject),
-            Message=text[:_LONGEST_TEXT],
-            MessageAttributes={"event": {"DataType": "String", "StringValue": event}},
-            **_order(topic, text),
+            Subject=_subject(message.subject),
+            Message=message.lines[:_LONGEST_TEXT],
+            MessageAttributes={"event": {"DataType": "String", "StringValue": message.event}},
+            **_order(topic, message.lines),
         )
     except (boto.BotoCoreError, boto.ClientError, ValueError, IndexError) as error:
         raise StorageError(
             f"The SNS topic {topic} does not take messages: {error}.",
             remedy="Check DR_SNS_TOPIC_ARN, the access keys, and that they allow sns:Publish.",
         ) from error
-
-
-def _client(topic: str, profile: str | None, timeout_s: float) -> Any:
-    config = botocore_config.Config(
-        retries={"total_max_attempts": 1, "mode": "standard"},
-        connect_timeout=timeout_s,
-        read_timeout=timeout_s,
-    )
-    session = session_of(profile, "DR_LOCAL_S3_PROFILE")
-    with secret_environment.lent():
-        client = session.client("sns", region_name=topic.split(":")[3], config=config)
-        lend_to_refreshes(session.get_credentials())
-    return client
 
 
 def _subject(subject: str) -> str:
@@ -191,24 +197,23 @@ def host_of(url: str) -> str:
     return urlsplit(url).hostname or "?"
 
 
-def body_of(event: str, subject: str, text: str, facts: dict[str, Any]) -> dict[str, Any]:
+def body_of(message: Message) -> dict[str, Any]:
     """Slack and Mattermost show `text`, Discord `content`.
 
     Names of models cannot call people: Slack's signs are escaped, and Discord is told not to look
     for any.
     """
-    shown = f"{subject}\n{text}"[:_LONGEST]
-    escaped = shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    shown = f"{message.subject}\n{message.text}"[:_LONGEST]
     return {
-        "text": escaped,
+        "text": shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;"),
         "content": shown,
         "allowed_mentions": {"parse": []},
-        "event": event,
-        "facts": facts,
+        "event": message.event,
+        "facts": json.loads(json.dumps(message.facts, default=json_default)),
     }
 
 
-def post(url: str, body: dict[str, Any], timeout_s: float) -> None:
+def post(url: str, message: Message) -> None:
     """Redirections would get the message, so they are not followed.
 
     Raises:
@@ -217,8 +222,8 @@ def post(url: str, body: dict[str, Any], timeout_s: float) -> None:
     try:
         answer = requests.post(
             url,
-            json=body,
-            timeout=timeout_s,
+            json=body_of(message),
+            timeout=TIMEOUT_S,
             allow_redirects=False,
             headers={"User-Agent": USER_AGENT},
             # Otherwise requests would send a password from ~/.netrc.
@@ -238,28 +243,6 @@ def post(url: str, body: dict[str, Any], timeout_s: float) -> None:
         )
 
 
-TIMEOUT_S = 10.0
-TOPIC_VARIABLE = "MY_SNS_TOPIC"
-"""Of deepracer-on-the-spot."""
-
-
-@dataclass(frozen=True)
-class Message:
-    """`event` as in DR_MESSAGE_EVENTS, or "test"."""
-
-    event: str
-    subject: str
-    text: str
-    facts: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def lines(self) -> str:
-        facts = [
-            f"{name}: {value}" for name, value in self.facts.items() if value not in ("", None)
-        ]
-        return "\n".join([self.text, "", *facts]).rstrip()
-
-
 @dataclass(frozen=True)
 class Channel:
     """Its name has no secrets; `send` raises DrError."""
@@ -272,15 +255,13 @@ def open_channels(settings: MessageSettings, profile: str | None = None) -> list
     found = []
     topic = settings.sns_topic_arn or os.environ.get(TOPIC_VARIABLE, "")
     if topic:
-        found.append(Channel(f"the SNS topic {topic}", lambda m: _to_topic(topic, profile, m)))
+        found.append(Channel(f"the SNS topic {topic}", partial(publish, topic, profile)))
     if settings.webhook_url:
-        url = settings.webhook_url
-        name = f"the webhook at {host_of(url)}"
-        found.append(Channel(name, lambda m: post(url, _body(m), TIMEOUT_S)))
+        name = f"the webhook at {host_of(settings.webhook_url)}"
+        found.append(Channel(name, partial(post, settings.webhook_url)))
     if settings.mail_to and settings.smtp_url:
         mail = Mail(settings.smtp_url, settings.mail_to, settings.mail_from)
-        name = f"mail to {', '.join(mail.receivers)}"
-        found.append(Channel(name, lambda m: mail.send(f"[drcli] {m.subject}", m.lines, TIMEOUT_S)))
+        found.append(Channel(f"mail to {', '.join(mail.receivers)}", mail.send))
     return found
 
 
@@ -294,15 +275,3 @@ def try_channels(channels: list[Channel], message: Message) -> dict[str, DrError
         except DrError as error:
             results[channel.name] = error
     return results
-
-
-def _to_topic(topic: str, profile: str | None, message: Message) -> None:
-    publish(
-        topic, message.subject, message.lines, message.event, profile=profile, timeout_s=TIMEOUT_S
-    )
-
-
-def _body(message: Message) -> dict[str, Any]:
-    """For Slack and Mattermost, and Discord."""
-    facts = json.loads(json.dumps(message.facts, default=json_default))
-    return body_of(message.event, message.subject, message.text, facts)

@@ -101,54 +101,48 @@ def examine_confinement() -> Iterator[Finding]:
     yield Finding("reward", "ok", text, facts={"free": sorted(left)})
 
 
-def examine_limits(root: Path = _ROOT) -> Iterator[Finding]:
+def examine_limits(root: Path = _ROOT) -> list[Finding]:
     files = soft_limit("open_files")
     threads = _threads(root)
     facts = {"open_files": files, "processes": threads}
-    wrong = False
+    wrong: list[tuple[str, str]] = []
     if files is not None and files < LEAST_OPEN_FILES:
-        wrong = True
         text = f"this shell allows only {files:,} open files."
-        yield Finding("limits", "warning", text, "Run `ulimit -n 4096` before the start.", facts)
+        wrong.append((text, "Run `ulimit -n 4096` before the start."))
     if threads is not None and threads < LEAST_PROCESSES:
-        wrong = True
         text = f"only {threads:,} processes and threads are allowed here."
         remedy = "Raise `ulimit -u`, or the limit of the container (`--pids-limit`)."
-        yield Finding("limits", "warning", text, remedy, facts)
+        wrong.append((text, remedy))
     others: tuple[tuple[str, Limit, str], ...] = (
         ("memory of a process", "memory", "-v"),
         ("size of a file", "file_size", "-f"),
     )
     for name, limit, option in others:
         if soft_limit(limit) is not None:
-            wrong = True
             text = f"the {name} is limited, which may end a training."
-            yield Finding("limits", "warning", text, f"Run `ulimit {option} unlimited`.", facts)
-    if not wrong:
-        count = "any number of" if files is None else f"{files:,}"
-        yield Finding("limits", "ok", f"{count} open files", facts=facts)
+            wrong.append((text, f"Run `ulimit {option} unlimited`."))
+    count = "any number of" if files is None else f"{files:,}"
+    fine = Finding("limits", "ok", f"{count} open files", facts=facts)
+    return [Finding("limits", "warning", *each, facts) for each in wrong] or [fine]
 
 
-def examine_language(environ: Mapping[str, str]) -> Iterator[Finding]:
-    wrong = False
+def examine_language(environ: Mapping[str, str]) -> list[Finding]:
+    wrong: list[tuple[State, str, str]] = []
     name = next((environ[key] for key in ("LC_ALL", "LC_CTYPE", "LANG") if environ.get(key)), "C")
     encoding = locale.getencoding()
     zone = environ.get("TZ", "")
     facts = {"locale": name, "encoding": encoding, "time_zone": time.strftime("%Z")}
     if encoding.casefold().replace("-", "") != "utf8":
-        wrong = True
         text = f"the character set of {name} is {encoding}, not UTF-8; some characters are lost."
-        yield Finding("locale", "warning", text, "Set LANG=C.UTF-8.", facts)
+        wrong.append(("warning", text, "Set LANG=C.UTF-8."))
     if zone and not _is_zone(zone):
-        wrong = True
         text = f"TZ={zone} is not a time zone of this machine; times are shown in UTC."
-        yield Finding("locale", "warning", text, "Correct TZ, or install tzdata.", facts)
+        wrong.append(("warning", text, "Correct TZ, or install tzdata."))
     if time.time() < 1_735_689_600:  # 2025
-        wrong = True
         text = f"the clock of this machine says {time.strftime('%Y-%m-%d')}."
-        yield Finding("locale", "problem", text, "Set it: `sudo timedatectl set-ntp true`.", facts)
-    if not wrong:
-        yield Finding("locale", "ok", f"{name}; time zone {facts['time_zone']}", facts=facts)
+        wrong.append(("problem", text, "Set it: `sudo timedatectl set-ntp true`."))
+    fine = Finding("locale", "ok", f"{name}; time zone {facts['time_zone']}", facts=facts)
+    return [Finding("locale", *each, facts) for each in wrong] or [fine]
 
 
 def _layers(environ: Mapping[str, str], root: Path) -> Iterator[str]:

@@ -371,7 +371,7 @@ def prices(
         )
     classes = _classes(allowed or [])
     missing: list[str] = []
-    advisor = aws_prices.Advisor({})
+    advisor: aws_prices.Advisor = {}
     try:
         advisor = aws_prices.read_advisor()
     except StorageError as error:

@@ -8,7 +8,7 @@ from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.base.installation import lazy_imports
-from drcli.bucket.endpoint import Endpoint, session_of
+from drcli.bucket.endpoint import Endpoint, lend_to_refreshes, session_of
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import error_code, error_text
 from drcli.config import secret_environment
@@ -49,9 +49,12 @@ class Account:
     All functions of this package that ask Amazon raise StorageError when it fails.
     """
 
-    def __init__(self, region: str, profile: str | None) -> None:
+    def __init__(
+        self, region: str, profile: str | None, *, attempts: int = 5, timeout_s: float = 60.0
+    ) -> None:
         self.region = region
         self.profile = profile
+        self._attempts, self._timeout_s = attempts, timeout_s
         self._clients: dict[tuple[str, str], Any] = {}
 
     def client(self, service: str, region: str = "") -> Any:
@@ -63,13 +66,14 @@ class Account:
         known = (service, region or self.region)
         if known not in self._clients:
             config = botocore_config.Config(
-                retries={"total_max_attempts": 5, "mode": "standard"},
+                retries={"total_max_attempts": self._attempts, "mode": "standard"},
                 connect_timeout=10,
-                read_timeout=60,
+                read_timeout=self._timeout_s,
             )
             session: Any = session_of(self.profile, PROFILE_SETTING)
             with secret_environment.lent(), self.trying(f"use {service}"):
                 self._clients[known] = session.client(service, region_name=known[1], config=config)
+                lend_to_refreshes(session.get_credentials())
         return self._clients[known]
 
     def pages(self, service: str, operation: str, key: str, **asked: Any) -> list[Any]:

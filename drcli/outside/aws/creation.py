@@ -416,22 +416,22 @@ def prepare(
     names = wishes.types or default_types(wishes.processor)
     network = find_network(account, wishes.subnets)
     types = find_types(account, names, named=named)
-    room = check_quotas(account, types, spot=wishes.market != "on-demand")
-    notes += room.notes
+    types, left_out = check_quotas(account, types, spot=wishes.market != "on-demand")
+    notes += left_out
     if wishes.market == "spot-or-on-demand":
-        notes += check_quotas(account, room.types, spot=False).notes
-    graphics = [each.name for each in room.types if each.graphics]
+        notes += check_quotas(account, types, spot=False)[1]
+    graphics = [each.name for each in types if each.graphics]
     if graphics:
         notes.append(
             f"{', '.join(graphics)} costs more for a graphics card that drcli does not use there."
         )
-    prices, ordinary, unknown = known_prices(account, room.types, wishes.market)
+    prices, ordinary, unknown = known_prices(account, types, wishes.market)
     notes += unknown
-    images = find_images(account, [each.architecture for each in room.types], wishes.image)
+    images = find_images(account, [each.architecture for each in types], wishes.image)
     now = time.time()
     ends = float(int(now + 60 * wishes.ttl_minutes)) if wishes.ttl_minutes else 0.0
     group = Group(
-        types={each.name: each.architecture for each in room.types},
+        types={each.name: each.architecture for each in types},
         images=images,
         subnets=network.subnets,
         network=network.id,
@@ -445,7 +445,7 @@ def prepare(
     template = training_template(wishes.stack, settings.model_prefix, group, places, wishes.topic)
     if len(json.dumps(template)) > MOST_TEMPLATE_BYTES:
         raise SettingsError(
-            f"{len(room.types)} types make a template that is too large for CloudFormation.",
+            f"{len(types)} types make a template that is too large for CloudFormation.",
             remedy="Name fewer types with --type.",
         )
     files = files_to_send(settings)
@@ -453,7 +453,7 @@ def prepare(
         wishes,
         settings,
         source,
-        tuple(room.types),
+        tuple(types),
         network.zones,
         estimate(prices, wishes),
         resumes,

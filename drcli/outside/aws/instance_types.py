@@ -211,14 +211,10 @@ _CODES = {
 }
 
 
-@dataclass(frozen=True)
-class Room:
-    types: list[InstanceType]
-    notes: list[str]
-
-
-def check_quotas(account: Account, types: Sequence[InstanceType], *, spot: bool) -> Room:
-    """Leave out types larger than the free quota.
+def check_quotas(
+    account: Account, types: Sequence[InstanceType], *, spot: bool
+) -> tuple[list[InstanceType], list[str]]:
+    """Leave out types larger than the free quota; types and notes.
 
     Raises:
         SettingsError: None fits.
@@ -253,7 +249,7 @@ def check_quotas(account: Account, types: Sequence[InstanceType], *, spot: bool)
             "home/services/ec2/quotas (it takes hours to days), choose smaller types with --type, "
             "or another region with --region.",
         )
-    return Room([each for each in types if each in kept], notes)
+    return [each for each in types if each in kept], notes
 
 
 def _family(name: str) -> str:

@@ -11,17 +11,21 @@ from typing import Annotated, Any, Literal
 
 from drcli.base.errors import DrError, StorageError
 from drcli.base.installation import lazy_imports
+<<<<<<< HEAD
 from drcli.base.json_record import RecordError, decode_json
 from drcli.base.report import Col, View, table
 from drcli.bucket.endpoint import session_of
 from drcli.clouds.providers.amazon import ec2_metadata
 from drcli.config import secret_environment
 from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
+=======
+from drcli.base.json_record import RecordError, parse_json
+from drcli.outside.aws.aws_account import Account
+>>>>>>> outside
 from drcli.outside.aws.instance_types import InstanceType
 
 with lazy_imports():
     import requests
-    from botocore import config as botocore_config
     from botocore import exceptions as boto
 
 # Interruption rates from Amazon's public Spot Advisor.
@@ -37,13 +41,8 @@ _TIMEOUT_S = 15.0
 _MOST_BYTES = 50_000_000
 
 
-@dataclass(frozen=True)
-class Advisor:
-    values: dict[tuple[str, str], str]
-
-    def frequency(self, region: str, name: str) -> str:
-        """One of `CLASSES`, or empty."""
-        return self.values.get((region, name), "")
+Advisor = dict[tuple[str, str], str]
+"""One of `CLASSES` by region and type."""
 
 
 def read_advisor() -> Advisor:
@@ -68,7 +67,7 @@ def read_advisor() -> Advisor:
 
 def advisor_of(content: Any) -> Advisor:
     """Leaves out entries of unknown form."""
-    found: dict[tuple[str, str], str] = {}
+    found: Advisor = {}
     regions = content.get("spot_advisor") if isinstance(content, dict) else None
     for region, systems in _entries(regions):
         for name, facts in _entries(systems.get("Linux") if isinstance(systems, dict) else None):
@@ -77,7 +76,7 @@ def advisor_of(content: Any) -> Advisor:
                 found[region, name] = CLASSES[number]
     if not found:
         raise RecordError("it names no region with machines")
-    return Advisor(found)
+    return found
 
 
 def _entries(value: Any) -> list[tuple[str, Any]]:
@@ -161,7 +160,7 @@ def offers_of(account: Account, types: Sequence[InstanceType], advisor: Advisor)
     prices = current_prices(account, list(workers))
     return [
         Offer(
-            name, account.region, zone, usd, workers[name], advisor.frequency(account.region, name)
+            name, account.region, zone, usd, workers[name], advisor.get((account.region, name), "")
         )
         for (name, zone), usd in prices.items()
         if name in workers
@@ -247,7 +246,8 @@ def own_spot_price(profile: str | None = None) -> SpotPrice:
     place = f"{kind} in {zone}"
 
     try:
-        answer = _client(region, profile).describe_spot_price_history(
+        account = Account(region, profile, attempts=2, timeout_s=_EC2_TIMEOUT_S)
+        answer = account.client("ec2").describe_spot_price_history(
             InstanceTypes=[kind],
             AvailabilityZone=zone,
             ProductDescriptions=[LINUX],
@@ -283,16 +283,6 @@ def _instance() -> tuple[str, str, str]:
     if market != "spot":
         raise _unknown(f"this {kind} is no spot instance")
     return kind, zone, region
-
-
-def _client(region: str, profile: str | None) -> Any:
-    config = botocore_config.Config(
-        retries={"total_max_attempts": 2, "mode": "standard"},
-        connect_timeout=_EC2_TIMEOUT_S,
-        read_timeout=_EC2_TIMEOUT_S,
-    )
-    with secret_environment.lent():
-        return session_of(profile, PROFILE_SETTING).client("ec2", region_name=region, config=config)
 
 
 def _unknown(why: str) -> StorageError:

@@ -75,7 +75,9 @@ def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> Stac
     bucket = account.bucket(stack.bucket)
     try:
         marks = read_marks(bucket, stack.name)
-        checkpoint, owned = _training(ModelStore(bucket, stack.model))
+        model = ModelStore(bucket, stack.model)
+        newest = newest_checkpoint(model) if keys.is_valid_prefix(model.prefix) else None
+        checkpoint, owned = str(newest or ""), lease.holder(model) is not None
     except DrError as error:
         marks, checkpoint, owned = [], "", False
         blank = replace(blank, reason=str(error))
@@ -93,12 +95,6 @@ def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> Stac
     if state == "waiting for a machine":
         reason = scaling_problem(account, stack)
     return replace(report, state=state, reason=reason or report.reason)
-
-
-def _training(model: ModelStore) -> tuple[str, bool]:
-    newest = newest_checkpoint(model) if keys.is_valid_prefix(model.prefix) else None
-    owned = lease.holder(model) is not None
-    return str(newest or ""), owned
 
 
 def _state(machines: Sequence[Machine], *, owned: bool) -> tuple[str, str]:

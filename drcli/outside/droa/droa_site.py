@@ -253,17 +253,14 @@ def _own_values(options: SiteOptions) -> dict[str, str]:
 
 def _address(given: str, setting: str) -> str:
     text = given.strip()
-    try:
-        parts = urlsplit(text if "://" in text else f"https://{text}")
-        host = parts.hostname
-        _ = parts.port
-    except ValueError:
-        host = None
-    if not host or parts.scheme not in ("http", "https") or re.search(r"\s", text):
+    whole = text if "://" in text else f"https://{text}"
+    host = _web_host(whole)
+    if not host or re.search(r"\s", text):
         raise SettingsError(
             f"{setting}={shown(hidden('', text))} is not the address of a web page.",
             remedy=f"Write {setting} as in https://deepracer.example.com.",
         )
+    parts = urlsplit(whole)
     if parts.username or parts.password:
         raise SettingsError(
             f"{setting} contains a user name or password.",
@@ -272,6 +269,16 @@ def _address(given: str, setting: str) -> str:
     _refuse_plain_http(parts.scheme, host, f"{setting}={shown(text)}")
     path = parts.path.rstrip("/").removesuffix("/env.js").removesuffix("/index.html")
     return f"{parts.scheme}://{parts.netloc}{path}"
+
+
+def _web_host(url: str) -> str:
+    """Empty if it is no web address."""
+    try:
+        parts = urlsplit(url)
+        _ = parts.port
+    except ValueError:
+        return ""
+    return (parts.hostname or "") if parts.scheme in ("http", "https") else ""
 
 
 def _refuse_plain_http(scheme: str, host: str, what: str) -> None:
@@ -309,15 +316,11 @@ def _check(own: dict[str, str], address: str) -> None:
             f"The region '{shown(own['region'])}' ({source}) is not an AWS region.",
             remedy="Give --region, as in us-east-1.",
         )
-    try:
-        parts = urlsplit(own["api_endpoint"])
-        host = parts.hostname or ""
-        _ = parts.port
-    except ValueError:
-        host = ""
-    if not host or parts.scheme not in ("http", "https"):
+    host = _web_host(own["api_endpoint"])
+    if not host:
         raise SettingsError(
             f"'{shown(own['api_endpoint'])}' ({source}) is not a web address.",
             remedy="Give --api-endpoint, as in https://abc.execute-api.us-east-1.amazonaws.com.",
         )
-    _refuse_plain_http(parts.scheme, host, f"The interface {shown(own['api_endpoint'])}")
+    scheme = urlsplit(own["api_endpoint"]).scheme
+    _refuse_plain_http(scheme, host, f"The interface {shown(own['api_endpoint'])}")

@@ -19,7 +19,7 @@ from functools import wraps
 from pathlib import Path
 from time import monotonic, perf_counter  # which racers' code may replace in `time`
 from types import FunctionType
-from typing import Any, NamedTuple, NoReturn, TextIO
+from typing import NamedTuple, NoReturn, TextIO
 
 from drcli.base.errors import Problem
 from drcli.base.processes import keep_descendants
@@ -38,7 +38,13 @@ from drcli.rewards.sandbox.run_sandbox import (
     Timing,
 )
 from drcli.rewards.sandbox.sample_calls import FIRST_UNUSUAL, sample_races, state_of
-from drcli.rewards.sandbox.shared_state import Effects, Originals, PrintCounter, SharedStateTrial
+from drcli.rewards.sandbox.shared_state import (
+    Effects,
+    Originals,
+    PrintCounter,
+    SharedStateTrial,
+    copied,
+)
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
 from drsim.errors import RewardError
@@ -183,7 +189,7 @@ class _Passes:
         end_s = monotonic() + budget_s
         for where in places:
             self._watch(self._request.call_s)
-            params = _copied(self._calls[where.sequence][where.index])
+            params = copied(self._calls[where.sequence][where.index])
             self._effects.listening = first
             try:
                 values[where] = checked_reward(timed, params, self._request.call_s)
@@ -300,12 +306,6 @@ def _timed(function: RewardFunction, last: _LastCall) -> RewardFunction:
         return value
 
     return timed
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _copied(item) for key, item in value.items()}
-    return [_copied(item) for item in value] if isinstance(value, list) else value
 
 
 def _timing(took_s: Mapping[CallIndex, float]) -> Timing | None:

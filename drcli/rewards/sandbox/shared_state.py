@@ -165,12 +165,14 @@ def _reward(function: Callable[[RewardParams], float], params: RewardParams, see
     if numpy := sys.modules.get("numpy"):
         numpy.random.seed(seed % (1 << 32))
     with suppress(RewardError):
-        return checked_reward(function, _copied(params), _PASS_S)
+        return checked_reward(function, copied(params), _PASS_S)
     return None
 
 
-def _copied(params: RewardParams) -> RewardParams:
-    return {key: [*each] if isinstance(each, list) else each for key, each in params.items()}
+def copied(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: copied(item) for key, item in value.items()}
+    return [copied(item) for item in value] if isinstance(value, list) else value
 
 
 def _elsewhere() -> Iterator[tuple[str, tuple[str, Any]]]:

@@ -16,7 +16,6 @@ from drcli.outside.aws.instance_types import ARM_TYPES, X86_TYPES, InstanceType,
 from drcli.outside.aws.machines import at_prices
 from drcli.outside.aws.prices import (
     ADDRESS_VARIABLE,
-    Advisor,
     Offer,
     advisor_of,
     arranged,
@@ -73,9 +72,9 @@ def test_the_filter_leaves_out_unknown_interruptions_too():
 def test_the_advisor_is_read_and_odd_entries_are_left_out():
     advisor = advisor_of(ADVICE)
 
-    assert advisor.frequency("us-east-1", "c7i.xlarge") == "<5%"
-    assert advisor.frequency("us-east-1", "m7i.xlarge") == ">20%"
-    assert advisor.frequency("eu-west-1", "c7i.xlarge") == ""
+    assert advisor["us-east-1", "c7i.xlarge"] == "<5%"
+    assert advisor["us-east-1", "m7i.xlarge"] == ">20%"
+    assert ("eu-west-1", "c7i.xlarge") not in advisor
 
 
 @pytest.mark.parametrize("content", [None, [], {}, {"spot_advisor": 3}, {"spot_advisor": {"a": 1}}])
@@ -191,11 +190,11 @@ def test_types_that_the_quota_forbids_are_left_out(stubbed):
     ]
     answers_of_quotas(stub, 8.0, others)
 
-    room = instance_types.check_quotas(account, [SMALL, LARGE], spot=True)
+    types, notes = instance_types.check_quotas(account, [SMALL, LARGE], spot=True)
 
-    assert room.types == [SMALL]
-    assert "L-34B43A08 allows 8 vCPUs" in room.notes[0]
-    assert "4 are used" in room.notes[0]
+    assert types == [SMALL]
+    assert "L-34B43A08 allows 8 vCPUs" in notes[0]
+    assert "4 are used" in notes[0]
 
 
 def test_a_quota_that_allows_nothing_is_an_error_with_the_place_to_ask(stubbed):
@@ -213,10 +212,10 @@ def test_a_quota_that_may_not_be_read_is_only_a_warning(stubbed):
     said = "User: me is not authorized to perform: servicequotas:GetServiceQuota because no"
     stub("service-quotas").add_client_error("get_service_quota", "AccessDeniedException", said, 400)
 
-    room = instance_types.check_quotas(account, [SMALL], spot=True)
+    types, notes = instance_types.check_quotas(account, [SMALL], spot=True)
 
-    assert room.types == [SMALL]
-    assert "servicequotas:GetServiceQuota" in room.notes[0]
+    assert types == [SMALL]
+    assert "servicequotas:GetServiceQuota" in notes[0]
 
 
 def test_cost_follows_the_history_of_the_price():
@@ -228,7 +227,3 @@ def test_cost_follows_the_history_of_the_price():
     assert at_prices(history, START, START + timedelta(hours=4)) == pytest.approx(0.1 + 0.4 + 0.4)
     assert at_prices(history[:1], START, START + timedelta(hours=2)) == pytest.approx(0.8)
     assert at_prices([], START, START) is None
-
-
-def test_no_advice_is_no_class():
-    assert Advisor({}).frequency("us-east-1", "c7i.xlarge") == ""

@@ -9,6 +9,7 @@ from botocore.stub import ANY, Stubber
 from drcli.base.errors import StorageError
 from drcli.bucket import endpoint
 from drcli.outside.aws import prices
+from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.prices import own_spot_price
 from metadata_server import MetadataServer
 
@@ -36,8 +37,9 @@ def ec2(monkeypatch):
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "testing")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "testing")
     endpoint.session_of.cache_clear()
-    client = prices._client("eu-west-1", None)
-    monkeypatch.setattr(prices, "_client", lambda region, profile: client)
+    account = Account("eu-west-1", None)
+    client = account.client("ec2")
+    monkeypatch.setattr(prices, "Account", lambda *_, **__: account)
     with Stubber(client) as stub:
         yield stub
     client.close()
