@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 
 class DrError(Exception):
@@ -19,6 +19,10 @@ class DrError(Exception):
     def __init__(self, message: str, *, remedy: str) -> None:
         super().__init__(message)
         self.remedy = remedy
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For other processes: `__init__` of a kind may want more than the message."""
+        return Exception.__new__, (type(self), *self.args), self.__dict__
 
 
 class SettingsError(DrError):

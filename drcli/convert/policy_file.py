@@ -1,13 +1,12 @@
 """Finds and reads a policy's file and metadata."""
 
-import os
-import stat
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NoReturn
 
 from drcli.base.archive import ENDINGS, is_pickle, read_archive
 from drcli.base.errors import SettingsError, few, shown
+from drcli.base.files import read_regular
 from drcli.base.json_record import Fingerprint
 from drcli.model.files.model_metadata import ModelMetadata
 
@@ -131,15 +130,10 @@ def _from_archive(path: Path) -> tuple[str, bytes, tuple[str, bytes] | None]:
 
 def _read(path: Path) -> bytes:
     try:
-        # Opening a named pipe would wait for a writer.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-        with os.fdopen(descriptor, "rb") as file:
-            status = os.fstat(file.fileno())
-            if not stat.S_ISREG(status.st_mode):
-                raise OSError(0, "it is not an ordinary file")
-            if status.st_size > LARGEST_BYTES:
-                raise OSError(0, f"it has {status.st_size:,} bytes, more than any policy")
-            data = file.read()
+        size = path.stat().st_size
+        if size > LARGEST_BYTES:
+            raise OSError(0, f"it has {size:,} bytes, more than any policy")
+        data = read_regular(path)
     except OSError as error:
         raise SettingsError(
             f"{path} cannot be read: {error.strerror or error}.",

@@ -1,6 +1,8 @@
 """Starts, continues and compares sweeps."""
 
 import os
+import signal
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,7 +10,14 @@ from typing import Annotated
 
 import psutil
 
-from drcli.base.errors import DrError, NotAvailable, Problem, ProblemsError, SettingsError
+from drcli.base.errors import (
+    DrError,
+    NotAvailable,
+    Problem,
+    ProblemsError,
+    SettingsError,
+    WorkerDied,
+)
 from drcli.base.installation import lazy_imports
 from drcli.base.processes import NotedSignals, started_s
 from drcli.base.report import Rows, View, bold, counted
@@ -21,20 +30,21 @@ from drcli.config.settings_files import EXPERIMENT
 from drcli.model.lease import live_holder
 from drcli.model.model_store import ModelStore
 from drcli.records.run_record import WaitingStart, run_folder
+from drcli.run.outcome import CTRL_C, TERMINATED
 from drcli.sweeps.stored_sweep import read_sweep, refuse_used_models, wipe_sweep
 from drcli.sweeps.sweep_file import SweepFile, read_sweep_file
-from drcli.sweeps.sweep_record import SweepRecord
+from drcli.sweeps.sweep_record import SweepRecord, TrialRecord
 from drcli.sweeps.sweep_report import SweepProgress, SweepReport, report_of
 from drcli.sweeps.sweep_run import Pace, SweepRun
 from drcli.sweeps.trial_files import TrialFiles
-from drcli.sweeps.trial_run import TrialRun
+from drcli.sweeps.trial_run import Run, TrialRun
 from drcli.sweeps.trials import Trial, trials_of
 from drcli.workers.cores import usable_cores
-from drcli.workers.ray_extra import require_tune
+from drcli.workers.ray_extra import require_ray
 
 with lazy_imports():
     from drcli.analysis import outputs, read_run
-    from drcli.sweeps import tune_sweep
+    from drcli.sweeps import ray_trials
 
 CORES = 2
 """One drives, one learns."""
@@ -77,7 +87,7 @@ class SweepStart:
     def __init__(self, settings: Settings, path: Path) -> None:
         self._settings = settings
         if self._by_ray:
-            require_tune()
+            require_ray()
         self._sweep: SweepFile = read_sweep_file(path)
         _refuse_curriculum(settings, self._sweep)
         self._trials: list[Trial] = trials_of(self._sweep)
@@ -95,7 +105,7 @@ class SweepStart:
         return SweepPlanned(
             self._sweep.name,
             {trial.name: dict(trial.varied) for trial in self._trials},
-            self._parallel_on_ray(parallel) if self._by_ray else self._pace(parallel).parallel,
+            self._parallel(parallel),
             self._record is not None,
         )
 
@@ -154,18 +164,8 @@ class SweepStart:
             )
             for sentence in self._warnings(progress.record):
                 warn(sentence)
-            if self._by_ray:
-                record = self._on_ray(progress, parallel, say, signals)
-            else:
-                record = SweepRun(
-                    progress,
-                    self._sweep,
-                    self._bucket,
-                    self._pace(parallel),
-                    say=say,
-                    signals=signals,
-                    open_run=lambda trial: TrialRun(directory, trial, self._bucket),
-                ).run()
+            start = self._run_on_ray if self._by_ray else self._run_here
+            record = start(progress, parallel, say, signals)
         return report_of(record, self._bucket.name)
 
     def compare(self, report: SweepReport, page: Path) -> SweepReport:
@@ -181,38 +181,78 @@ class SweepStart:
     def _by_ray(self) -> bool:
         return self._settings.launcher == "ray"
 
-    def _parallel_on_ray(self, parallel: int | None) -> int | None:
-        return parallel or self._sweep.plan.parallel
-
-    def _on_ray(
+    def _run_on_ray(
         self,
         progress: SweepProgress,
         parallel: int | None,
         say: Callable[[str], None],
         signals: NotedSignals,
     ) -> SweepRecord:
-        return tune_sweep.TuneSweep(
-            progress,
-            self._sweep,
-            self._bucket,
-            self._settings.storage,
-            self._settings.directory,
-            address=self._settings.run.train.ray_address,
-            threads=self._settings.threads,
-            parallel=self._parallel_on_ray(parallel),
-            say=say,
-            signals=signals,
+        if progress.record.ended_at is not None:
+            return progress.record
+        directory, name = self._settings.directory, self._sweep.name
+
+        def end() -> None:
+            if signals.first is None:
+                say(f"Ray has ended, and with it the sweep {name}.")
+            else:
+                say(f"The sweep {name} was interrupted.")
+            say("Continue it with the same command.")
+            sys.stderr.flush()
+            codes = {None: WorkerDied.code, signal.SIGINT: CTRL_C}
+            os._exit(codes.get(signals.first, TERMINATED))
+
+        runs = [TrialRun(directory, trial, self._bucket) for trial in progress.record.trials]
+        address, cloud = self._settings.run.train.ray_address, self._settings.storage.cloud
+        with ray_trials.connected(address, cloud, runs, end) as ray:
+            nodes = ray_trials.RayNodes(
+                ray,
+                directory,
+                self._bucket,
+                threads=self._settings.threads,
+                parallel=self._parallel(parallel),
+                trials=len(self._trials),
+                say=say,
+            )
+            pace = Pace(nodes.room, nodes.place.cpus, waits=False)
+            return self._sweep_run(progress, pace, say, signals, nodes.open_run).run()
+
+    def _run_here(
+        self,
+        progress: SweepProgress,
+        parallel: int | None,
+        say: Callable[[str], None],
+        signals: NotedSignals,
+    ) -> SweepRecord:
+        many = self._parallel(parallel) or 1
+        shared = many > 1 and not self._settings.threads
+        cores = usable_cores(self._settings.run.train)
+        pace = Pace(lambda: many, max(1, cores // many) if shared else 0)
+        directory = self._settings.directory
+        return self._sweep_run(
+            progress, pace, say, signals, lambda trial: TrialRun(directory, trial, self._bucket)
         ).run()
 
-    def _pace(self, parallel: int | None) -> Pace:
+    def _sweep_run(
+        self,
+        progress: SweepProgress,
+        pace: Pace,
+        say: Callable[[str], None],
+        signals: NotedSignals,
+        open_run: Callable[[TrialRecord], Run],
+    ) -> SweepRun:
+        return SweepRun(
+            progress, self._sweep, self._bucket, pace, say=say, signals=signals, open_run=open_run
+        )
+
+    def _parallel(self, parallel: int | None) -> int | None:
+        wanted = parallel or self._sweep.plan.parallel
+        if self._by_ray:
+            return wanted
         config = self._settings.run.train
-        cores = usable_cores(config)
         room = psutil.virtual_memory().available // (config.workers * WORKER_BYTES + TRAINER_BYTES)
-        fitting = max(1, min(cores // CORES, room))
-        wanted = parallel or self._sweep.plan.parallel or fitting
-        many = min(wanted, len(self._trials))
-        given = self._settings.threads
-        return Pace(many, 0 if given or many == 1 else max(1, cores // many))
+        fitting = max(1, min(usable_cores(config) // CORES, room))
+        return min(wanted or fitting, len(self._trials))
 
     def _warnings(self, record: SweepRecord) -> list[str]:
         """Files that would fail only after hours."""

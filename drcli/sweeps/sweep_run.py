@@ -1,7 +1,9 @@
 """Runs the trainings of a sweep, several at a time, compared at some amounts of their budget.
 
-All get to the same amount before they are compared, so they may take turns. One that is
-interrupted for it loses its current episodes, and some seconds for a new start.
+The one engine for this machine and for a cluster: where a training runs is known to its `Run`
+alone (`trial_run`, or `ray_trials`). All get to the same amount before they are compared, so they
+may take turns. One that is interrupted for it loses its current episodes, and some seconds for a
+new start.
 """
 
 import random
@@ -20,8 +22,17 @@ from drcli.sweeps.stored_sweep import copy_of
 from drcli.sweeps.sweep_file import Span, SweepFile
 from drcli.sweeps.sweep_record import SweepRecord, TrialRecord
 from drcli.sweeps.sweep_report import SweepProgress, text_of
-from drcli.sweeps.trial_run import Ended, Limits, Run, how_it_ended, nothing_to_do, refused_start
+from drcli.sweeps.trial_run import (
+    Ended,
+    Limits,
+    NothingLeft,
+    Run,
+    how_it_ended,
+    nothing_to_do,
+    refused_start,
+)
 from drcli.sweeps.trial_score import (
+    Rank,
     Replacement,
     amount_of,
     comparable,
@@ -44,10 +55,17 @@ ELSEWHERE_S = STALE_S + 60.0
 
 @dataclass(frozen=True)
 class Pace:
-    """Trainings at a time, and cores of each (0: their settings)."""
+    """How many train at a time, each with how many cores.
 
-    parallel: int
+    Attributes:
+        room: Trainings at a time now.
+        threads: Cores of each (0: their settings).
+        waits: Whether a training at a check waits for the others also with `asha`.
+    """
+
+    room: Callable[[], int]
     threads: int = 0
+    waits: bool = True
 
 
 class SweepRun:
@@ -74,6 +92,10 @@ class SweepRun:
         self._signals = signals
         self._sleep = pause
         self._levels = levels_of(self._plan.budget, self._plan.early_stopping)
+        self._rungs: dict[float, dict[str, Rank]] = {}
+        if self._plan.early_stopping.method == "asha" and not pace.waits:
+            self._rungs = {level: {} for level in self._levels[:-1]}
+            self._levels = self._levels[-1:]
         self._elsewhere_since: dict[str, float] = {}
         self._asked: set[str] = set()
         self._open_run = open_run
@@ -104,10 +126,9 @@ class SweepRun:
     def _adopt(self) -> None:
         """A killed sweep may have left trainings running."""
         for trial in self._all:
-            if trial.state == "running":
-                self._progress.change(
-                    trial.name, state="running" if self._run(trial).runs else "paused"
-                )
+            if trial.state == "running" and not self._run(trial).runs:
+                self._progress.change(trial.name, state="paused")
+            self._is_out(trial)
 
     # --- To the next comparison -------------------------------------------------------------
 
@@ -120,14 +141,15 @@ class SweepRun:
                 return
             waiting = [t for t in behind if t.state != "running"]
             running = self._progress.in_state("running")
-            full = len(running) >= self._pace.parallel
+            room = self._pace.room()
+            full = len(running) >= room
             # Weights that a population copies are of this amount; others may run ahead.
             if (waiting and full) or self._plan.early_stopping.method == "population":
                 for trial in running:
                     if trial.amount >= level:
                         self._interrupt(trial.name)
             if waiting and not full:
-                for trial in waiting[: self._pace.parallel - len(running)]:
+                for trial in waiting[: room - len(running)]:
                     self._refuse_interruption()
                     self._start(trial)
             self._pause(LOOK_S)
@@ -141,39 +163,51 @@ class SweepRun:
             goals=plan.goals,
             threads=self._pace.threads,
         )
-        begun = trial.amount > 0.0
         try:
-            over = self._run(trial).start(limits)
-        except TrainedElsewhere as error:
+            self._run(trial).start(limits)
+        except DrError as error:
+            self._refused(trial, error)
+            return
+        self._say(f"{trial.name} {'goes on' if trial.amount > 0.0 else 'begins'}: {text_of(trial)}")
+        self._progress.change(trial.name, state="running")
+
+    def _refused(self, trial: TrialRecord, error: DrError) -> None:
+        if isinstance(error, TrainedElsewhere):
             first = self._elsewhere_since.setdefault(trial.name, time.monotonic())
             if time.monotonic() > first + ELSEWHERE_S:
-                raise
+                raise error
             self._say(f"{trial.name} waits: {error}")
+            self._progress.change(trial.name, state="paused" if trial.amount > 0.0 else "waiting")
             self._pause(LONG_LOOK_S)
             return
-        except (StorageError, BudgetUsedUp):
-            raise
-        except DrError as error:
-            self._refuse_interruption()  # on a terminal, it has come to whatever ran here
-            self._failed(trial, refused_start(error))
-            return
-        self._elsewhere_since.pop(trial.name, None)
-        if over:
-            ended = nothing_to_do(ModelStore(self._bucket, trial.prefix), over)
+        if isinstance(error, StorageError | BudgetUsedUp):
+            raise error
+        if isinstance(error, NothingLeft):
+            ended = nothing_to_do(ModelStore(self._bucket, trial.prefix), str(error))
             self._measure(trial)
             self._progress.change(trial.name, state=ended.state, message=ended.message)
             return
-        self._say(f"{trial.name} {'goes on' if begun else 'begins'}: {text_of(trial)}")
-        self._progress.change(trial.name, state="running")
+        self._refuse_interruption()  # on a terminal, it has come to whatever ran here
+        self._failed(trial, refused_start(error))
 
     def _look_at(self, trial: TrialRecord) -> None:
         run = self._run(trial)
         runs = run.runs  # before its iterations are read, so that none is missed
         self._measure(trial)
         trial = self._progress.trial(trial.name)
+        out = self._is_out(trial)
         if runs:
+            if out:
+                level = max(level for level in self._rungs if trial.amount >= level)
+                at = comparable(self._plan.budget.resource, level)
+                self._stop_early(trial, f"ASHA ended it at the check at {at}.")
             return
-        ended = how_it_ended(run.record(), asked=trial.name in self._asked)
+        try:
+            record = run.record()
+        except DrError as error:
+            self._refused(trial, error)
+            return
+        ended = how_it_ended(record, asked=trial.name in self._asked)
         if ended.state == "failed":
             self._failed(trial, ended)
             return
@@ -190,6 +224,7 @@ class SweepRun:
         amount = trial.earlier + amount_of(records, self._plan.budget.resource)
         score = score_of(records, self._plan.metric)
         if (amount, score) != (trial.amount, trial.score):
+            self._elsewhere_since.pop(trial.name, None)
             self._progress.change(trial.name, amount=amount, score=score)
 
     def _failed(self, trial: TrialRecord, ended: Ended) -> None:
@@ -216,6 +251,19 @@ class SweepRun:
             self._replace_worst(number, level, ranked)
         self._progress.note_check(number)
 
+    def _is_out(self, trial: TrialRecord) -> bool:
+        """By ASHA: whether it is worse at a check than most that reached it before.
+
+        Li et al., A System for Massively Parallel Hyperparameter Tuning (2020).
+        """
+        out = False
+        for level, ranks in self._rungs.items():
+            if trial.amount >= level and trial.name not in ranks and trial.state != "failed":
+                own = ranks[trial.name] = self._rank(trial, level)
+                better = sum(rank > own for rank in ranks.values())
+                out |= better >= kept_of(len(ranks), self._plan.early_stopping.reduction_factor)
+        return out
+
     def _changes_nothing(self) -> bool:
         """If all go on after a check, turns for it would cost time."""
         stopping = self._plan.early_stopping
@@ -225,14 +273,18 @@ class SweepRun:
         return stopping.halves and not is_last and kept >= len(compared)
 
     def _ranked(self, level: float) -> list[TrialRecord]:
-        scores = {}
-        for trial in self._all:
-            if trial.state not in ("failed", "stopped early"):
-                records = self._run(trial).iterations()
-                within = until(records, self._plan.budget.resource, level - trial.earlier)
-                scores[trial.name] = rank(score_of(within, self._plan.metric), self._plan.metric)
+        scores = {
+            trial.name: self._rank(trial, level)
+            for trial in self._all
+            if trial.state not in ("failed", "stopped early")
+        }
         names = sorted(scores, key=lambda name: scores[name], reverse=True)
         return [self._progress.trial(name) for name in names]
+
+    def _rank(self, trial: TrialRecord, level: float) -> Rank:
+        records = self._run(trial).iterations()
+        within = until(records, self._plan.budget.resource, level - trial.earlier)
+        return rank(score_of(within, self._plan.metric), self._plan.metric)
 
     def _halve(self, number: int, level: float, ranked: list[TrialRecord]) -> None:
         kept = kept_of(len(ranked), self._plan.early_stopping.reduction_factor)
@@ -241,10 +293,13 @@ class SweepRun:
         for place, trial in enumerate(ranked[kept:], kept + 1):
             if trial.is_over:
                 continue
-            self._interrupt(trial.name)
             message = f"Check {number} at {at}: place {place} of {len(ranked)}, {kept} go on."
-            self._progress.change(trial.name, state="stopped early", message=message)
-            self._say(f"{trial.name} is stopped early: place {place} of {len(ranked)}.")
+            self._stop_early(trial, message)
+
+    def _stop_early(self, trial: TrialRecord, message: str) -> None:
+        self._interrupt(trial.name)
+        self._progress.change(trial.name, state="stopped early", message=message)
+        self._say(f"{trial.name} is stopped early: {message}")
 
     def _replace_worst(self, number: int, level: float, ranked: list[TrialRecord]) -> None:
         vary = {

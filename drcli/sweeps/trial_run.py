@@ -39,11 +39,15 @@ class Limits:
     threads: int = 0
 
 
+class NothingLeft(DrError):
+    """Nothing is left to train."""
+
+
 class Run(Protocol):
     """A training of a sweep, wherever it runs."""
 
-    def start(self, limits: Limits) -> str:
-        """Start or resume it; says why if nothing is to do."""
+    def start(self, limits: Limits) -> None:
+        """Start or resume it; raises NothingLeft if nothing is to do."""
         ...
 
     def record(self) -> RunRecord | None: ...
@@ -59,7 +63,7 @@ class Run(Protocol):
 
 
 class TrialRun:
-    """A training of a sweep on this machine; `changes` are DR_ settings."""
+    """A training of a sweep on this machine."""
 
     def __init__(
         self,
@@ -67,7 +71,6 @@ class TrialRun:
         trial: TrialRecord,
         bucket: Bucket,
         *,
-        changes: Mapping[str, str] | None = None,
         ends_with_parent: bool = False,
     ) -> None:
         self._directory = directory
@@ -76,21 +79,21 @@ class TrialRun:
         self._folder = run_folder(directory, trial.run_id)
         self._bucket = bucket
         self._history = HistoryReader()
-        self._changes = {"DR_LOCAL_S3_MODEL_PREFIX": trial.prefix, **(changes or {})}
         self._ends_with = os.getpid() if ends_with_parent else 0
 
     def settings(self, threads: int = 0) -> Settings:
         """Whatever the shell was activated for; raises ProblemsError."""
-        flags = {EXPERIMENT: self._name, **self._changes, **_ALONE}
+        flags = {EXPERIMENT: self._name, "DR_LOCAL_S3_MODEL_PREFIX": self._prefix, **_ALONE}
         if threads:
             flags["DR_THREADS"] = str(threads)
         return load_settings(self._directory, flags=flags)
 
-    def start(self, limits: Limits) -> str:
+    def start(self, limits: Limits) -> None:
         """As `Run.start`.
 
         Raises:
             TrainedElsewhere: Another machine trains its model.
+            NothingLeft: It has reached its limits, or was stopped for good.
             DrError: It cannot start.
         """
         options = StartOptions(
@@ -99,10 +102,9 @@ class TrialRun:
         )
         planned = prepare_next(self.settings(limits.threads), options, wait=False)
         if isinstance(planned, NothingToDo):
-            return planned.sentence
+            raise NothingLeft(planned.sentence, remedy="")
         job = replace(planned.job, ends_with=self._ends_with)
         training.launch(replace(planned, job=job))
-        return ""
 
     def record(self) -> RunRecord | None:
         found = RunRecord.read(self._folder)

@@ -15,7 +15,6 @@ from drcli.sweeps.trials import rounded
 SMOOTH = 3
 """Averaged iterations, as episodes vary by chance."""
 
-_FIRST = 1e6
 Rank = tuple[float, float, float]
 """Larger is better."""
 
@@ -71,12 +70,6 @@ def rank(score: TrialScore | None, metric: Metric) -> Rank:
     if not score.laps:
         return (0.0, score.progress, reward)
     return (min(RELIABLE, share_interval(score.laps, score.episodes)[0]), time, reward)
-
-
-def number_of(score: TrialScore | None, metric: Metric) -> float:
-    """Leaves out a rank's third value."""
-    first, second, _ = rank(score, metric)
-    return _FIRST * first + second
 
 
 def best_of(trials: Sequence[TrialRecord], metric: Metric) -> str:
@@ -142,12 +135,6 @@ def shares_of(stopping: EarlyStopping) -> list[float]:
         found.append(share)
         share *= stopping.reduction_factor
     return found
-
-
-def share_at(budget: Budget, stopping: EarlyStopping, level: float) -> float:
-    """The share of a level; levels are rounded."""
-    found = [share for share in shares_of(stopping) if _amount(budget, share) <= level]
-    return max(found) if found and level < budget.most else level / budget.most
 
 
 def _amount(budget: Budget, share: float) -> float:

@@ -146,7 +146,7 @@ def _parameters(
         values = moved_training_parameters(
             training_parameters(settings), model.bucket.name, model.prefix, world
         )
-    name = _world_name(values)
+    name = str(read_parameters(values).get("WORLD_NAME", ""))
     track, _ = split_world(name)
     try:
         data = droa_parameters(values, _route(settings, name))
@@ -161,10 +161,6 @@ def _parameters(
         f"{track} is not a track of DeepRacer on AWS, which will refuse the import; name another "
         "one with --world."
     ]
-
-
-def _world_name(parameters: bytes) -> str:
-    return str(read_parameters(parameters).get("WORLD_NAME", ""))
 
 
 def _route(settings: Settings, world: str) -> Direction | None:

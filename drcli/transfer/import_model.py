@@ -451,7 +451,8 @@ def _taken(here: Bucket, prefix: str) -> SettingsError:
 def _read(source: SourceFiles, chosen: Candidate) -> tuple["ReadPolicy", list[str]]:
     origin = source.place(chosen.title)
     if chosen.form == "ONNX":
-        return _read_onnx(source.read(chosen.files[0]), origin)
+        nodes = read_onnx(source.read(chosen.files[0]), origin)
+        return read_graph.read_nodes(nodes, origin), [_PROVED.format(origin=origin)]
     if chosen.form == "frozen graph":
         policy = imported_policy.read_frozen_graph(source.read(chosen.files[0]), origin)
         return policy, [_PROVED.format(origin=origin)]
@@ -483,7 +484,3 @@ def _read(source: SourceFiles, chosen: Candidate) -> tuple["ReadPolicy", list[st
 
 
 _PROVED = "{origin} and the network here gave the same results for the same pictures."
-
-
-def _read_onnx(data: bytes, origin: str) -> tuple["ReadPolicy", list[str]]:
-    return read_graph.read_nodes(read_onnx(data, origin), origin), [_PROVED.format(origin=origin)]

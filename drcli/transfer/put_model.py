@@ -147,11 +147,11 @@ class Delivery:
         stay = {*kept, *POINTERS}
         return [name for name in self._look() if name.startswith(folder) and name not in stay]
 
-    def is_named(self, checkpoint: str) -> bool:
+    def named(self) -> set[str]:
+        """Checkpoints that the pointers name."""
         scores, pointed = self._pointed()
-        if scores is None:
-            return pointed == checkpoint
-        return checkpoint in (pointed, scores.best_checkpoint.name, scores.last_checkpoint.name)
+        of_index = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
+        return {pointed or "", *(score.name for score in of_index)} - {""}
 
     def repair_crossing(self, score: Score, needed: Sequence[Item]) -> None:
         """Check whether another delivery interfered, and repair the result.

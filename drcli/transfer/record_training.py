@@ -215,7 +215,8 @@ def on_track(
     else:
         begins = [
             (0 if name is None else name.number, world)
-            for name, world in zip(map(_resumed, starts), worlds, strict=True)
+            for start, world in zip(starts, worlds, strict=True)
+            for name in [CheckpointName.parse(start.resumes or "")]
         ]
         if any(start.resumes is None for start in starts[1:]):
             begins = [(0, "")]  # nobody recorded where the other track began
@@ -229,10 +230,6 @@ def on_track(
         if world == record.world or not record.world:
             found.add(each.iteration)
     return found
-
-
-def _resumed(start: RecordedStart) -> CheckpointName | None:
-    return None if start.resumes is None else CheckpointName.parse(start.resumes)
 
 
 def _world(start: RecordedStart) -> str | None:
@@ -420,7 +417,8 @@ def derived_training(model: ModelStore, start: TrainingStart | None = None) -> T
     outcome = known_outcome(store)
     texts = files_of(store)
     settings = None if start is None else start.settings
-    starts = tuple(_start_of(each) for each in _all_starts(start))
+    known = [] if start is None else [*start.earlier, start]
+    starts = tuple(map(_start_of, known))
     if starts:
         files = {name: fingerprint(text) for name, text in texts.items()}
         starts = (*starts[:-1], replace(starts[-1], files=files))
@@ -498,10 +496,6 @@ def _few(starts: tuple[RecordedStart, ...]) -> tuple[RecordedStart, ...]:
     if len(starts) <= MOST_STARTS:
         return starts
     return (starts[0], *starts[1 - MOST_STARTS :])
-
-
-def _all_starts(start: TrainingStart | None) -> list[TrainingStart]:
-    return [] if start is None else [*start.earlier, start]
 
 
 def _start_of(start: TrainingStart) -> RecordedStart:

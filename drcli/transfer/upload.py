@@ -2,8 +2,7 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Collection, Mapping
-from contextlib import suppress
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Annotated
@@ -11,7 +10,7 @@ from typing import Annotated
 from drcli.base import errors
 from drcli.base.errors import BadValue, SettingsError
 from drcli.base.report import View, counted, size_text
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, readable_record
+from drcli.bucket.bucket import Bucket, ObjectMissing, readable_record
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.editing import RunEnvEdit, plan_edit, raised, written
 from drcli.config.loading import load_settings
@@ -19,7 +18,6 @@ from drcli.config.settings import Settings, catalogue
 from drcli.config.value_types import CheckpointChoice, retention_rules
 from drcli.convert.car_rules import END
 from drcli.model import keys
-from drcli.model.best_checkpoint import read_scores
 from drcli.model.checkpoint_choice import CheckpointGone, Chosen, find_choice, take_choice
 from drcli.model.checkpoint_list import (
     SHAPING,
@@ -185,17 +183,12 @@ def surplus(
 def delete_surplus_checkpoints(
     delivery: Delivery, retention: Retention, best: str | None, *, dry_run: bool = False
 ) -> list[str]:
-    bucket, prefix = delivery.bucket, delivery.prefix
-    model = ModelStore(bucket, prefix)
+    model = ModelStore(delivery.bucket, delivery.prefix)
     objects, sizes = _own_checkpoints(model)
-    pinned = _pointed(model)
+    named = map(CheckpointName.parse, delivery.named())
+    pinned = {name for name in named if name is not None}
     doomed = surplus(sizes, retention, CheckpointName.parse(best or ""), pinned)
-    left = sum(sizes.values()) - sum(sizes[name] for name in doomed)
-    _warn_of_size(left, retention, f"s3://{bucket.name}/{prefix}")
-    names = [key for name in doomed for key in objects[name]]
-    if not dry_run:
-        bucket.delete(names)
-    return [key.removeprefix(keys.folder(prefix)) for key in names]
+    return _delete(model, doomed, objects, sizes, retention, dry_run=dry_run)
 
 
 def delete_surplus_archives(
@@ -222,12 +215,28 @@ def delete_surplus_archives(
     parsed = CheckpointName.parse(best or "")
     best_archive = None if parsed is None else CheckpointName(parsed.number, 0)
     doomed = surplus(sizes, retention, best_archive, [CheckpointName(newest, 0)])
+    return _delete(model, doomed, archives, sizes, retention, dry_run=dry_run)
+
+
+def _delete(
+    model: ModelStore,
+    doomed: Collection[CheckpointName],
+    objects: Mapping[CheckpointName, Sequence[str]],
+    sizes: Mapping[CheckpointName, int],
+    retention: Retention,
+    *,
+    dry_run: bool,
+) -> list[str]:
     left = sum(sizes.values()) - sum(sizes[name] for name in doomed)
-    _warn_of_size(left, retention, model.url)
-    deleted = [key for name in doomed for key in archives[name]]
+    if retention.max_bytes and left > retention.max_bytes:
+        errors.warn(
+            f"What must stay at {model.url} takes {left / 1e6:,.0f} MB, more than the limit of "
+            f"{retention.max_bytes / 1e6:,.0f} MB (DR_UPLOAD_MAX_MB)."
+        )
+    deleted = [key for name in doomed for key in objects[name]]
     if not dry_run:
         model.bucket.delete(deleted)
-    return [key.removeprefix(folder) for key in deleted]
+    return [key.removeprefix(keys.folder(model.prefix)) for key in deleted]
 
 
 def _kept(
@@ -281,27 +290,6 @@ def _is_ours(model: ModelStore, name: CheckpointName, found: list[str]) -> bool:
         return False
     decode = partial(CheckpointRecord.decode_of, str(name))
     return readable_record(model.bucket, record, decode) is not None
-
-
-def _pointed(model: ModelStore) -> set[CheckpointName]:
-    names: set[str] = set()
-    with suppress(ObjectDamaged):
-        scores = read_scores(model)
-        if scores is not None:
-            names |= {scores.best_checkpoint.name, scores.last_checkpoint.name}
-    with suppress(ObjectMissing):
-        names.add(
-            model.bucket.get(keys.coach_checkpoint(model.prefix)).decode(errors="replace").strip()
-        )
-    return {name for name in map(CheckpointName.parse, names) if name is not None}
-
-
-def _warn_of_size(left: int, retention: Retention, place: str) -> None:
-    if retention.max_bytes and left > retention.max_bytes:
-        errors.warn(
-            f"What must stay at {place} takes {left / 1e6:,.0f} MB, more than the limit of "
-            f"{retention.max_bytes / 1e6:,.0f} MB (DR_UPLOAD_MAX_MB)."
-        )
 
 
 _PICKS = 5
@@ -417,7 +405,7 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
     with progress("Uploading model", total) as watch:
         delivery = Delivery(ModelStore(there, planned.target), watch)
         # Data first and pointers last: the target has a usable model for as long as possible.
-        if delivery.is_named(chosen.name) and any(map(delivery.differs, checkpoint)):
+        if chosen.name in delivery.named() and any(map(delivery.differs, checkpoint)):
             delivery.withdraw()  # another model has a checkpoint of this name there
         shaping = [item for item in shared if item.name in SHAPING]
         delivery.send(checkpoint)

@@ -6,24 +6,11 @@ import os
 from drcli.base.errors import NotAvailable
 from drcli.config.settings import Settings
 
-_OF_TUNE = ("pandas", "pyarrow", "fsspec")
-
 
 def require_ray() -> None:
     if importlib.util.find_spec("ray") is None:
         raise NotAvailable(
             "DR_LAUNCHER=ray needs Ray, which is not installed.",
-            remedy="Install the extra: `pip install 'drcli[ray]'`.",
-        )
-
-
-def require_tune() -> None:
-    """Raises NotAvailable without Ray or what Tune needs besides."""
-    require_ray()
-    missing = [name for name in _OF_TUNE if importlib.util.find_spec(name) is None]
-    if missing:
-        raise NotAvailable(
-            f"Ray Tune, which runs sweeps with DR_LAUNCHER=ray, needs {' and '.join(missing)}.",
             remedy="Install the extra: `pip install 'drcli[ray]'`.",
         )
 

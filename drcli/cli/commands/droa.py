@@ -350,24 +350,8 @@ def droa_get_model(
     """
     droa = connection.droa()
     found = droa.find(model)
-<<<<<<< HEAD
     means = droa_metrics.metrics_summary(droa, found) if summary else []
     show(droa_metrics.ModelReport(**vars(found), means=means), verbose=verbose)
-=======
-    means = droa_metrics.metrics_summary(droa, found) if summary else None
-    report = droa_metrics.ModelReport(
-        droa.place,
-        found.model_id,
-        found.name,
-        found.status,
-        found.training_status,
-        found.created_at,
-        found.import_error,
-        dict(found.values),
-        means or [],
-    )
-    console.emit(report, show_model(found, means, verbose=verbose))
->>>>>>> outside
 
 
 @app.command("import")

@@ -11,17 +11,10 @@ from typing import Annotated, Any, Literal
 
 from drcli.base.errors import DrError, StorageError
 from drcli.base.installation import lazy_imports
-<<<<<<< HEAD
 from drcli.base.json_record import RecordError, decode_json
 from drcli.base.report import Col, View, table
-from drcli.bucket.endpoint import session_of
 from drcli.clouds.providers.amazon import ec2_metadata
-from drcli.config import secret_environment
-from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
-=======
-from drcli.base.json_record import RecordError, parse_json
 from drcli.outside.aws.aws_account import Account
->>>>>>> outside
 from drcli.outside.aws.instance_types import InstanceType
 
 with lazy_imports():

@@ -45,7 +45,6 @@ class ModelReport(RemoteModel):
 
     means: Annotated[list[PhaseMeans], "With --summary: means of its training metrics."]
 
-<<<<<<< HEAD
     def view(self, *, verbose: bool) -> View:
         size, minutes = (
             self._text("fileSizeInBytes"),
@@ -118,17 +117,6 @@ class ModelReport(RemoteModel):
             for index, each in enumerate(discrete if isinstance(discrete, list) else [])
             if isinstance(each, dict)
         }
-=======
-    site: str
-    model_id: str
-    name: str
-    status: str
-    training_status: str
-    created_at: str
-    import_error: str
-    values: dict[str, Any]
-    means: list[PhaseMeans]
->>>>>>> outside
 
 
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:

@@ -105,7 +105,7 @@ def test_what_is_no_readable_file_is_refused_in_a_sentence(tmp_path):
     for name, why in [
         ("empty.pb", "is empty"),
         ("folder.onnx", "cannot be read"),
-        ("pipe.onnx", "cannot be read: it is not an ordinary file"),
+        ("pipe.onnx", "cannot be read: It is not an ordinary file"),
         ("missing.onnx", "cannot be read: No such file"),
         ("missing.zip", "cannot be read: No such file"),
         ("notes.txt", "is not the file of a policy"),

@@ -4,7 +4,6 @@ import errno
 import json
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 

@@ -46,7 +46,6 @@ class PaperRun:
             raise failure.pop(0) if isinstance(failure, list) else failure
         self.state = "running"
         self.shop.starts.append(self.trial.name)
-        return ""
 
     @property
     def runs(self):
@@ -84,7 +83,7 @@ class Shop:
         self.runs, self.busiest, self.interrupt_at = {}, 0, None
         self.signals = NotedSignals()
 
-    def sweep(self, text=FILE, parallel=1):
+    def sweep(self, text=FILE, parallel=1, waits=True):
         path = self.folder / "sweep.yaml"
         path.write_text(text)
         file = read_sweep_file(path)
@@ -99,7 +98,7 @@ class Shop:
             progress,
             file,
             self.bucket,
-            Pace(parallel),
+            Pace(lambda: parallel, waits=waits),
             say=self.said.append,
             signals=self.signals,
             open_run=self.open_run,
@@ -254,6 +253,81 @@ def test_a_supervisor_that_is_killed_is_started_again_but_not_forever(shop):
 
     assert shop.starts.count("s-02") == 1 + sweep_run.MOST_STARTS
     assert states(record)["s-02"] == "failed"
+
+
+def test_a_start_that_fails_only_later_is_told_as_one_that_fails_at_once(shop):
+    class Late(PaperRun):
+        """As on a node: the reason comes after the start."""
+
+        refused = None
+
+        def start(self, limits):
+            super().start(limits)
+            if self.trial.name == "s-06":
+                self.refused = SettingsError("The reward function is broken.", remedy="Mend it.")
+                self.state = "failed"
+
+        def record(self):
+            if self.refused:
+                raise self.refused
+            return super().record()
+
+    def open_run(trial):
+        shop.runs[trial.prefix] = Late(shop, trial)
+        return shop.runs[trial.prefix]
+
+    sweep = shop.sweep()
+    sweep._open_run = open_run
+
+    record = sweep.run()
+
+    failed = record.trials[5]
+    assert (failed.state, failed.message) == ("failed", "The reward function is broken.")
+    assert record.best == "s-05"
+
+
+ASHA = FILE.replace("halving", "asha, first_check: 0.25, reduction_factor: 2")
+
+
+def test_with_asha_each_is_compared_with_those_that_reached_the_check_before(shop):
+    worse = shop.sweep(ASHA.replace("[1e-4", "[7e-4, 1e-4"), parallel=1, waits=False)
+
+    record = worse.run()
+
+    # One after the other, each better than all before: none ends.
+    assert set(states(record).values()) == {"finished"}
+
+
+def test_with_asha_a_worse_training_ends_at_its_first_check_and_none_waits(shop):
+    class Falling(PaperRun):
+        def second(self):
+            if self.runs:
+                number = len(self.done)
+                progress = 90.0 - float(self.trial.name[-2:])
+                self.done.append(iteration_record(number, evaluation_progress=[progress]))
+                if len(self.done) >= shop.most:
+                    self.state = "finished"
+
+    def open_run(trial):
+        shop.runs[trial.prefix] = Falling(shop, trial)
+        return shop.runs[trial.prefix]
+
+    shop.interrupt_at = 3
+    sweep = shop.sweep(ASHA, waits=False)
+    sweep._open_run = open_run
+    with pytest.raises(Stopped):
+        sweep.run()
+    shop.signals = NotedSignals()
+    sweep = shop.sweep(ASHA, waits=False)
+    sweep._open_run = open_run
+
+    record = sweep.run()
+
+    assert states(record)["s-01"] == "finished"
+    assert states(record)["s-02"] == "stopped early"
+    assert record.trials[1].message == "ASHA ended it at the check at 2 iterations."
+    assert all(used(record)[name] <= 4 for name in ("s-02", "s-04", "s-05", "s-06"))
+    assert record.best == "s-01"
 
 
 POPULATION = """

@@ -1,7 +1,7 @@
 """How well a training drives at an amount of its budget, and which one is best."""
 
 from drcli.sweeps.sweep_record import TrialRecord, TrialScore
-from drcli.sweeps.trial_score import amount_of, best_of, number_of, rank, score_of, until
+from drcli.sweeps.trial_score import amount_of, best_of, rank, score_of, until
 from iterations import iteration_record
 
 
@@ -53,7 +53,6 @@ def test_laps_that_a_checkpoint_drove_again_count_with_its_evaluation():
 
     assert (score.laps, score.episodes, score.progress, score.lap_s) == (3, 6, 60.0, 7.0)
     assert rank(score, "lap_time") < rank(score_of(HISTORY, "lap_time"), "lap_time")
-    assert number_of(score, "lap_time") < number_of(score_of(HISTORY, "lap_time"), "lap_time")
 
 
 def test_without_evaluations_the_training_episodes_count():
