@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from amazon_server import amazon_server
 from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
-from drcli.checks.doctor import bucket_health, diagnose, libraries, surroundings
+from drcli.checks.doctor import bucket_health, diagnose, surroundings
 from drcli.checks.doctor.libraries import Libraries
 from drcli.model.model_store import ModelStore
 
@@ -18,7 +19,7 @@ from drcli.model.model_store import ModelStore
 def nothing_takes_long(monkeypatch):
     """Nothing takes long: torch is not loaded, and speed is measured with little data."""
     monkeypatch.setattr(diagnose, "ask_libraries", lambda _: Libraries({"number_format": "fp32"}))
-    monkeypatch.setattr(libraries.shutil, "which", lambda _: None)
+    monkeypatch.setattr(shutil, "which", lambda _: None)
     monkeypatch.setattr(surroundings, "_TEST_BYTES", 1 << 20)
     monkeypatch.setattr(bucket_health, "_SPEED_BYTES", (1 << 16, 1 << 17))
 
