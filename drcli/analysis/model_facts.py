@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from drcli.analysis.find_world import world_in_log, world_in_parameters
 from drcli.analysis.model_source import ModelSource
 from drcli.analysis.read_traces import simulation_logs
 from drcli.base.errors import DrError
@@ -26,6 +25,8 @@ _PLACES = {
     keys.HYPERPARAMETERS_FILE: ("ip/hyperparameters.json", "hyperparameters.json"),
     keys.MODEL_METADATA_FILE: ("model/model_metadata.json", "model_metadata.json"),
 }
+_WORLD = re.compile(r"^\s*['\"]?WORLD_NAME['\"]?\s*:\s*['\"]?([^'\",\s]+)", re.MULTILINE)
+_LOG_WORLD = re.compile(r"(?:/WORLD_NAME: |'WORLD_NAME': ')([\w.-]+)")
 _TEXT_BYTES = 1 << 20
 _LOG_START_BYTES = 4 << 20
 _LINE_START = re.compile(r"^\s*(?:\[[^\]\n]*\]\s+)+", re.MULTILINE)
@@ -201,3 +202,17 @@ def _json_or_none(text: str) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError):
         return None
+
+
+def world_in_parameters(text: str) -> str | None:
+    """The track in training_params.yaml or evaluation_params.yaml."""
+    found = _WORLD.search(text)
+    if found is None:
+        return None
+    first = found[1].strip("[]- ")
+    return first or None
+
+
+def world_in_log(text: str) -> str | None:
+    found = _LOG_WORLD.search(text)
+    return found[1] if found else None

@@ -16,9 +16,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from drcli.analysis.episode_table import aggregated
 from drcli.analysis.model_source import ModelSource, Trace
-from drcli.analysis.read_traces import STEP_COLUMNS, read_traces, trainer_logs
+from drcli.analysis.read_traces import STEP_COLUMNS, aggregated, read_traces, trainer_logs
 from drcli.analysis.run import StoredEvaluation, spans
 from drcli.base.errors import DrError
 from drcli.base.installation import lazy_imports

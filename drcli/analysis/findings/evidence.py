@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drcli.analysis.findings.action_use import ActionUse, action_use
-from drcli.analysis.findings.discount_horizon import DiscountHorizon, discount_horizon
 from drcli.analysis.findings.driven_steps import (
+    DiscountHorizon,
     DrivenSteps,
     EpisodeEnds,
     EpisodeGroup,
     by_quintile,
     by_start,
+    discount_horizon,
     driven_steps,
     episode_ends,
 )

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drcli.analysis.findings.action_use import ActionShare, ActionUse
-from drcli.analysis.findings.discount_horizon import DiscountHorizon
-from drcli.analysis.findings.driven_steps import EpisodeEnds
+from drcli.analysis.findings.driven_steps import DiscountHorizon, EpisodeEnds
 from drcli.analysis.findings.reward_rate import RewardFunctionTime, RewardRate
 from drcli.analysis.findings.steering import Snaking, SteeringBalance, WheelsOff
 from drcli.analysis.report.graphs import Graph, Section, dots_note, many_points

@@ -149,8 +149,18 @@ def stored_traces(model: ModelStore, config: ModelConfig) -> StoredTraces:
         )
     inner = tuple(keys.folder(other) for other in models_in(listed) if other != model.prefix)
     own = [info for info in listed if not info.key.startswith(inner)]
-    traces = [found for info in own if (found := _listed(info, folder)) is not None]
-    records, notes = _history(model, config)
+    traces = [
+        replace(found, size_bytes=info.size_bytes, modified=info.modified.timestamp())
+        for info in own
+        if (found := parse_name(info.key.removeprefix(folder))) is not None
+    ]
+    notes: list[str] = []
+    records: dict[int, IterationRecord] = {}
+    try:
+        history, told = readable_history(ModelStore.of(config, model.bucket, model.prefix))
+        records, notes = {record.iteration: record for record in history}, list(told)
+    except DrError as error:
+        notes.append(str(error))
     traces = [_with_record(trace, records.get(trace.iteration)) for trace in traces]
     stamps = sorted({trace.stamp for trace in traces if trace.kind == "evaluation"})
     store = ModelStore.of(config, model.bucket, model.prefix)
@@ -170,23 +180,6 @@ def stored_traces(model: ModelStore, config: ModelConfig) -> StoredTraces:
         )
     )
     return StoredTraces(model.prefix, traces, notes)
-
-
-def _listed(info: ObjectInfo, folder: str) -> StoredTrace | None:
-    found = parse_name(info.key.removeprefix(folder))
-    if found is None:
-        return None
-    return replace(found, size_bytes=info.size_bytes, modified=info.modified.timestamp())
-
-
-def _history(
-    model: ModelStore, config: ModelConfig
-) -> tuple[dict[int, IterationRecord], list[str]]:
-    try:
-        records, notes = readable_history(ModelStore.of(config, model.bucket, model.prefix))
-    except DrError as error:
-        return {}, [str(error)]
-    return {record.iteration: record for record in records}, list(notes)
 
 
 def _with_record(trace: StoredTrace, record: IterationRecord | None) -> StoredTrace:

@@ -7,8 +7,12 @@ import pandas as pd
 import pytest
 
 from drcli.analysis.findings.action_use import action_use
-from drcli.analysis.findings.discount_horizon import discount_horizon
-from drcli.analysis.findings.driven_steps import DrivenSteps, driven_steps, episode_ends
+from drcli.analysis.findings.driven_steps import (
+    DrivenSteps,
+    discount_horizon,
+    driven_steps,
+    episode_ends,
+)
 from drcli.analysis.findings.evidence import learner_health
 from drcli.analysis.findings.reward_rate import RewardRate, reward_function_time, reward_rate
 from drcli.analysis.findings.steering import snaking, steering_balance, wheels_off
