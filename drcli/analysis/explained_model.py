@@ -9,7 +9,7 @@ from drcli.base.installation import lazy_imports
 from drcli.config.settings import Settings
 from drcli.config.value_types import parse_checkpoint
 from drcli.model.model_store import ModelStore
-from drcli.view.saliency.question import FAST_SPACING, Question
+from drcli.view.saliency.saliency_options import FAST_SPACING, SaliencyOptions
 
 if TYPE_CHECKING:
     from drcli.view.saliency.explained_episode import ExplainedEpisode
@@ -18,12 +18,12 @@ with lazy_imports():
     from drcli.view.saliency import explain_model, explanation_pictures
     from drcli.view.video import overlay
 
-SOME_STEPS = Question(pictures=6, spacing=FAST_SPACING)
+SOME_STEPS = SaliencyOptions(pictures=6, spacing=FAST_SPACING)
 _LIKELY = 3
 
 
 def explained_pictures(
-    settings: Settings, model: ModelStore, question: Question = SOME_STEPS
+    settings: Settings, model: ModelStore, question: SaliencyOptions = SOME_STEPS
 ) -> tuple[Picture, ...]:
     """Drive an episode with a model's best checkpoint, and explain some of its steps.
 

@@ -27,7 +27,7 @@ from typing import IO, Any, Protocol
 
 from drcli.base.system_calls import ExitWait, adopt_orphans, end_before_others, rename_process
 
-_LOOK_S = 0.2
+_POLL_S = 0.2
 """How often to look whether a process has ended, on a system that does not tell."""
 
 _ADOPTION_S = 30.0
@@ -89,7 +89,7 @@ class Divided:
                 left_s = end_s - time.monotonic()
                 if timeout is not None and left_s <= 0.0:
                     raise subprocess.TimeoutExpired(str(self.pid), timeout)
-                ended.wait(min(left_s, _LOOK_S))
+                ended.wait(min(left_s, _POLL_S))
             return code
         finally:
             ended.close()

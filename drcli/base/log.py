@@ -141,7 +141,7 @@ def _prune(parts: list[Path], max_bytes: int) -> None:
         parts, sizes = parts[1:], sizes[1:]
 
 
-LOOK_S = 0.1
+POLL_S = 0.1
 _ours = logging.Manager(logging.RootLogger(logging.INFO))
 """Not Python's: a reward function may configure or switch off those."""
 
@@ -201,7 +201,7 @@ class LogFile(logging.FileHandler):
             super().handleError(record)
 
     def _keep_small(self) -> None:
-        while not self._ending.wait(LOOK_S):
+        while not self._ending.wait(POLL_S):
             with suppress(OSError):  # the disk is full or the folder is gone; tried again later
                 self._rotate_if_large()
 

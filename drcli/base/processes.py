@@ -81,7 +81,7 @@ def _started_unix_s(pid: int) -> float | None:
 # Linux gives orphans to the nearest ancestor that wants them, where they are found.
 
 
-_LOOK_S = 0.2
+_POLL_S = 0.2
 
 
 class _Asked(BaseException):
@@ -126,7 +126,7 @@ def _end_of(child: int, parent_pid: int) -> int:
     with suppress(_Asked):
         signal.signal(signal.SIGTERM, stop)
         while os.getppid() == parent_pid:
-            ended.wait(_LOOK_S)
+            ended.wait(_POLL_S)
             found, status = os.waitpid(child, os.WNOHANG)
             if found:
                 signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.convert.build_network import build_policy, load_weights
 from drcli.convert.frozen_graph import GraphComparison, compare_graph
@@ -31,7 +31,7 @@ _EPISODES = 10_000
 
 
 def compare_on_drive(
-    race: RaceConfig, design: Design, weights: bytes, name: str, graph: bytes, *, frames: int
+    race: DriveConfig, design: Design, weights: bytes, name: str, graph: bytes, *, frames: int
 ) -> GraphComparison:
     """Compare what graph and weights do on the track of a race.
 
@@ -45,7 +45,7 @@ def compare_on_drive(
 
 
 def record_drive(
-    race: RaceConfig, metadata: ModelMetadata, model: Network, frames: int
+    race: DriveConfig, metadata: ModelMetadata, model: Network, frames: int
 ) -> Observation:
     track = load_world(race)
     simulation = build_simulation(
@@ -106,7 +106,7 @@ def made_car_archive(settings: Settings, source: "ExportSource", file_name: str)
     return export_car(settings, source, file_name, _compare)
 
 
-def _compare(race: RaceConfig, source: "ExportSource", graph: bytes) -> "GraphComparison":
+def _compare(race: DriveConfig, source: "ExportSource", graph: bytes) -> "GraphComparison":
     return compare_on_drive(
         race, source.design, source.weights, source.chosen.name, graph, frames=FRAMES
     )

@@ -14,7 +14,7 @@ from drcli.base import errors, installation
 from drcli.base.errors import DrError, SettingsError, shown
 from drcli.base.files import private
 from drcli.base.processes import Stopped, search_rarely
-from drcli.cli import completion, console
+from drcli.cli import completion, terminal
 from drcli.cli.command_line import application
 from drcli.cli.working_folder import working_folder
 
@@ -78,9 +78,9 @@ def main(args: list[str] | None = None) -> None:
         SystemExit: Always, with the exit code.
     """
     search_rarely()
-    console.quiet = console.as_json = False
-    errors.show = console.say
-    errors.warn = cache(console.warn)  # once for each object
+    terminal.quiet = terminal.as_json = False
+    errors.show = terminal.say
+    errors.warn = cache(terminal.warn)  # once for each object
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -96,10 +96,10 @@ def _run(arguments: list[str]) -> None:
     try:
         application(arguments)(arguments, prog_name=PROGRAM)
     except Stopped as error:  # somebody wanted it, so it is no error
-        console.say(f"{error} {error.remedy}".strip())
+        terminal.say(f"{error} {error.remedy}".strip())
         raise SystemExit(error.code) from None
     except DrError as error:  # ours to explain; anything else is a bug
-        console.fail(str(error), error.remedy)
+        terminal.fail(str(error), error.remedy)
         raise SystemExit(error.code) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
@@ -111,10 +111,10 @@ def _run(arguments: list[str]) -> None:
         if isinstance(error, OSError) and error.errno in _NOT_OUR_BUGS and error.filename:
             place = shown(os.fsdecode(error.filename))
             remedy = _NOT_OUR_BUGS[error.errno]
-            console.fail(f"{place} cannot be used: {os.strerror(error.errno)}.", remedy)
+            terminal.fail(f"{place} cannot be used: {os.strerror(error.errno)}.", remedy)
             raise SystemExit(SettingsError.code) from None
         if broken := installation.installation_error(error):
-            console.fail(str(broken), broken.remedy)
+            terminal.fail(str(broken), broken.remedy)
             raise SystemExit(broken.code) from None
         _report_bug(error)
         raise SystemExit(1) from None
@@ -157,4 +157,4 @@ def _report_bug(error: Exception) -> None:
         remedy = f"Report it, and add {path}."
     except (OSError, DrError):
         remedy = "Set DR_DEBUG=1 and run the command again to see the traceback."
-    console.fail(f"Internal error in drcli: {type(error).__name__}: {error}", remedy)
+    terminal.fail(f"Internal error in drcli: {type(error).__name__}: {error}", remedy)

@@ -22,7 +22,7 @@ with lazy_imports():
 NICENESS = 15
 """19 is the most."""
 
-LOOK_S = 1.0
+POLL_S = 1.0
 
 
 def main() -> None:
@@ -49,7 +49,7 @@ def main() -> None:
 
 def _end_with(caller: int) -> None:
     while os.getppid() == caller:
-        time.sleep(LOOK_S)
+        time.sleep(POLL_S)
     os._exit(1)
 
 

@@ -15,9 +15,9 @@ from typer.core import TyperCommand, TyperGroup
 
 from drcli import __version__
 from drcli.base.errors import shown
-from drcli.cli import completion, console
+from drcli.cli import completion, terminal
 from drcli.cli.command_table import COMMANDS, Command
-from drcli.cli.console import NARROWEST
+from drcli.cli.terminal import NARROWEST
 
 EPILOG = """Every command is also a program: dr-status is dr status. Begin with `dr init`.
 `dr help COMMAND` explains a command. Scripts may go on with the other names.
@@ -255,11 +255,11 @@ def _show_all(ctx: typer.Context, wanted: bool) -> None:
 
 
 def _be_quiet(wanted: bool) -> None:
-    console.quiet = console.quiet or wanted
+    terminal.quiet = terminal.quiet or wanted
 
 
 def _print_json(wanted: bool) -> None:
-    console.as_json = console.as_json or wanted
+    terminal.as_json = terminal.as_json or wanted
 
 
 def _flag(text: str, callback: Callable[[bool], None], *names: str) -> Any:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.run.track_fetch import fetch, missing_tracks
 
 if TYPE_CHECKING:
@@ -26,4 +26,4 @@ def bring_tracks(settings: "Settings") -> None:
         remedy = "Set DR_TRACKS_FETCH to always or never to skip this question."
         prompts.agree(question, yes=allowed, remedy=remedy)
         facts = fetch(settings, name)
-        console.say(f"Fetched {name}: {facts.length_m:.1f} m, {facts.waypoints} waypoints.")
+        terminal.say(f"Fetched {name}: {facts.length_m:.1f} m, {facts.waypoints} waypoints.")

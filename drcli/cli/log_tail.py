@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from drcli.base import log as log_files
-from drcli.cli import console
+from drcli.cli import terminal
 
 POLL_S = 0.3
 
@@ -37,14 +37,14 @@ def show_log(
     try:
         existing = chain(older(path, since) if whole else (), iter(tail.read, ""))
         for piece in chosen(existing, last_lines, since) if whole else ():
-            console.write(piece)
+            terminal.write(piece)
         while follow():
             text = tail.read()
-            console.write(text, followed=True)
+            terminal.write(text, followed=True)
             if not text:
                 time.sleep(POLL_S)
         while text := tail.read(unfinished=True):
-            console.write(text)
+            terminal.write(text)
     except KeyboardInterrupt:  # the usual way to end it
         return
 

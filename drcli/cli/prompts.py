@@ -13,7 +13,7 @@ from types import FrameType
 from typing import TypeVar
 
 from drcli.base.errors import Aborted, SettingsError
-from drcli.cli import console
+from drcli.cli import terminal
 
 PATIENCE_S = 60.0
 _PIPE_WAIT_S = 1.0
@@ -37,10 +37,10 @@ def agree(
     if yes:
         return
     if sys.stdin.isatty():
-        console.err.print(f"{question} [y/N] ", end="", markup=False, soft_wrap=True)
+        terminal.err.print(f"{question} [y/N] ", end="", markup=False, soft_wrap=True)
         answer = _within_patience(sys.stdin.readline, remedy)
     else:
-        console.say(f"{question} [y/N]")
+        terminal.say(f"{question} [y/N]")
         answer = _line_in_pipe()
     if answer.strip().casefold() not in ("y", "yes") and answer.strip() not in words:
         raise Aborted("Aborting. Nothing was changed.", remedy=remedy)
@@ -56,14 +56,14 @@ def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
     offer = f" ({', '.join(choices)})" if choices else ""
     spelt = {choice.casefold(): choice for choice in choices}
     while True:
-        console.err.print(f"{question}{offer} [{default}]: ", end="", markup=False, soft_wrap=True)
+        terminal.err.print(f"{question}{offer} [{default}]: ", end="", markup=False, soft_wrap=True)
         line = _within_patience(sys.stdin.readline, remedy)
         answer = line.strip() or default
         if not choices or not line:
             return answer
         if answer.casefold() in spelt:
             return spelt[answer.casefold()]
-        console.say(f"'{answer}' is not one of these.")
+        terminal.say(f"'{answer}' is not one of these.")
 
 
 def secret(question: str, remedy: str) -> str:
@@ -105,7 +105,7 @@ def _within_patience(read: Callable[[], T], remedy: str) -> T:
     try:
         return read()
     except _TooLate:
-        console.say("")  # the cursor is behind the question
+        terminal.say("")  # the cursor is behind the question
         raise Aborted(
             "Nobody answered within a minute, which counts as no. Nothing was changed.",
             remedy=remedy,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
-from drcli.cli import completion, console
+from drcli.cli import completion, terminal
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 from drcli.races.race_report import RaceReport, with_limit
@@ -27,7 +27,7 @@ Closes = Annotated[
 def print_race(report: "RaceReport") -> None:
     loaded = settings()
     report = with_limit(report, loaded.tracks_folder, loaded.directory)
-    console.warn(*report.damaged)
+    terminal.warn(*report.damaged)
     show(report)
 
 

@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from drcli.base.report import Curve, Log, Rows, dim
-from drcli.cli import console
-from drcli.cli.console import BOUNDLESS
+from drcli.cli import terminal
+from drcli.cli.terminal import BOUNDLESS
 
 INDENT = 2
 BESIDE_COLUMNS = 80
@@ -29,8 +29,8 @@ def show(report: Any, *, folded: bool = True, **wishes: Any) -> None:
 
     Without `folded`, an address stays in one piece. The view gets the `wishes`.
     """
-    rendered = None if console.as_json else drawn(report, **wishes)
-    console.emit(report, rendered, folded=folded)
+    rendered = None if terminal.as_json else drawn(report, **wishes)
+    terminal.emit(report, rendered, folded=folded)
 
 
 def drawn(report: Any, **wishes: Any) -> RenderableType:

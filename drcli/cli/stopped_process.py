@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from drcli.cli import console
+from drcli.cli import terminal
 
 
 @dataclass(frozen=True)
@@ -16,4 +16,4 @@ class StoppedProcess:
 
 def show_stopped(what: str, pid: int | None, *, none: str) -> None:
     said = none if pid is None else f"Stopped {what} (process {pid})."
-    console.emit(StoppedProcess(pid is not None, pid), said)
+    terminal.emit(StoppedProcess(pid is not None, pid), said)

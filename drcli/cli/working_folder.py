@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from drcli.base.errors import SettingsError
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
@@ -99,7 +99,7 @@ def settings_for_files(words: Sequence[str]) -> "Settings":
 
 @cache
 def _mention(folder: Path, here: Path) -> None:
-    console.warn(
+    terminal.warn(
         f"Using DR_DIR={folder}, not {here}, which has a run.env too. "
         "To use the current folder, `unset DR_DIR` or source its bin/activate.sh."
     )

@@ -102,7 +102,7 @@ class MetadataSilent(StorageError):
 
 
 @dataclass(frozen=True)
-class Answer:
+class MetadataResponse:
     """`headers` have names in lower case."""
 
     status: int
@@ -143,7 +143,7 @@ class MetadataService:
         self._address = checked_address(address)
         self._timeout_s = timeout_s
 
-    def ask(self, path: str, headers: Mapping[str, str], method: str = "GET") -> Answer:
+    def ask(self, path: str, headers: Mapping[str, str], method: str = "GET") -> MetadataResponse:
         """Raises MetadataSilent without an answer in time."""
 
         class Stay(urllib_request.HTTPRedirectHandler):
@@ -163,7 +163,7 @@ class MetadataService:
                 answer = error
             with answer:
                 found = {name.lower(): value for name, value in answer.headers.items()}
-                return Answer(answer.status or 0, answer.read(LARGEST_ANSWER), found)
+                return MetadataResponse(answer.status or 0, answer.read(LARGEST_ANSWER), found)
         except urllib_error.URLError as error:
             raise silent(f"at {self._address} does not answer ({error.reason})") from error
         except (OSError, http_client.HTTPException, ValueError) as error:

@@ -12,7 +12,7 @@ from typing import Any
 from drcli.base.errors import BadValue, Place, Problem, ProblemsError, Severity, shown
 from drcli.config import activation
 from drcli.config.fields import Setting, file_problem, hidden, setting_problem
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Override, Settings, catalogue
 from drcli.config.settings_files import EXPERIMENT, Entry, Layers, SettingsFiles, given, references
 from drcli.config.track_names import track_problem
@@ -254,7 +254,7 @@ class _Loader:
             self._problems += effect_warnings(settings)
         return settings.replaced(problems=tuple(self._problems), overrides=overrides)
 
-    def _refuse_errors(self, race: RaceConfig | None = None) -> None:
+    def _refuse_errors(self, race: DriveConfig | None = None) -> None:
         """An unknown track is told then too; alone, it keeps no settings from loading."""
         if any(problem.severity == "error" for problem in self._problems):
             track = track_problem(race) if race is not None else None

@@ -46,6 +46,7 @@ from drcli.config.groups.train_settings import (
 from drcli.config.run_config import (
     SUPERVISOR_ONLY,
     CustomFilesConfig,
+    DriveConfig,
     DroaConfig,
     EvaluationConfig,
     FigureConfig,
@@ -53,7 +54,6 @@ from drcli.config.run_config import (
     ModelConfig,
     PlacedSettings,
     PretrainedConfig,
-    RaceConfig,
     RunConfig,
     StorageConfig,
     TrainConfig,
@@ -209,15 +209,15 @@ class Settings(
         )
 
     @property
-    def race(self) -> RaceConfig:
-        return RaceConfig(
-            **self._of(RaceConfig),
+    def race(self) -> DriveConfig:
+        return DriveConfig(
+            **self._of(DriveConfig),
             directory=self.directory,
-            sources={n: place for n, place in self.sources.items() if n in RaceConfig.declared},
+            sources={n: place for n, place in self.sources.items() if n in DriveConfig.declared},
         )
 
     @property
-    def races(self) -> tuple[RaceConfig, ...]:
+    def races(self) -> tuple[DriveConfig, ...]:
         """Of the first worker, and of others with a file of their own."""
         return tuple(self.for_worker(k).race for k in range(len(self.overrides) + 1))
 

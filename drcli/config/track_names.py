@@ -9,7 +9,7 @@ from pathlib import Path
 from drcli.base.errors import Problem, Severity, closest, shown
 from drcli.base.files import is_left_behind
 from drcli.config.fields import setting_problem
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 
 ROUTE_FILES = (".npy", ".csv")
 
@@ -67,7 +67,7 @@ def own(folder: Path) -> list[str]:
     return _stems(folder, ROUTE_FILES)
 
 
-def is_installed(race: RaceConfig) -> bool:
+def is_installed(race: DriveConfig) -> bool:
     """True if that cannot be known."""
     if not built_in():
         return True
@@ -82,7 +82,7 @@ def is_installed(race: RaceConfig) -> bool:
     return world in known or re.sub(r"_c?cw\Z", "", world) in known
 
 
-def own_route_file(race: RaceConfig) -> Path | None:
+def own_route_file(race: DriveConfig) -> Path | None:
     """Of a track that is not built in."""
     name = _name(race)
     plain = re.sub(r"_c?cw\Z", "", name)
@@ -94,7 +94,7 @@ def own_route_file(race: RaceConfig) -> Path | None:
     return next((path for path in places if _is_file(path)), None)
 
 
-def track_problem(race: RaceConfig, *, known_suffices: bool = False) -> Problem | None:
+def track_problem(race: DriveConfig, *, known_suffices: bool = False) -> Problem | None:
     """The problem with the track of a race, if any.
 
     A community track that is not installed is one unless the start fetches it without a question,
@@ -112,17 +112,17 @@ def track_problem(race: RaceConfig, *, known_suffices: bool = False) -> Problem 
     return setting_problem("DR_WORLD_NAME", place, what, remedy(race))
 
 
-def track_problems(races: Sequence[RaceConfig], *, known_suffices: bool = False) -> list[Problem]:
+def track_problems(races: Sequence[DriveConfig], *, known_suffices: bool = False) -> list[Problem]:
     problems = (track_problem(race, known_suffices=known_suffices) for race in races)
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
 
-def to_fetch(races: Sequence[RaceConfig]) -> list[str]:
+def to_fetch(races: Sequence[DriveConfig]) -> list[str]:
     missing = [race for race in races if _name(race) in COMMUNITY and not is_installed(race)]
     return list(dict.fromkeys(map(_name, missing)))
 
 
-def remedy(race: RaceConfig) -> str:
+def remedy(race: DriveConfig) -> str:
     name = _name(race)
     if name in COMMUNITY:
         add = f"Without a network add its file with `dr-tracks add {name}.npy`."
@@ -138,7 +138,7 @@ def remedy(race: RaceConfig) -> str:
     return f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
 
 
-def _name(race: RaceConfig) -> str:
+def _name(race: DriveConfig) -> str:
     world = race.world_name
     return Path(world).stem if world.endswith(ROUTE_FILES) and "/" not in world else world
 
@@ -150,7 +150,7 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _known(race: RaceConfig) -> list[str]:
+def _known(race: DriveConfig) -> list[str]:
     return [*built_in(), *own(race.tracks_folder)]
 
 

@@ -13,7 +13,7 @@ import torch
 
 from drcli.base.errors import Problem, ProblemsError
 from drcli.base.log import get_logger
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.config.track_names import remedy, track_problem
 from drcli.drive.reward_client import RewardProcess
 from drcli.model import keys
@@ -46,7 +46,7 @@ MAX_EPISODE_STEPS = 10_000
 """The reference has no limit, but nothing is learned from a car that never completes its lap."""
 
 
-def load_world(config: RaceConfig) -> Track:
+def load_world(config: DriveConfig) -> Track:
     """ProblemsError if the track is not installed, or damaged (V-05)."""
     try:
         return load_track(config.world_name, config.tracks_folder)
@@ -59,7 +59,7 @@ def load_world(config: RaceConfig) -> Track:
         raise ProblemsError([replace(problem, severity="error")]) from None
 
 
-def race_of(config: RaceConfig) -> Race:
+def race_of(config: DriveConfig) -> Race:
     if config.race_type == "OBJECT_AVOIDANCE":
         return Race(
             obstacles=ObstacleRules(
@@ -90,7 +90,7 @@ def race_of(config: RaceConfig) -> Race:
     return Race(racers=2) if config.race_type == "HEAD_TO_MODEL" else TIME_TRIAL
 
 
-def load_race(config: RaceConfig, track: Track) -> Race:
+def load_race(config: DriveConfig, track: Track) -> Race:
     """ProblemsError if there is no room for obstacles or bots (V-07)."""
     try:
         race = race_of(config)
@@ -110,7 +110,7 @@ def load_race(config: RaceConfig, track: Track) -> Race:
 DRAWS = 20
 
 
-def race_warnings(config: RaceConfig, track: Track, race: Race) -> list[Problem]:
+def race_warnings(config: DriveConfig, track: Track, race: Race) -> list[Problem]:
     """V-07: what no car can pass, and obstacles in the same place."""
     rules = race.obstacles or race.bots
     if rules is None:
@@ -146,7 +146,7 @@ def race_warnings(config: RaceConfig, track: Track, race: Race) -> list[Problem]
     return [Problem("V-07", "warning", *place, f"{name}: {text}.", remedy, name) for text in found]
 
 
-def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Realism:
+def realism_of(config: DriveConfig, job: Literal["training", "evaluation"]) -> Realism:
     if config.sim_extras_in not in ("both", job):
         return Realism()
     return Realism(
@@ -167,7 +167,7 @@ def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Re
     )
 
 
-def car_parameters_of(config: RaceConfig) -> CarParameters:
+def car_parameters_of(config: DriveConfig) -> CarParameters:
     """As DR_SIM_CAR says, with the properties of the racer's own car."""
     return replace(
         car_of(config.sim_car),
@@ -179,14 +179,14 @@ def car_parameters_of(config: RaceConfig) -> CarParameters:
     )
 
 
-def randomize_of(config: RaceConfig) -> Randomize:
+def randomize_of(config: DriveConfig) -> Randomize:
     if not config.enable_domain_randomization:
         return "nothing"
     return "textures" if config.randomize_textures else "lights"
 
 
 def build_simulation(
-    config: RaceConfig,
+    config: DriveConfig,
     job: Literal["training", "evaluation"],
     metadata: ModelMetadata,
     track: Track,

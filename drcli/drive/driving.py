@@ -15,7 +15,7 @@ from drcli.base.log import get_logger
 from drcli.learn.cuda import GpuPolicy
 from drcli.learn.policy import Decision, Observation, Policy, PolicySpec, decide
 from drcli.learn.rollout_buffer import Rollout
-from drcli.live.live_moment import Look, Moment, Onlooker, Rider
+from drcli.live.step_snapshot import LiveObserver, Look, Rider, StepSnapshot
 from drcli.records.episode_metrics import TrialMetrics
 from drcli.records.iteration import lap_time
 from drcli.records.rollout import Episodes
@@ -220,9 +220,9 @@ class Driver:
         seed: int,
         *,
         keeps_objects: bool = False,
-        onlooker: Onlooker | None = None,
+        observer: LiveObserver | None = None,
     ) -> None:
-        """Prepare; the `onlooker` changes nothing about the driving."""
+        """Prepare; the `observer` changes nothing about the driving."""
         self._simulation = simulation
         self._racers = racers
         self._seed = seed
@@ -230,7 +230,7 @@ class Driver:
         if simulation.device_frames is not None:
             self._frames = torch.as_tensor(simulation.device_frames, device="cuda")
         self._traffic = simulation.traffic if keeps_objects else None
-        self._onlooker = onlooker
+        self._observer = observer
 
     def drive(
         self,
@@ -264,8 +264,8 @@ class Driver:
             driving = [seats[car] for car in sorted(seats)]
             for seat in self._step(driving, None if epsilon is None else epsilon(trained)):
                 episode = seats.pop(seat.car).episode
-                if self._onlooker is not None:
-                    self._onlooker.ended(episode, episode.racer, self._simulation.track.name)
+                if self._observer is not None:
+                    self._observer.ended(episode, episode.racer, self._simulation.track.name)
                 on_episode(episode)
             trained += sum(seat.plan.phase == "training" for seat in driving)
 
@@ -312,8 +312,8 @@ class Driver:
             ]
             if cut:
                 self._expect(cut)
-        if self._onlooker is not None and self._onlooker.wanted:
-            self._onlooker.see(self._moment(driving, chosen, (steering, speed), result))
+        if self._observer is not None and self._observer.wanted:
+            self._observer.see(self._moment(driving, chosen, (steering, speed), result))
         return [seat for seat in driving if result.done[seat.car]]
 
     def _moment(
@@ -322,12 +322,12 @@ class Driver:
         chosen: Sequence[tuple[Sequence[_Seat], NDArray[np.uint8], Observation, Decision]],
         requests: tuple[NDArray[np.float64], NDArray[np.float64]],
         result: StepResult,
-    ) -> Moment:
+    ) -> StepSnapshot:
         simulation, traffic = self._simulation, self._simulation.traffic
         objects = np.empty((simulation.num_cars, 0, 3))
         if traffic is not None:
             objects = np.concatenate([traffic.xy, traffic.yaw_rad[:, :, None]], axis=2)
-        return Moment(
+        return StepSnapshot(
             unix_s(),
             simulation.track,
             result,

@@ -25,9 +25,9 @@ from drcli.config.run_config import RunConfig
 from drcli.drive.build_race import build_simulation, load_world, longest_episode
 from drcli.drive.driving import Driven, Driver, Plan
 from drcli.drive.evaluator import MOST_CARS, Entry, enter, evaluate
-from drcli.live.live_moment import Onlooker
 from drcli.live.live_scene import facts_of
 from drcli.live.live_view import LiveShow, live_show
+from drcli.live.step_snapshot import LiveObserver
 from drcli.model import keys
 from drcli.records.evaluation_task import (
     NOMINAL_AXIS,
@@ -41,7 +41,7 @@ from drcli.records.trace import STATUS_LABELS
 from drcli.workers import worker_process
 from drcli.workers.cores import usable_cores
 from drcli.workers.reward_failures import reward_failure
-from drcli.workers.worker_process import Lifeline
+from drcli.workers.worker_process import StopSignal
 from drsim.car.car import CONTROL_HZ
 from drsim.car.conditions import NOMINAL, Conditions
 from drsim.episode.episode_rules import EpisodeRules
@@ -142,7 +142,7 @@ def _together(seed: int) -> Iterator[Cell]:
 
 def evaluate_robustly(
     job: Job,
-    lifeline: Lifeline,
+    stop_signal: StopSignal,
     bucket: Bucket,
     entry: Entry,
     config: RunConfig,
@@ -154,9 +154,11 @@ def evaluate_robustly(
     cells = grid(job.seed, closed=load_world(config.race()).closed)
     if live is not None:
         live.about(None, entry.checkpoint, facts_of(config.race(), [entry.name]))
-        lifeline.pulse.say(f"evaluates {entry.checkpoint} of {entry.name}", waits=False)
+        stop_signal.heartbeat.say(f"evaluates {entry.checkpoint} of {entry.name}", waits=False)
     began_s = time.monotonic()
-    found = drive_cells(job, lifeline, bucket, entry, config, cells, threads=threads, onlooker=live)
+    found = drive_cells(
+        job, stop_signal, bucket, entry, config, cells, threads=threads, observer=live
+    )
     result = RobustResult(
         prefix=entry.prefix,
         checkpoint=entry.checkpoint,
@@ -171,7 +173,7 @@ def evaluate_robustly(
 
 def drive_cells(
     job: Job,
-    lifeline: Lifeline,
+    stop_signal: StopSignal,
     bucket: Bucket,
     entry: Entry,
     config: RunConfig,
@@ -179,7 +181,7 @@ def drive_cells(
     *,
     threads: int,
     laps: int = 1,
-    onlooker: Onlooker | None = None,
+    observer: LiveObserver | None = None,
 ) -> list[RobustCell]:
     """Drive from every place on the lap, each to the first violation.
 
@@ -213,8 +215,8 @@ def drive_cells(
     )
     driven: list[Driven] = []
     try:
-        driver = Driver(simulation, [racer], job.seed, onlooker=onlooker)
-        driver.drive(plans, driven.append, lifeline.step_done)
+        driver = Driver(simulation, [racer], job.seed, observer=observer)
+        driver.drive(plans, driven.append, stop_signal.step_done)
     finally:
         simulation.close()
     driven.sort(key=lambda episode: episode.number)
@@ -272,13 +274,13 @@ _logger = get_logger(__name__)
 
 
 def drive_share(
-    job: Job, lifeline: Lifeline, share: int, shares: int, live: LiveShow | None = None
+    job: Job, stop_signal: StopSignal, share: int, shares: int, live: LiveShow | None = None
 ) -> None:
     threads = max(1, usable_cores(job.config.train) // shares)
     for task in job.tasks[share::shares]:
         _logger.info("Evaluates %s of %s on %s.", task.checkpoint, task.prefix, task.world)
         try:
-            outcome = _driven(job, lifeline, task, threads, live)
+            outcome = _driven(job, stop_signal, task, threads, live)
         except RewardError as error:
             outcome = _refused(reward_failure(error))
         except DrError as error:
@@ -293,7 +295,7 @@ def config_of(config: RunConfig, task: EvaluationTask) -> RunConfig:
 
 
 def _driven(
-    job: Job, lifeline: Lifeline, task: EvaluationTask, threads: int, live: LiveShow | None
+    job: Job, stop_signal: StopSignal, task: EvaluationTask, threads: int, live: LiveShow | None
 ) -> TaskOutcome:
     config = config_of(job.config, task)
     entry = Entry(
@@ -304,14 +306,14 @@ def _driven(
         task.source,
     )
     if task.robust:
-        bucket = open_bucket(config.storage, hurried=lifeline.should_stop)
+        bucket = open_bucket(config.storage, hurried=stop_signal.should_stop)
         robust = evaluate_robustly(
-            job, lifeline, bucket, entry, config, stamp=task.stamp, threads=threads, live=live
+            job, stop_signal, bucket, entry, config, stamp=task.stamp, threads=threads, live=live
         )
         return TaskOutcome(robust=robust)
     found = evaluate(
         job,
-        lifeline,
+        stop_signal,
         [entry],
         config=config,
         threads=threads,
@@ -326,12 +328,12 @@ def _refused(error: DrError) -> TaskOutcome:
     return TaskOutcome(reason=str(error), remedy=error.remedy, code=error.code)
 
 
-def main(job: Job, lifeline: Lifeline) -> None:
+def main(job: Job, stop_signal: StopSignal) -> None:
     share, shares = map(int, sys.argv[1:])
     facts = facts_of(job.config.race(), [job.config.model.prefix])
     name = f"evaluation-{share}"
-    with live_show(job, name, lambda: lifeline.pulse.activity, facts) as live:
-        drive_share(job, lifeline, share, shares, live)
+    with live_show(job, name, lambda: stop_signal.heartbeat.activity, facts) as live:
+        drive_share(job, stop_signal, share, shares, live)
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ from drcli.records.trace import Episode, csv_text, log_lines, schedule
 from drcli.workers import worker_process
 from drcli.workers.cores import usable_cores
 from drcli.workers.reward_failures import RewardFailures
-from drcli.workers.worker_process import Lifeline
+from drcli.workers.worker_process import StopSignal
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
@@ -212,7 +212,7 @@ def entries(
 
 def evaluate(
     job: Job,
-    lifeline: Lifeline,
+    stop_signal: StopSignal,
     entered: Sequence[Entry],
     *,
     config: RunConfig | None = None,
@@ -231,7 +231,7 @@ def evaluate(
     """
     config = config or job.config
     s, race = config.evaluation, config.race()
-    bucket = open_bucket(config.storage, hurried=lifeline.should_stop)
+    bucket = open_bucket(config.storage, hurried=stop_signal.should_stop)
     torch.set_num_threads(1)
     entrants = [enter(bucket, entry, config) for entry in entered]
     racers = [racer for racer, _ in entrants]
@@ -286,12 +286,12 @@ def evaluate(
     if live is not None:
         names = [entry.name for entry in entered]
         live.about(None, entered[0].checkpoint, facts_of(race, names, OPPONENT_COLOR))
-        lifeline.pulse.say(f"evaluates {entered[0].checkpoint} of {names[0]}", waits=False)
+        stop_signal.heartbeat.say(f"evaluates {entered[0].checkpoint} of {names[0]}", waits=False)
     driven: list[Driven] = []
     begin, began_s = time.time(), time.monotonic()
     try:
-        driver = Driver(simulation, racers, job.seed, keeps_objects=True, onlooker=live)
-        driver.drive(plans, driven.append, lifeline.step_done)
+        driver = Driver(simulation, racers, job.seed, keeps_objects=True, observer=live)
+        driver.drive(plans, driven.append, stop_signal.step_done)
         shapes = [] if simulation.traffic is None else list(simulation.traffic.shapes)
     finally:
         simulation.close()
@@ -412,12 +412,12 @@ def laps_of(race: Episode) -> list[Episode]:
     return laps
 
 
-def main(job: Job, lifeline: Lifeline) -> None:
+def main(job: Job, stop_signal: StopSignal) -> None:
     stamp, *checkpoints = sys.argv[1:]
     entered = entries(job.config, stamp, checkpoints, job.sources)
     facts = facts_of(job.config.race(), [entered[0].name])
-    with live_show(job, "evaluation", lambda: lifeline.pulse.activity, facts) as live:
-        found = evaluate(job, lifeline, entered, live=live)
+    with live_show(job, "evaluation", lambda: stop_signal.heartbeat.activity, facts) as live:
+        found = evaluate(job, stop_signal, entered, live=live)
     (job.folder / REPORT_FILE).write_bytes(found.encode())
 
 

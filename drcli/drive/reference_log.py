@@ -6,7 +6,7 @@
 import json
 from collections.abc import Sequence
 
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.learn.update_result import Stats
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
@@ -23,7 +23,7 @@ OWN_LINE = ""
 
 def start_lines(
     prefix: str,
-    race: RaceConfig,
+    race: DriveConfig,
     metadata: ModelMetadata,
     hyperparameters: Hyperparameters,
     job_type: str,

@@ -26,9 +26,9 @@ from drcli.base.log import get_logger
 from drcli.config import secret_environment
 from drcli.drive.reward_access import SCRATCH, freedoms_told
 from drcli.records.job import LOG_ENCODING
-from drcli.records.reward import MOST_BYTES, Answer, CallFailure, Calls, Load
+from drcli.records.reward import MOST_BYTES, CallFailure, Calls, Load, RewardResponse
 from drcli.workers import print_limit
-from drcli.workers.pulse import companions
+from drcli.workers.heartbeat import companions
 from drsim.episode.reward import OnRewardError, Rewarded, RewardHost, RewardParams
 from drsim.episode.reward_deadline import STUCK
 from drsim.errors import RewardError, RewardErrorKind
@@ -133,11 +133,11 @@ class RewardProcess(RewardHost):
         companions.discard(self._pid or 0)
         shutil.rmtree(self._file.parent / SCRATCH, ignore_errors=True)
 
-    def _ask(self, message: bytes, calls: int, within_s: float) -> Answer:
+    def _ask(self, message: bytes, calls: int, within_s: float) -> RewardResponse:
         self._connection.settimeout(within_s)
         try:
             self._connection.sendall(framed(message))
-            return Answer.decode(receive(self._connection, MOST_BYTES), calls)
+            return RewardResponse.decode(receive(self._connection, MOST_BYTES), calls)
         except TimeoutError:
             if self._pid is not None and STUCK is not None:
                 os.kill(self._pid, STUCK)  # it shows where it is, and ends

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from drcli.base.framing import WireError, framed, receive
 from drcli.base.processes import keep_descendants, search_as_usual
 from drcli.drive.reward_access import confine_reward
-from drcli.records.reward import MOST_BYTES, Answer, CallFailure, Calls, Load
+from drcli.records.reward import MOST_BYTES, CallFailure, Calls, Load, RewardResponse
 
 if TYPE_CHECKING:
     from drsim.errors import RewardError
@@ -54,13 +54,13 @@ class _Server:
         try:
             self._functions = [self._load(file) for _ in range(order.cars)]
         except self._error as error:
-            self._send(Answer(failures=[_failure(0, error)]))
+            self._send(RewardResponse(failures=[_failure(0, error)]))
             return
-        self._send(Answer(free=sorted(free), pid=os.getpid()))
+        self._send(RewardResponse(free=sorted(free), pid=os.getpid()))
         while True:
             self._send(self._answer(Calls.decode(receive(self._connection, MOST_BYTES))))
 
-    def _answer(self, calls: Calls) -> Answer:
+    def _answer(self, calls: Calls) -> RewardResponse:
         failures: list[CallFailure] = []
 
         def note(call: int, error: "RewardError") -> float:
@@ -76,12 +76,12 @@ class _Server:
             done = self._checked(functions, calls.params, calls.deadline_s, note)
         except self._error as error:
             return self._failed([*failures, _failure(0, error)])
-        return Answer(done.rewards, done.seconds, failures)
+        return RewardResponse(done.rewards, done.seconds, failures)
 
-    def _failed(self, failures: list[CallFailure]) -> Answer:
+    def _failed(self, failures: list[CallFailure]) -> RewardResponse:
         """No other call was made after the failure."""
         nothing = [0.0] * self._calls
-        return Answer(nothing, nothing, failures)
+        return RewardResponse(nothing, nothing, failures)
 
     def _explain(
         self, kind: type[BaseException], error: BaseException, trace: TracebackType | None
@@ -92,7 +92,7 @@ class _Server:
         else:
             traceback.print_exception(kind, error, trace)
 
-    def _send(self, answer: Answer) -> None:
+    def _send(self, answer: RewardResponse) -> None:
         self._connection.sendall(framed(answer.encode()))
 
 

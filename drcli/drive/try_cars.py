@@ -19,7 +19,7 @@ from drcli.records.evaluation_task import CarTrial, DrivenCars
 from drcli.records.job import Job
 from drcli.workers import worker_process
 from drcli.workers.cores import usable_cores
-from drcli.workers.worker_process import Lifeline
+from drcli.workers.worker_process import StopSignal
 from drsim.car.car_parameters import CAR_SETS
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
@@ -63,10 +63,10 @@ def drive_car(
     return CarTrial(car, len(lap_times_s), starts, mean, lap_times_s)
 
 
-def main(job: Job, lifeline: Lifeline) -> None:
+def main(job: Job, stop_signal: StopSignal) -> None:
     checkpoint, starts = sys.argv[1], int(sys.argv[2])
     torch.set_num_threads(1)
-    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
+    bucket = open_bucket(job.config.storage, hurried=stop_signal.should_stop)
     prefix = job.config.model.prefix
     store = ModelStore(bucket, prefix)
     design = Design.of_checkpoint(store, checkpoint)
@@ -79,7 +79,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
     trials = []
     for car in CAR_SETS:
         trial = drive_car(
-            car, track, scene, model, design.metadata, starts, threads, lifeline.should_stop
+            car, track, scene, model, design.metadata, starts, threads, stop_signal.should_stop
         )
         laps = "lap" if starts == 1 else "laps"
         plain.info(f"{car}: {trial.laps} of {starts} {laps} clean, {trial.mean_progress:.1f} %")

@@ -25,7 +25,7 @@ from drcli.live.live_record import (
     send,
 )
 
-LOOK_S = 1.0
+POLL_S = 1.0
 CONNECT_S = 3.0
 
 SILENCE_S = 8.0
@@ -62,7 +62,7 @@ class LiveFeed:
         on_message: OnMessage,
         on_gone: Callable[[int, str], None] = lambda run_id, worker: None,
         *,
-        look_s: float = LOOK_S,
+        look_s: float = POLL_S,
     ) -> None:
         """Begin to look for workers.
 

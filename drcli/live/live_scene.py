@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import time as unix_s
 
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.config.value_types import shell_color
-from drcli.live.live_moment import Moment, Rider, with_policy
 from drcli.live.live_record import (
     FinishedEpisode,
     LiveCar,
@@ -18,6 +17,7 @@ from drcli.live.live_record import (
     LiveScene,
     ShownCar,
 )
+from drcli.live.step_snapshot import Rider, StepSnapshot, with_policy
 from drcli.records.trace import VIOLATIONS, Episode, Phase, Row
 from drsim.car.actions import DiscreteActions
 from drsim.episode.episode_rules import Status
@@ -179,13 +179,13 @@ def live_racer(model: str, color: str) -> LiveRacer:
     return LiveRacer(model, color, tuple(round(share) for share in shell_color(color)))
 
 
-def facts_of(race: RaceConfig, models: Sequence[str], opponent_color: str = "") -> LiveFacts:
+def facts_of(race: DriveConfig, models: Sequence[str], opponent_color: str = "") -> LiveFacts:
     colors = [race.car_color, *([opponent_color] * (len(models) - 1))]
     racers = [live_racer(*each) for each in zip(models, colors, strict=True)]
     return LiveFacts(race.race_type, racers)
 
 
-def chosen_rider(moment: Moment, wanted: int | None, before: Rider | None) -> Rider | None:
+def chosen_rider(moment: StepSnapshot, wanted: int | None, before: Rider | None) -> Rider | None:
     """`wanted` None: the one that has come furthest.
 
     The car shown `before` stays until its episode is over: a view that jumps shows nothing.
@@ -203,7 +203,7 @@ def chosen_rider(moment: Moment, wanted: int | None, before: Rider | None) -> Ri
 
 
 def scene_of(
-    moment: Moment, facts: LiveFacts, episodes: LiveEpisodes, rider: Rider | None
+    moment: StepSnapshot, facts: LiveFacts, episodes: LiveEpisodes, rider: Rider | None
 ) -> LiveScene:
     drive = facts.drive(moment.track.name)
     cars = [_car(moment, each, facts, episodes, drive) for each in moment.riders]
@@ -224,7 +224,7 @@ def scene_of(
     )
 
 
-def shown_car(moment: Moment, rider: Rider) -> ShownCar:
+def shown_car(moment: StepSnapshot, rider: Rider) -> ShownCar:
     objects = [
         LiveObject(shape.name, _number(x, 3), _number(y, 3), _number(math.degrees(yaw), 1))
         for shape, (x, y, yaw) in zip(
@@ -242,7 +242,7 @@ def _racer_of(rider: Rider, facts: LiveFacts) -> int:
 
 
 def _car(
-    moment: Moment, rider: Rider, facts: LiveFacts, episodes: LiveEpisodes, drive: Drive
+    moment: StepSnapshot, rider: Rider, facts: LiveFacts, episodes: LiveEpisodes, drive: Drive
 ) -> LiveCar:
     result, car = moment.result, rider.car
     total = episodes.follow(rider, drive)

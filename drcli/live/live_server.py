@@ -20,12 +20,12 @@ from drcli.base.framing import WireError, framed, receive
 from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
-from drcli.live.live_moment import Moment, Rider
 from drcli.live.live_record import HOST, MOST_REQUEST_BYTES, LiveRequest, LiveView, admit
+from drcli.live.step_snapshot import Rider, StepSnapshot
 from drsim.race.solids import SHAPES
 from drsim.track.track import Track
 from drsim.viewing.car_eye import FollowingCamera
-from drsim.viewing.placed_things import Thing
+from drsim.viewing.placed_objects import PlacedObject
 from drsim.viewing.world_view import WorldView
 
 with lazy_imports():
@@ -382,7 +382,7 @@ class ChaseView:
             world = WorldView(track, columns=columns, rows=rows, threads=1)
             # A first picture compiles the kernels here, where nobody waits for it.
             lens = FollowingCamera().lens(_NOWHERE, step_s=1.0 / 15.0)
-            world.frame(lens, [Thing(SHAPES["race_car"], _NOWHERE, (0.0, 0.0, 0.0), 0.0)])
+            world.frame(lens, [PlacedObject(SHAPES["race_car"], _NOWHERE, (0.0, 0.0, 0.0), 0.0)])
         except Exception as error:  # such as no memory; the cars drive on
             self._failed.add(key)
             _logger.warning("There is no view from behind on %s.", track.name, exc_info=error)
@@ -391,7 +391,7 @@ class ChaseView:
             del self._worlds[next(iter(self._worlds))]
         self._worlds[key] = world
 
-    def picture(self, moment: Moment, rider: Rider, colors: list[Rgb]) -> NDArray[np.uint8]:
+    def picture(self, moment: StepSnapshot, rider: Rider, colors: list[Rgb]) -> NDArray[np.uint8]:
         """Its world must be painted; colors from 0 to 255."""
         track, car = moment.track, rider.car
         key = (track.name, track.reverse)
@@ -405,7 +405,7 @@ class ChaseView:
         lens = camera.lens(pose, step_s=max(1, steps - last) / 15.0)
         wheels = math.radians(moment.steering_deg.item(car))
         things = [
-            Thing(
+            PlacedObject(
                 SHAPES["race_car"],
                 pose,
                 colors[rider.racer % len(colors)],
@@ -416,7 +416,7 @@ class ChaseView:
         for shape, place in zip(moment.shapes, moment.objects[car], strict=True):
             other = shape.name == "race_car"
             color = colors[(rider.racer + 1) % len(colors)] if other else None
-            things.append(Thing(shape, _pose(place), color))
+            things.append(PlacedObject(shape, _pose(place), color))
         return world.frame(lens, things)
 
 

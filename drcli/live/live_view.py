@@ -15,7 +15,6 @@ from time import time as unix_s
 import torch
 
 from drcli.base.log import get_logger
-from drcli.live.live_moment import Moment, PolicyTap, Rider
 from drcli.live.live_record import LiveAddress, LiveMessage, LiveState, LiveView
 from drcli.live.live_scene import LiveEpisodes, LiveFacts, chosen_rider, scene_of
 from drcli.live.live_server import (
@@ -28,6 +27,7 @@ from drcli.live.live_server import (
     jpeg,
     missing_library,
 )
+from drcli.live.step_snapshot import PolicyTap, Rider, StepSnapshot
 from drcli.records.job import Job
 from drcli.records.trace import Episode
 
@@ -36,7 +36,7 @@ _logger = get_logger(__name__)
 Activity = Callable[[], tuple[str, bool]]
 """What a worker does, and whether it waits for another worker."""
 
-LOOK_S = 0.25
+POLL_S = 0.25
 OLD_S = 1.0
 FAILURE_PAUSE_S = 5.0
 
@@ -65,7 +65,7 @@ class LiveShow:
         self._chase = ChaseView()
         self._tap = PolicyTap()
         self._missing = missing_library()
-        self._moment: Moment | None = None
+        self._moment: StepSnapshot | None = None
         self._wake = threading.Event()
         self._closed = False
         self._followed: dict[int | None, Rider] = {}
@@ -78,7 +78,7 @@ class LiveShow:
     def port(self) -> int:
         return self._server.port
 
-    def see(self, moment: Moment) -> None:
+    def see(self, moment: StepSnapshot) -> None:
         self.wanted = False
         self._moment = replace(moment, calls=self._tap.take())
         self._tap.follow(moment.looks)
@@ -125,7 +125,7 @@ class LiveShow:
         sent_s = sum(viewer.cost_s() for viewer in viewers)
         self._pace.spend(thread_time() - began_s + sent_s)
         if moment is None:
-            self._wake.wait(min(pause_s, LOOK_S))
+            self._wake.wait(min(pause_s, POLL_S))
             self._wake.clear()
 
     def _rest(self) -> None:
@@ -140,9 +140,9 @@ class LiveShow:
         wanted = {view for viewer in viewers for view in viewer.request.views}
         pauses = self._pace.pauses_s([view for view in _DRIVEN if view in wanted])
         due = [view for view, pause_s in pauses.items() if pause_s == 0.0]
-        return due, LOOK_S if due else min(pauses.values(), default=LOOK_S)
+        return due, POLL_S if due else min(pauses.values(), default=POLL_S)
 
-    def _take(self, *, wanted: bool) -> Moment | None:
+    def _take(self, *, wanted: bool) -> StepSnapshot | None:
         """None if there is none: the next one is asked for."""
         moment, self._moment = self._moment, None
         if not wanted or (moment is not None and unix_s() - moment.step_s > OLD_S):
@@ -175,7 +175,9 @@ class LiveShow:
             viewer.is_new = False
             viewer.offer({"state": data})
 
-    def _show(self, moment: Moment, viewers: Sequence[Viewer], due: Sequence[LiveView]) -> None:
+    def _show(
+        self, moment: StepSnapshot, viewers: Sequence[Viewer], due: Sequence[LiveView]
+    ) -> None:
         """Each view once for all viewers of a car."""
         wanted = {(view, viewer.request.car) for viewer in viewers for view in viewer.request.views}
         riders: dict[int | None, Rider | None] = {}
@@ -197,7 +199,7 @@ class LiveShow:
                     viewer.offer(messages)
         self._pace.shown(due)
 
-    def _message(self, view: LiveView, moment: Moment, rider: Rider | None) -> bytes | None:
+    def _message(self, view: LiveView, moment: StepSnapshot, rider: Rider | None) -> bytes | None:
         car = None if rider is None else rider.car
         if view == "scene":
             scene = scene_of(moment, self.facts, self._episodes, rider)

@@ -70,7 +70,7 @@ KEEP_ALL_MARKED = KeepRules()
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptCheckpoints:
     names: frozenset[CheckpointName]
     spaced: tuple[str, ...]
 
@@ -81,7 +81,7 @@ def kept_besides(
     milestones: Milestones,
     rules: KeepRules,
     newest: CheckpointName,
-) -> Kept:
+) -> KeptCheckpoints:
     """What the rules keep besides those that `always` stay; sizes in bytes."""
     known = {checkpoint_name(name) for name in milestones.spaced}
     spaced = {name for name in sizes if name in known or rules.spaces(name)}
@@ -94,7 +94,7 @@ def kept_besides(
             gone = extra.pop(0)
             spaced.discard(gone)
             total -= sizes[gone]
-    return Kept(frozenset(extra), tuple(str(name) for name in sorted(spaced)))
+    return KeptCheckpoints(frozenset(extra), tuple(str(name) for name in sorted(spaced)))
 
 
 def _last_first(reached: list[CheckpointName]) -> list[CheckpointName]:

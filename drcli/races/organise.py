@@ -11,10 +11,10 @@ from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
 from drcli.model import race_keys
 from drcli.races.queue_lease import live_lease, runner_of
+from drcli.races.race_options import RaceOptions, least_laps, rules_of, usual_average
 from drcli.races.race_records import RaceRules
 from drcli.races.race_report import RaceEntry, RaceList, RaceReport
 from drcli.races.race_settings import check_track, settings_of_rules
-from drcli.races.race_wish import RaceWish, least_laps, rules_of, usual_average
 from drcli.races.standings import moment, report_of
 from drcli.races.stored_race import (
     RaceObjects,
@@ -45,7 +45,7 @@ class DeletedRace:
 
 
 def create_race(
-    settings: Settings, bucket: Bucket, wish: RaceWish, *, now_s: float | None = None
+    settings: Settings, bucket: Bucket, wish: RaceOptions, *, now_s: float | None = None
 ) -> RaceReport:
     """Raises SettingsError for a wrong rule, a missing track, or an existing race."""
     now = time.time() if now_s is None else now_s
@@ -167,11 +167,11 @@ def delete_race(bucket: Bucket, race: str, *, dry_run: bool = False) -> DeletedR
 # Changes a race's rules before anybody has driven.
 
 
-def wish_of(rules: RaceRules) -> RaceWish:
+def wish_of(rules: RaceRules) -> RaceOptions:
     """Without derived rules, and settings, which `change_rules` keeps."""
     average = usual_average(rules.max_laps)
     least = least_laps(rules.ranking, rules.max_laps, rules.average_laps)
-    return RaceWish(
+    return RaceOptions(
         name=rules.name,
         world=rules.world,
         reverse=rules.reverse,
@@ -192,7 +192,7 @@ def wish_of(rules: RaceRules) -> RaceWish:
 
 
 def change_rules(
-    settings: Settings, bucket: Bucket, race: str, wish: RaceWish, *, now_s: float | None = None
+    settings: Settings, bucket: Bucket, race: str, wish: RaceOptions, *, now_s: float | None = None
 ) -> RaceReport:
     """Give a race other rules, from `wish_of`; its id stays.
 

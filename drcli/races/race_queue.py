@@ -57,7 +57,7 @@ def _film(plan: EvaluationPlan, bucket: Bucket, report: EvaluationReport, path: 
     trace = trace_source.trace_of_key(
         ModelStore(bucket, report.prefix), report.simtrace, origin, ""
     )
-    wish = make_video.Wish(
+    wish = make_video.VideoOptions(
         episode="all", size=config.evaluation.eval_video_size, racer="", color=""
     )
     defaults = video_job.Defaults.of(config.model, config.race())

@@ -24,9 +24,9 @@ from drcli.model.model_store import ModelStore
 from drcli.races.lap_ranking import same_racer
 from drcli.races.organise import show_race
 from drcli.races.queue_lease import runner_of
+from drcli.races.race_options import checked_name
 from drcli.races.race_records import QueueOrder, RaceRules, RaceSubmission
 from drcli.races.race_report import RaceReport
-from drcli.races.race_wish import checked_name
 from drcli.races.standings import moment, queue_of, state_of
 from drcli.races.stored_race import StoredRace, new_name, put, read_race, submission_id
 from drcli.records.checkpoint import CheckpointName

@@ -1,4 +1,4 @@
-"""The pulse of a worker: a small file on this machine that says how far it is.
+"""The heartbeat of a worker: a small file on this machine that says how far it is.
 
 A thread writes it every two seconds over the same bytes, which works on a full disk. A checksum
 shows a half-written one; the reader keeps the one before.
@@ -18,7 +18,7 @@ _ACTIVITY_CHARACTERS = 120
 
 
 @dataclass(frozen=True)
-class PulseRecord(JsonRecord):
+class HeartbeatRecord(JsonRecord):
     """How far a worker is. All times are `elapsed_s` of this machine.
 
     Attributes:
@@ -43,24 +43,24 @@ class PulseRecord(JsonRecord):
         data = self.encode()
         data = b"%08x %s" % (zlib.crc32(data), data)
         if len(data) > FILE_BYTES:
-            raise ValueError(f"a pulse has {len(data)} bytes, its file only {FILE_BYTES}")
+            raise ValueError(f"a heartbeat has {len(data)} bytes, its file only {FILE_BYTES}")
         return data.ljust(FILE_BYTES)
 
     @staticmethod
-    def read(folder: Path, name: str) -> "PulseRecord | None":
+    def read(folder: Path, name: str) -> "HeartbeatRecord | None":
         """None if missing or being written."""
         try:
             content = pulse_file(folder, name).read_bytes().rstrip()
             told, data = content[: _SUM_BYTES - 1], content[_SUM_BYTES:]
             if told != b"%08x" % zlib.crc32(data):
                 return None
-            return PulseRecord.decode(data)
+            return HeartbeatRecord.decode(data)
         except (OSError, RecordError):
             return None
 
 
 def pulse_file(folder: Path, name: str) -> Path:
-    return folder / f"{name}.pulse"
+    return folder / f"{name}.heartbeat"
 
 
 def short_activity(text: str) -> str:

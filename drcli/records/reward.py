@@ -194,7 +194,7 @@ class _Facts(JsonRecord):
 
 
 @dataclass(frozen=True)
-class Answer:
+class RewardResponse:
     """`free` is what the process may still reach, once it has loaded the file."""
 
     rewards: list[float] = field(default_factory=list)
@@ -210,7 +210,7 @@ class Answer:
         return _COUNT.pack(len(self.rewards)) + numbers + facts
 
     @staticmethod
-    def decode(data: bytes, calls: int) -> "Answer":
+    def decode(data: bytes, calls: int) -> "RewardResponse":
         """RecordError if the racer's code wrote or damaged it."""
         numbers = array("d")
         end = _COUNT.size + 2 * calls * numbers.itemsize
@@ -219,4 +219,4 @@ class Answer:
         numbers.frombytes(data[_COUNT.size : end])
         found = numbers.tolist()
         facts = _Facts.decode(data[end:]) if len(data) > end else _Facts()
-        return Answer(found[:calls], found[calls:], facts.failures, facts.free, facts.pid)
+        return RewardResponse(found[:calls], found[calls:], facts.failures, facts.free, facts.pid)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drcli.base.files import FileRecord
 from drcli.base.json_record import JsonRecord, SafeInt, Seconds
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.learn.phases import Phase
 from drcli.records.iteration import IterationRecord
 
@@ -80,13 +80,13 @@ class Stage:
     """
 
     name: str
-    races: tuple[RaceConfig, ...]
+    races: tuple[DriveConfig, ...]
     reward: str
     reward_name: str
     hyperparameters: str
     goal: StageGoal
 
-    def race(self, worker: int = 0) -> RaceConfig:
+    def race(self, worker: int = 0) -> DriveConfig:
         return self.races[worker if worker < len(self.races) else 0]
 
 

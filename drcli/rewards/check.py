@@ -10,7 +10,7 @@ import numpy as np
 
 from drcli.base.errors import Problem, of_severity
 from drcli.base.report import BLANK, Col, Curve, Styled, View, bold, compact, counted, dim, table
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
 from drcli.rewards.course import Course, TriedReward, try_rewards
@@ -310,7 +310,7 @@ def try_in_each_race(
     settings: Settings,
     file: InputFile,
     directory: Path,
-    course_of: Callable[[RaceConfig], Course],
+    course_of: Callable[[DriveConfig], Course],
     given_up: Event | None = None,
 ) -> list[TriedReward]:
     """As before a start, and on the course of each distinct race.

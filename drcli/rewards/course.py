@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import Problem
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.model.files.custom_files import InputFile
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
@@ -217,7 +217,7 @@ def try_rewards(
     files: Sequence[InputFile],
     course: Course,
     directory: Path,
-    races: list[RaceConfig] | None = None,
+    races: list[DriveConfig] | None = None,
     tolerated: float = 0.0,
     given_up: Event | None = None,
 ) -> list[TriedReward]:

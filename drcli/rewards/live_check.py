@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import Problem
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
 from drcli.rewards.check import RewardReport, report_of, try_in_each_race
@@ -128,7 +128,7 @@ class LiveCheck:
         found = [*whole.errors, *whole.warnings]
         return LiveReport(found, whole, _picture(key, tried[0]), course)
 
-    def _course(self, own: RaceConfig) -> Course:
+    def _course(self, own: DriveConfig) -> Course:
         key = _key(own)
         course = self._courses.pop(key, None) or Course.of(drive(own))
         self._courses[key] = course
@@ -137,7 +137,7 @@ class LiveCheck:
         return course
 
 
-def _key(own: RaceConfig) -> str:
+def _key(own: DriveConfig) -> str:
     values = {name: value for name, value in own.to_json().items() if name != "sources"}
     files = []
     for path in sorted(own.tracks_folder.glob(f"{own.world_name}.*")):

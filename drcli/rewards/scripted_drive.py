@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.drive.build_race import car_parameters_of, load_race, load_world, race_of
 from drsim.car.car import CONTROL_HZ, REAR_AXLE_BEHIND_M, WHEELBASE_M
 from drsim.car.car_parameters import CarParameters
@@ -213,9 +213,9 @@ class Drive:
         return {track.reverse: track.waypoints for track in (self.track, self.track.reversed())}
 
 
-def each_race(races: Sequence[RaceConfig]) -> list[RaceConfig]:
+def each_race(races: Sequence[DriveConfig]) -> list[DriveConfig]:
     """Distinct, the first worker's first."""
-    distinct: dict[tuple[object, ...], RaceConfig] = {}
+    distinct: dict[tuple[object, ...], DriveConfig] = {}
     for own in races:
         driving = (own.train_start_position_offset, own.train_alternate_driving_direction)
         race = (own.world_name, race_of(own), own.train_reverse_direction)
@@ -223,7 +223,7 @@ def each_race(races: Sequence[RaceConfig]) -> list[RaceConfig]:
     return list(distinct.values())
 
 
-def drive(config: RaceConfig) -> Drive:
+def drive(config: DriveConfig) -> Drive:
     """Let all drivers drive.
 
     Raises:

@@ -6,7 +6,7 @@ from threading import Event
 
 from drcli.base import installation
 from drcli.base.errors import Problem
-from drcli.config.run_config import RaceConfig, RunConfig
+from drcli.config.run_config import DriveConfig, RunConfig
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import Source
 from drcli.rewards.sandbox.run_sandbox import Sandbox, SandboxRequest
@@ -31,7 +31,7 @@ def try_inputs(
     return found
 
 
-def races_of(run: RunConfig) -> list[RaceConfig]:
+def races_of(run: RunConfig) -> list[DriveConfig]:
     second = run.second_race(run.race())
     return [*run.races, *([] if second is None else [second])]
 

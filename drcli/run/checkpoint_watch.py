@@ -10,7 +10,7 @@ from drcli.model.model_store import ModelStore
 from drcli.records.scores import Score
 from drcli.run.periodic import Periodic, within
 
-LOOK_S = 20.0
+POLL_S = 20.0
 LAST_LOOK_S = 3.0
 
 
@@ -32,7 +32,7 @@ class CheckpointWatch:
         if self._thread is not None:
             return
         self._open, self._prefix = open_bucket, prefix
-        self._thread = Periodic("checkpoint watch", self.look, LOOK_S)
+        self._thread = Periodic("checkpoint watch", self.look, POLL_S)
         self._thread.start()
 
     def stop(self) -> None:

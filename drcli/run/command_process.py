@@ -19,7 +19,7 @@ from drcli.records.job import LOG_ENCODING, Job
 
 _logger = get_logger(__name__)
 
-_LOOK_S = 0.1
+_POLL_S = 0.1
 _READ_S = 2.0
 _ERROR = "Error: "
 _REMEDY = "Try: "
@@ -99,7 +99,7 @@ class CommandProcess:
             if left_s <= 0.0 or give_up():
                 return self.kill()
             with suppress(subprocess.TimeoutExpired):
-                self._process.wait(min(_LOOK_S, left_s))
+                self._process.wait(min(_POLL_S, left_s))
         return self._ended(code)
 
     def kill(self) -> CommandEnd:

@@ -67,7 +67,7 @@ def _contains(folder: Path, other: Path) -> bool:
     return other.absolute().is_relative_to(folder.absolute())
 
 
-LOOK_S = 10.0
+POLL_S = 10.0
 LIMIT_SHARE = 0.1
 """A limit is never more than this share of a disk."""
 
@@ -138,7 +138,7 @@ class DiskWatch(Duty):
         self._disks: Sequence[tuple[Disk, float]] = ()
         self._occupied: Sequence[Occupied] = ()
         self._listed_step = 0
-        self._thread = Periodic("disk watch", self.look, LOOK_S)
+        self._thread = Periodic("disk watch", self.look, POLL_S)
 
     def start(self, run: RunningTraining) -> None:
         self._board.begin(run.journal)

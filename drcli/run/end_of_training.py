@@ -149,7 +149,7 @@ def import_name(prefix: str) -> str:
 
 
 COMMAND_PATIENCE_S = 3600.0
-_LOOK_S = 0.1
+_POLL_S = 0.1
 
 
 class EndCommand(Duty):
@@ -227,10 +227,10 @@ class EndCommand(Duty):
 
 
 def _wait(process: "subprocess.Popen[bytes]", within_s: float, ending: Ending) -> int | None:
-    rounds = int(within_s / _LOOK_S) + 1
+    rounds = int(within_s / _POLL_S) + 1
     for _ in range(rounds):
         with suppress(subprocess.TimeoutExpired):
-            return process.wait(_LOOK_S)
+            return process.wait(_POLL_S)
         if ending.left_s() <= 0.0:
             break
     with suppress(ProcessLookupError):

@@ -106,7 +106,7 @@ def _with_videos(
             trace = trace_source.trace_of_key(
                 ModelStore(bucket, report.prefix), simtrace, f"evaluation {plan.stamp}", ""
             )
-            wish = make_video.Wish(
+            wish = make_video.VideoOptions(
                 episode="all", size=config.evaluation.eval_video_size, racer="", color=""
             )
             on_progress(

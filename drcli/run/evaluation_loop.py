@@ -27,7 +27,7 @@ from drcli.run.evaluation_report import EvaluationReport, best_lap, summary
 MOST_ROWS = 20
 """What other rounds wrote is deleted."""
 
-LOOK_S = 2.0
+POLL_S = 2.0
 LONGEST_PAUSE_S = 60.0
 
 
@@ -230,7 +230,7 @@ class _Loop:
     def pause_after_failure(self) -> None:
         self._failures += 1
         self._failures_in_a_row += 1
-        time.sleep(min(LONGEST_PAUSE_S, LOOK_S * 2.0**self._failures_in_a_row))
+        time.sleep(min(LONGEST_PAUSE_S, POLL_S * 2.0**self._failures_in_a_row))
 
     def wait_for_something_new(self) -> None:
         while self._last is not None and not draws_anything(self._settings):
@@ -239,7 +239,7 @@ class _Loop:
                 chosen = choose_checkpoint(self._settings, ModelStore(self._bucket, prefix))
                 if chosen != self._last.checkpoint:
                     return
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
 
     def report(self) -> LoopReport:
         return LoopReport(

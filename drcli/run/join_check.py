@@ -15,7 +15,7 @@ from drcli import __version__
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.json_record import plain_json
 from drcli.base.log import get_logger
-from drcli.config.run_config import FigureConfig, RaceConfig
+from drcli.config.run_config import DriveConfig, FigureConfig
 from drcli.config.track_names import own_route_file
 from drcli.model import keys
 from drcli.model.run_metadata import installed_versions
@@ -61,7 +61,7 @@ def routes(job: Job) -> dict[str, str]:
     return found
 
 
-def races_of(job: Job) -> list[RaceConfig]:
+def races_of(job: Job) -> list[DriveConfig]:
     races = [*job.config.races, *(race for stage in job.stages for race in stage.races)]
     seconds = [job.config.second_race(race) for race in races]
     return races + [race for race in seconds if race is not None]

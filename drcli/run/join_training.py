@@ -23,13 +23,13 @@ from drcli.bucket.bucket import (
 )
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.start_rules import refuse_second_run
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model import keys
 from drcli.model.lease import STALE_S, ModelInUse, read_lease
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome, write_outcome
-from drcli.records.heartbeat import PulseRecord
+from drcli.records.heartbeat import HeartbeatRecord
 from drcli.records.job import Job, JoinRecord, WorkerExit
 from drcli.records.run_record import TrainingEnd, WaitingStart, log_file, run_folder
 from drcli.records.training_record import RunOutcome
@@ -43,7 +43,7 @@ from drcli.run.take_model import taken
 from drcli.run.worker_processes import Child, end_process, start_process
 
 POLL_S = 0.2
-LOOK_S = 2.0
+POLL_S = 2.0
 EXIT_S = 15.0
 LOGS_S = 10.0
 OUTAGE_S = 900.0
@@ -207,7 +207,7 @@ class JoinedMachine:
             if sentence != said:
                 self._say(f"{sentence}; waiting.")
                 said = sentence
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         return None
 
     def _is_complete(self, session: str) -> bool:
@@ -229,7 +229,7 @@ class JoinedMachine:
             ) from error
         own, theirs = self._settings.run, job.config
 
-        def here(race: RaceConfig) -> RaceConfig:
+        def here(race: DriveConfig) -> DriveConfig:
             return race.replaced(
                 directory=self._settings.directory, tracks_dir=own.race().tracks_dir
             )
@@ -309,13 +309,13 @@ class JoinedMachine:
             self._say(f"The worker ended with code {code} and is started again.")
 
     def _show_activity(self, job: Job, name: str, said: str) -> str:
-        pulse = PulseRecord.read(job.folder, name)
-        if pulse is None:
+        heartbeat = HeartbeatRecord.read(job.folder, name)
+        if heartbeat is None:
             return said
-        kind = re.sub(r"\d+", "N", pulse.activity)
+        kind = re.sub(r"\d+", "N", heartbeat.activity)
         if kind in said.split("|"):
             return said
-        self._say(f"{self._member} {pulse.activity}.")
+        self._say(f"{self._member} {heartbeat.activity}.")
         return f"{said}|{kind}"
 
     def _go_on_with(self, job: Job) -> _Ended | None:
@@ -354,7 +354,7 @@ class JoinedMachine:
         except ModelInUse as error:  # another machine was faster
             self._took_over = False
             self._say(f"{error}")
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
             return None
         if code == OwnershipLost.code:
             self._took_over = False

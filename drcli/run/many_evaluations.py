@@ -253,7 +253,7 @@ def _free_stamp(model: ModelStore, stamp: str, index: int) -> str:
         at += 60.0
 
 
-LOOK_S = 0.2
+POLL_S = 0.2
 _installation_error = cache(installation_error)  # many evaluations may fail for the same reason
 
 
@@ -402,7 +402,7 @@ def _work(plan: ManyPlan, names: Sequence[str], on_progress: Callable[[str], Non
             if share == 0:
                 _write_record(plan, processes[0].pid)
         while any(process.poll() is None for process in processes):
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
             for task in job.tasks:
                 if task.number not in said and (job.folder / task.outcome_file).exists():
                     said.add(task.number)

@@ -12,14 +12,14 @@ from drcli.base.memory import MemoryState, read_memory
 from drcli.base.system_calls import soft_limit
 from drcli.records.job import WorkerExit
 from drcli.run.duty import Duty, RunningTraining
+from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.outcome import Outcome
-from drcli.run.seen_pulses import SeenPulses
 from drcli.run.smaller_run import SmallerRun
 from drcli.run.warnings_board import WarningsBoard
 from drcli.run.worker_processes import TRAINER, Child
-from drcli.workers.pulse import REMEDY
+from drcli.workers.heartbeat import REMEDY
 
-LOOK_S = 3.0
+POLL_S = 3.0
 LEAST_S = 60.0
 """A fast leak fills a small container in minutes."""
 
@@ -73,7 +73,7 @@ class MemoryWatch(Duty):
         self._read = read
         self._size_of = size_of or resident_bytes
         self._workers: dict[str, Watched] = {}
-        self._looked_s = -LOOK_S
+        self._looked_s = -POLL_S
         self._tight_s: float | None = None
         self._kill_s: float | None = None
         self._state = read()
@@ -85,7 +85,7 @@ class MemoryWatch(Duty):
 
     def check(self) -> Outcome | None:
         now_s = self._clock()
-        if now_s - self._looked_s < LOOK_S:
+        if now_s - self._looked_s < POLL_S:
             return None
         self._looked_s = now_s
         self._note_state(now_s)
@@ -260,11 +260,11 @@ class OpenFilesWatch(Duty):
 
     def __init__(
         self,
-        pulses: SeenPulses,
+        heartbeats: HeartbeatMonitor,
         board: WarningsBoard,
         limit: Callable[[], int] = open_files_limit,
     ) -> None:
-        self._pulses = pulses
+        self._heartbeats = heartbeats
         self._board = board
         self._limit = limit()
         self._named: set[int] = set()
@@ -275,7 +275,7 @@ class OpenFilesWatch(Duty):
 
     def check(self) -> Outcome | None:
         for child in self._run.children:
-            seen = self._pulses.of(child.name)
+            seen = self._heartbeats.of(child.name)
             subject = f"open files of {child.name}"
             if seen is None or seen.record is None:
                 continue

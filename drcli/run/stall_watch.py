@@ -12,8 +12,8 @@ from drcli.base.clock import duration
 from drcli.base.errors import StorageError, WorkerDied
 from drcli.records.job import WorkerExit
 from drcli.run.duty import Duty, RunningTraining
+from drcli.run.heartbeat_monitor import HeartbeatMonitor, WorkerHeartbeat, cpu_s
 from drcli.run.outcome import Outcome
-from drcli.run.seen_pulses import Seen, SeenPulses, cpu_s
 from drcli.run.warnings_board import WarningsBoard
 from drcli.run.worker_processes import STACKS_S, TRAINER, Child
 
@@ -30,15 +30,15 @@ class StallWatch(Duty):
     def __init__(
         self,
         minutes: int,
-        pulses: SeenPulses,
+        heartbeats: HeartbeatMonitor,
         board: WarningsBoard,
     ) -> None:
         self._stall_s = 60.0 * minutes
-        self._pulses = pulses
+        self._heartbeats = heartbeats
         self._board = board
         # When it was looked, when the present quiet time began, and when anybody worked.
-        self._checked_s = self._since_s = self._worked_s = pulses.now_s
-        self._update_s = self._excused_s = pulses.now_s
+        self._checked_s = self._since_s = self._worked_s = heartbeats.now_s
+        self._update_s = self._excused_s = heartbeats.now_s
         self._told_s = 0.0
         self._restarted = False
         self._stalls = 0
@@ -49,10 +49,10 @@ class StallWatch(Duty):
     def start(self, run: RunningTraining) -> None:
         self._run = run
         self._board.begin(run.journal)
-        self._checked_s = self._since_s = self._update_s = self._pulses.now_s
+        self._checked_s = self._since_s = self._update_s = self._heartbeats.now_s
 
     def check(self) -> Outcome | None:
-        now_s = self._pulses.now_s
+        now_s = self._heartbeats.now_s
         if self._stall_s == 0.0 or now_s == self._checked_s:
             return None
         self._checked_s = now_s
@@ -85,7 +85,7 @@ class StallWatch(Duty):
     def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
         """While the bucket does not answer, no worker is to blame."""
         if words is not None and (words.silent or words.code == StorageError.code):
-            now_s = self._pulses.now_s
+            now_s = self._heartbeats.now_s
             self._since_s = self._update_s = self._excused_s = now_s
             if self._silent_bucket_s is None:
                 self._silent_bucket_s = now_s
@@ -106,15 +106,15 @@ class StallWatch(Duty):
             self._silent_bucket_s = None
             self._board.clear("stall")
             self._board.clear("bucket")
-        trainer = self._pulses.of(TRAINER)
+        trainer = self._heartbeats.of(TRAINER)
         if trainer is not None and trainer.work_s is not None and trainer.work_s > self._update_s:
             self._update_s = trainer.work_s
             self._told_s, self._stalls = 0.0, 0
             self._board.clear("update")
-        return self._pulses.now_s - self._since_s < self._stall_s
+        return self._heartbeats.now_s - self._since_s < self._stall_s
 
     def _tell_of_missing_update(self) -> None:
-        quiet_s = self._pulses.now_s - self._update_s
+        quiet_s = self._heartbeats.now_s - self._update_s
         if quiet_s < max(self._stall_s, 2.0 * self._told_s):
             return
         self._told_s = quiet_s
@@ -122,7 +122,7 @@ class StallWatch(Duty):
         self._board.warn("update", text, "notice")
 
     def _restart_single(self) -> None:
-        now_s = self._pulses.now_s
+        now_s = self._heartbeats.now_s
         for child, seen in self._seen():
             quiet_s = now_s - max(seen.since_s, seen.work_s or 0.0, seen.turn_s, self._excused_s)
             if seen.record is not None and not seen.record.waits and quiet_s >= self._stall_s:
@@ -138,23 +138,23 @@ class StallWatch(Duty):
     def _situation(self) -> str:
         waiting = [c.name for c, seen in self._seen() if seen.record and seen.record.waits]
         others = [c.name for c, _ in self._seen() if c.name not in waiting]
-        alive = {c.name: f"{c.name}, {self._pulses.describe(c.name)}" for c, _ in self._seen()}
+        alive = {c.name: f"{c.name}, {self._heartbeats.describe(c.name)}" for c, _ in self._seen()}
         if TRAINER in waiting and others:
             return f"the trainer waits for {'; '.join(alive[name] for name in others)}"
         if others == [TRAINER]:
             activity = self._activity(TRAINER)
-            return f"all wait for the trainer ({activity}), {self._pulses.describe(TRAINER)}"
+            return f"all wait for the trainer ({activity}), {self._heartbeats.describe(TRAINER)}"
         if not others:
             return f"all workers wait for each other: {'; '.join(alive.values())}"
         return "; ".join(f"{alive[name]} ({self._activity(name)})" for name in others)
 
     def _activity(self, name: str) -> str:
-        seen = self._pulses.of(name)
+        seen = self._heartbeats.of(name)
         return seen.record.activity if seen is not None and seen.record is not None else "starting"
 
     def _blamed(self) -> list[Child]:
         """Those that wait for nobody, or are stuck; or all."""
-        now_s = self._pulses.now_s
+        now_s = self._heartbeats.now_s
         stuck = [
             child
             for child, seen in self._seen()
@@ -164,32 +164,32 @@ class StallWatch(Duty):
 
     def _prepare_to_kill(self, children: Sequence[Child]) -> None:
         for child in children:
-            seen = self._pulses.of(child.name)
+            seen = self._heartbeats.of(child.name)
             if seen is not None and seen.record is not None:
                 child.ask_stacks()
             self._stuck.append((child, child.process.pid if child.process is not None else 0))
-        self._kill_at_s = self._pulses.now_s + STACKS_S
+        self._kill_at_s = self._heartbeats.now_s + STACKS_S
 
     def _kill_stuck(self) -> None:
         for child, pid in self._stuck:
             if child.process is not None and child.process.pid == pid:  # else it has ended
                 child.kill_for("stalled")
         self._stuck = []
-        self._since_s = self._pulses.now_s
+        self._since_s = self._heartbeats.now_s
 
-    def _seen(self) -> list[tuple[Child, Seen]]:
-        pairs = ((child, self._pulses.of(child.name)) for child in self._run.children)
+    def _seen(self) -> list[tuple[Child, WorkerHeartbeat]]:
+        pairs = ((child, self._heartbeats.of(child.name)) for child in self._run.children)
         return [(child, seen) for child, seen in pairs if seen is not None]
 
 
 # Replaces workers that no longer run: stopped by a signal, or inside a system call.
 #
-# Such a process lives, but has no pulse and uses no processor time.
+# Such a process lives, but has no heartbeat and uses no processor time.
 
 
 FROZEN_S = 30.0
 STARTING_S = 120.0
-"""Before the first pulse it loads libraries, perhaps from a slow disk."""
+"""Before the first heartbeat it loads libraries, perhaps from a slow disk."""
 
 BUSY_S = 120.0
 """It computes, but one operation never lets Python go on."""
@@ -205,8 +205,8 @@ _STATES = {
 class FrozenWatch(Duty):
     name = "frozen workers"
 
-    def __init__(self, pulses: SeenPulses, board: WarningsBoard) -> None:
-        self._pulses = pulses
+    def __init__(self, heartbeats: HeartbeatMonitor, board: WarningsBoard) -> None:
+        self._heartbeats = heartbeats
         self._board = board
         self._killed: dict[int, float] = {}
         self._asked: dict[int, float] = {}
@@ -216,14 +216,14 @@ class FrozenWatch(Duty):
         self._board.begin(run.journal)
 
     def check(self) -> Outcome | None:
-        if not self._pulses.look(self._run.children):
+        if not self._heartbeats.look(self._run.children):
             return None
         for child in self._run.children:
-            seen = self._pulses.of(child.name)
+            seen = self._heartbeats.of(child.name)
             if seen is None or child.process is None:
                 continue
             if seen.pid in self._killed:
-                if self._pulses.now_s - self._killed[seen.pid] > REMOVAL_S:
+                if self._heartbeats.now_s - self._killed[seen.pid] > REMOVAL_S:
                     child.give_up()
             else:
                 self._look_at(child, seen)
@@ -235,8 +235,8 @@ class FrozenWatch(Duty):
             self._asked.pop(child.process.pid, None)
         return None
 
-    def _look_at(self, child: Child, seen: Seen) -> None:
-        silent_s = self._pulses.silent_s(seen)
+    def _look_at(self, child: Child, seen: WorkerHeartbeat) -> None:
+        silent_s = self._heartbeats.silent_s(seen)
         if silent_s < (FROZEN_S if seen.record is not None else STARTING_S):
             self._asked.pop(seen.pid, None)
             return
@@ -252,8 +252,8 @@ class FrozenWatch(Duty):
         elif silent_s >= BUSY_S and not idle:
             self._replace_busy(child, seen, silent_s)
 
-    def _replace_busy(self, child: Child, seen: Seen, silent_s: float) -> None:
-        now_s = self._pulses.now_s
+    def _replace_busy(self, child: Child, seen: WorkerHeartbeat, silent_s: float) -> None:
+        now_s = self._heartbeats.now_s
         if seen.pid not in self._asked and seen.record is not None:
             child.ask_stacks()
             self._asked[seen.pid] = now_s
@@ -261,7 +261,7 @@ class FrozenWatch(Duty):
             how = "was inside one operation that Python cannot interrupt"
             self._replace(child, seen, f"{how} for {duration(silent_s)}")
 
-    def _replace(self, child: Child, seen: Seen, what: str) -> None:
-        self._killed[seen.pid] = self._pulses.now_s
+    def _replace(self, child: Child, seen: WorkerHeartbeat, what: str) -> None:
+        self._killed[seen.pid] = self._heartbeats.now_s
         child.kill_for("frozen")
         self._board.tell("fault", f"{child.name} {what}; it is replaced.", worker=child.name)

@@ -49,8 +49,8 @@ from drcli.records.run_record import (
 from drcli.records.stage import PHASES, PhaseMark, StageMark
 from drcli.records.training_record import DayBudget, Spending, budget_of
 from drcli.run.cost import RequestReport, money_left, request_report, time_left_s
+from drcli.run.heartbeat_monitor import WorkerHealth
 from drcli.run.seen_in_bucket import ended_elsewhere, trained_by
-from drcli.run.seen_pulses import WorkerHealth
 from drcli.run.worker_processes import TRAINER
 from drcli.tracks.track_limit import limit_of_race, limit_text
 

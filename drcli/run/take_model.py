@@ -45,7 +45,7 @@ def taken(job: Job, bucket: Bucket, review: Callable[[], None]) -> Iterator[None
 # Waits until a model's owner has ended, or was silent for a minute.
 
 
-LOOK_S = 2.0
+POLL_S = 2.0
 """While the lease may be that of a dead machine."""
 
 LONG_LOOK_S = 10.0
@@ -115,7 +115,7 @@ class OwnerWait:
                     f"{model} is being trained by {held.owner}. Waiting until that training ends; "
                     "dr-stop-training or Ctrl-C ends the waiting."
                 )
-            self.pause(LONG_LOOK_S if lives else LOOK_S)
+            self.pause(LONG_LOOK_S if lives else POLL_S)
 
     def _owner(self) -> Lease | None:
         """A training here that has not taken its lease yet counts too."""

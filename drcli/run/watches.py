@@ -14,18 +14,18 @@ from drcli.records.reward import RewardErrorEntry, RewardErrorRecord, sum_of
 from drcli.records.stage import StageNote
 from drcli.run.disk_watch import DiskWatch
 from drcli.run.duty import Duty, RunningTraining
+from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.journal import Journal
 from drcli.run.memory_watch import MemoryWatch, OpenFilesWatch
 from drcli.run.outcome import Ending, Outcome, interrupted
 from drcli.run.periodic import Periodic, within
-from drcli.run.seen_pulses import SeenPulses
 from drcli.run.stall_watch import FrozenWatch, StallWatch
 from drcli.run.warnings_board import WarningsBoard
 
 # Tells of failures after which a training goes on: rollbacks, failed reward calls.
 
 
-LOOK_S = 60.0
+POLL_S = 60.0
 LAST_LOOK_S = 3.0
 TOLD_SHARE = 0.001
 """Of failing reward calls: nothing is learned from these steps."""
@@ -60,7 +60,7 @@ class FailureWatch(Duty):
             records = read_reward_errors(model)
             self._told_share = sum_of(each.total for each in records).share > TOLD_SHARE
             self._told_errors = {entry.key for record in records for entry in record.total.errors}
-        self._thread = Periodic(self.name, self.look, LOOK_S)
+        self._thread = Periodic(self.name, self.look, POLL_S)
         self._thread.start()
 
     def look(self) -> None:
@@ -134,13 +134,13 @@ class FailureWatch(Duty):
 
 
 def watches(job: Job, board: WarningsBoard) -> list[Duty]:
-    """The first looks at the pulses for the next ones."""
-    pulses = SeenPulses(job.folder)
+    """The first looks at the heartbeats for the next ones."""
+    heartbeats = HeartbeatMonitor(job.folder)
     settings = job.config.unattended
     return [
-        FrozenWatch(pulses, board),
-        StallWatch(settings.stall_minutes, pulses, board),
-        OpenFilesWatch(pulses, board),
+        FrozenWatch(heartbeats, board),
+        StallWatch(settings.stall_minutes, heartbeats, board),
+        OpenFilesWatch(heartbeats, board),
         MemoryWatch(board, AwakeClock()),
         DiskWatch(job, board),
         FailureWatch(job, board),

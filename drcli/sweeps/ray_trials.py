@@ -38,7 +38,7 @@ from drcli.train.ray_cluster import NodeLost, PlacedActor, connect, keys_for_nod
 with lazy_imports():
     from ray.autoscaler import sdk as autoscaler
 
-LOOK_S = 1.0
+POLL_S = 1.0
 END_S = 60.0
 MOST_LOST = 20
 """Vanished nodes of a training."""
@@ -328,14 +328,14 @@ def _outlive(
 
     A job scheduler may send SIGTERM to all processes, and so to Ray's.
     """
-    while all(is_alive(pid, started) for pid, started in servers) and not over.wait(LOOK_S):
+    while all(is_alive(pid, started) for pid, started in servers) and not over.wait(POLL_S):
         pass
     if over.is_set():
         return
-    time.sleep(LOOK_S)  # for a signal that came at the same time
+    time.sleep(POLL_S)  # for a signal that came at the same time
     ends_s = time.monotonic() + END_S
     for run in runs:
         run.interrupt()
         while run.runs and time.monotonic() < ends_s:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
     end()

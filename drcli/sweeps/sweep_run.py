@@ -44,7 +44,7 @@ from drcli.sweeps.trial_score import (
     until,
 )
 
-LOOK_S = 1.0
+POLL_S = 1.0
 MOST_STARTS = 3
 """For failures that may pass."""
 
@@ -152,7 +152,7 @@ class SweepRun:
                 for trial in waiting[: room - len(running)]:
                     self._refuse_interruption()
                     self._start(trial)
-            self._pause(LOOK_S)
+            self._pause(POLL_S)
 
     def _start(self, trial: TrialRecord) -> None:
         self._asked.discard(trial.name)
@@ -383,7 +383,7 @@ class SweepRun:
             self._asked.add(name)
             run.interrupt()
         while wait and run.runs:
-            self._sleep(LOOK_S)
+            self._sleep(POLL_S)
 
     def _end_all(self) -> None:
         """Interrupt and wait: nobody looks after them any more."""
@@ -393,7 +393,7 @@ class SweepRun:
         ends_s = time.monotonic() + END_S
         for trial in running:
             while self._run(trial).runs and time.monotonic() < ends_s and self._signals.count < 2:
-                self._sleep(LOOK_S)
+                self._sleep(POLL_S)
             if self._progress.trial(trial.name).state == "running":
                 with suppress(StorageError):  # the next start finds out by itself
                     self._progress.change(trial.name, state="paused")

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from drcli.base.installation import lazy_imports
 from drcli.config import track_names
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.tracks.limit_store import SHIPPED, LimitKey, StoredLimit, fingerprint, read_limits
 
 with lazy_imports():
@@ -94,7 +94,7 @@ def limit_text(lap_s: float | None, stored: StoredLimit | None) -> str:
     return above_limit(lap_s, TrackLimit.of(stored))
 
 
-def limit_of_race(race: RaceConfig, *, reverse: bool) -> StoredLimit | None:
+def limit_of_race(race: DriveConfig, *, reverse: bool) -> StoredLimit | None:
     if any(getattr(race, name) != usual for name, usual in _OWN_CAR.items()):
         return None
     return limit_of(

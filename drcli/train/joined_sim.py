@@ -16,24 +16,24 @@ from drcli.train.membership import JoinedLifeline, Membership
 from drcli.train.sim import SimWorker
 from drcli.workers import worker_process
 from drcli.workers.reward_failures import reward_failure
-from drcli.workers.worker_process import Lifeline
+from drcli.workers.worker_process import StopSignal
 from drsim.errors import RewardError
 
 _logger = get_logger(__name__)
 
 
-def main(job: Job, lifeline: Lifeline) -> None:
-    assert isinstance(lifeline, JoinedLifeline)
+def main(job: Job, stop_signal: StopSignal) -> None:
+    assert isinstance(stop_signal, JoinedLifeline)
     flush_denormals()
     member, prefix = sys.argv[1], job.config.model.prefix
-    bucket = worker_process.open_own_bucket(job, lifeline, far=True)
-    membership = Membership(ModelStore(bucket, prefix), job.session, member, lifeline)
+    bucket = worker_process.open_own_bucket(job, stop_signal, far=True)
+    membership = Membership(ModelStore(bucket, prefix), job.session, member, stop_signal)
     try:
         number = membership.wait_for_number()
         _logger.info("This is simulation worker %d of s3://%s/%s.", number, bucket.name, prefix)
         facts = facts_of(job.config.race(number), [prefix])
-        with live_show(job, f"sim-{number}", lambda: lifeline.pulse.activity, facts) as live:
-            SimWorker(job, lifeline, number, live=live, membership=membership).run()
+        with live_show(job, f"sim-{number}", lambda: stop_signal.heartbeat.activity, facts) as live:
+            SimWorker(job, stop_signal, number, live=live, membership=membership).run()
     except RewardError as error:
         membership.close(str(reward_failure(error)))
         raise
@@ -42,8 +42,8 @@ def main(job: Job, lifeline: Lifeline) -> None:
         raise
     finally:
         membership.close()
-        if lifeline.ended:
-            _logger.info("The training has stopped: %s.", lifeline.ended)
+        if stop_signal.ended:
+            _logger.info("The training has stopped: %s.", stop_signal.ended)
 
 
 if __name__ == "__main__":

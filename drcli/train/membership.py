@@ -22,7 +22,7 @@ from drcli.model.model_store import ModelStore
 from drcli.model.training_state import RENEWED_S, read_shares_record
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.job import MemberRecord, Shares, SharesRecord
-from drcli.workers.worker_process import Lifeline, StopRequested
+from drcli.workers.worker_process import StopRequested, StopSignal
 
 _logger = get_logger(__name__)
 
@@ -31,7 +31,7 @@ STUCK_S = 120.0
 """Then a worker with an idle main thread no longer renews its record."""
 
 
-class JoinedLifeline(Lifeline):
+class JoinedLifeline(StopSignal):
     """Also ends a worker when its training has; `ended` says why."""
 
     def __init__(self, launcher_pid: int) -> None:
@@ -65,11 +65,11 @@ class Membership:
         model: ModelStore,
         session: str,
         member: str,
-        lifeline: JoinedLifeline,
+        stop_signal: JoinedLifeline,
         pause: Callable[[float], object] = time.sleep,
     ) -> None:
         self._model = model
-        self._lifeline = lifeline
+        self._stop_signal = stop_signal
         self._pause = pause
         self._record = MemberRecord(member, session, socket.gethostname(), os.getpid())
         self._lock = threading.Lock()
@@ -88,7 +88,7 @@ class Membership:
             StopRequested: Somebody wants this worker to stop, or the training has ended.
         """
         while True:
-            if self._lifeline.should_stop():
+            if self._stop_signal.should_stop():
                 raise StopRequested
             record = read_shares_record(self._model)
             if record is not None and record.session == self._record.session:
@@ -178,7 +178,7 @@ class Membership:
         try:
             self._model.bucket.put(keys.member(self._model.prefix, record.member), record.encode())
         except OwnershipLost:
-            self._lifeline.ended = "another start continues it"
+            self._stop_signal.ended = "another start continues it"
 
     def _renew(self) -> None:
         while True:
@@ -189,8 +189,8 @@ class Membership:
             try:
                 self._look_at_lease()
                 self._look_at_drive()
-                stuck_s = elapsed_s() - self._lifeline.pulse.record().turned_s
-                if not self._lifeline.ended and stuck_s < STUCK_S:
+                stuck_s = elapsed_s() - self._stop_signal.heartbeat.record().turned_s
+                if not self._stop_signal.ended and stuck_s < STUCK_S:
                     self._write()
             except StorageError as error:
                 _logger.warning("The record of this worker could not be renewed: %s", error)
@@ -206,8 +206,8 @@ class Membership:
         if lease is None:  # it is just written again
             return
         if lease.session != self._record.session:
-            self._lifeline.ended = "another start continues it"
+            self._stop_signal.ended = "another start continues it"
         elif lease.released:
-            self._lifeline.ended = "it was ended"
+            self._stop_signal.ended = "it was ended"
         elif lease.age_s >= STALE_S:
-            self._lifeline.ended = f"its machine was not heard from for {lease.age_s:.0f} s"
+            self._stop_signal.ended = f"its machine was not heard from for {lease.age_s:.0f} s"

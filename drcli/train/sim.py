@@ -49,7 +49,7 @@ from drcli.train.wait_for_trainer import POLL_S, WOKEN_POLL_S, CheckpointWaiter
 from drcli.workers import worker_process
 from drcli.workers.cores import cores, driving_threads, max_lag, usable_cores
 from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExceeded, RewardFailures
-from drcli.workers.worker_process import Activity, Lifeline, StopRequested
+from drcli.workers.worker_process import Activity, StopRequested, StopSignal
 from drsim.errors import RewardError
 
 _logger = get_logger(__name__)
@@ -73,7 +73,7 @@ class SimWorker:
     def __init__(
         self,
         job: Job,
-        lifeline: Lifeline,
+        stop_signal: StopSignal,
         worker: int,
         divisor: int = 1,
         *,
@@ -84,13 +84,13 @@ class SimWorker:
         train, model = job.config.train, job.config.model
         self._job = job
         self._worker, self._divisor = worker, divisor
-        self._lifeline = lifeline
+        self._stop_signal = stop_signal
         self._live = live
         self._membership = membership
         self._prefix = model.prefix
-        self._bucket = worker_process.open_own_bucket(job, lifeline, far=membership is not None)
+        self._bucket = worker_process.open_own_bucket(job, stop_signal, far=membership is not None)
         self._store = ModelStore(self._bucket, self._prefix)
-        self._activity = Activity(self._store, f"sim-{worker}", lifeline.pulse)
+        self._activity = Activity(self._store, f"sim-{worker}", stop_signal.heartbeat)
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._store)
         design = Design.of_model(self._store, job.inputs)
@@ -142,7 +142,7 @@ class SimWorker:
             max(1, train.workers),
             lag=self._lag,
             frugal=job.config.storage.cloud != "local",
-            should_stop=lifeline.should_stop,
+            should_stop=stop_signal.should_stop,
             say=self._activity.wait,
             pause=self._wakeup.pause,
             poll_s=WOKEN_POLL_S if is_woken else POLL_S,
@@ -165,7 +165,7 @@ class SimWorker:
             joined=self._membership is not None,
             gpu=self._on_gpu is not None,
             on_reward_error=self._failures.handle,
-            onlooker=self._live,
+            observer=self._live,
         )
 
     def _enter(self, stage: Stage) -> None:
@@ -333,7 +333,9 @@ class SimWorker:
                     self._activity.say(f"evaluates checkpoint {name.number}")
 
         def should_stop() -> bool:
-            return self._lifeline.step_done() or (len(training) < len(numbers) and self._is_late())
+            return self._stop_signal.step_done() or (
+                len(training) < len(numbers) and self._is_late()
+            )
 
         try:
             if self._membership is not None:
@@ -351,7 +353,7 @@ class SimWorker:
             writer.abandon()
             self._failures.count_calls(simulation.reward_calls)
             self._failures.save()
-            if not isinstance(error, StopRequested) or self._lifeline.should_stop():
+            if not isinstance(error, StopRequested) or self._stop_signal.should_stop():
                 raise
             _logger.info("The trainer went on without this worker's iteration %d.", iteration)
             self._driven_steps = 0
@@ -398,7 +400,7 @@ class SimWorker:
             self._activity.say(f"lets checkpoint {number} drive again from other starts")
             again: list[Driven] = []
             plans = simulation.confirmation_plans(number, result.confirms)
-            simulation.drive_again(plans, again.append, self._lifeline.step_done)
+            simulation.drive_again(plans, again.append, self._stop_signal.step_done)
             again.sort(key=lambda episode: episode.number)
             sound = [episode for episode in again if not episode.discarded]
             confirmation = EvaluationEpisodes(*columns_of(sound)) if sound else None
@@ -412,7 +414,7 @@ class SimWorker:
             self._activity.say(f"evaluates checkpoint {number} on {simulation.second.world}")
             # Where they alone decide which checkpoint is the best, as many as if it drove again.
             laps = simulation.trials * (2 if self._judged == "evaluation" else 1)
-            second = simulation.second.evaluate(laps, self._lifeline.step_done)
+            second = simulation.second.evaluate(laps, self._stop_signal.step_done)
             self._give(replace(result, second=second))
             _logger.info("Checkpoint %d %s", number, sentence_of(second))
 
@@ -459,12 +461,12 @@ class SimWorker:
         return True
 
 
-def main(job: Job, lifeline: Lifeline) -> None:
+def main(job: Job, stop_signal: StopSignal) -> None:
     flush_denormals()
     worker, *divisor = (int(word) for word in sys.argv[1:])
     facts = facts_of(job.config.race(worker), [job.config.model.prefix])
-    with live_show(job, f"sim-{worker}", lambda: lifeline.pulse.activity, facts) as live:
-        SimWorker(job, lifeline, worker, *divisor, live=live).run()
+    with live_show(job, f"sim-{worker}", lambda: stop_signal.heartbeat.activity, facts) as live:
+        SimWorker(job, stop_signal, worker, *divisor, live=live).run()
 
 
 if __name__ == "__main__":

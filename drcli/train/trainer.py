@@ -43,6 +43,7 @@ from drcli.train.checkpoint_publisher import (
     restore_learner,
 )
 from drcli.train.collect_rollouts import Collected, Collector
+from drcli.train.episode_allocator import EpisodeAllocator
 from drcli.train.goals import Goals, targets_of
 from drcli.train.learner_group import LearnerGroup, learner_died, learner_group
 from drcli.train.learner_metrics import (
@@ -55,14 +56,13 @@ from drcli.train.learner_metrics import (
 )
 from drcli.train.rollouts import FIRST_LOOK_S, WOKEN_LOOK_S, RolloutReader
 from drcli.train.scoring import Scoring
-from drcli.train.share_keeper import ShareKeeper
 from drcli.train.stage_progress import PhaseJudge, episodes_of, numbered_episodes
 from drcli.train.training_progress import LearningAlarms, TrainingProgress
 from drcli.train.wait_for_trainer import RECHECK_S
 from drcli.train.write_graph import GraphWriter
 from drcli.workers import worker_process
 from drcli.workers.cores import max_lag
-from drcli.workers.worker_process import Activity, Lifeline, StopRequested
+from drcli.workers.worker_process import Activity, StopRequested, StopSignal
 
 _logger = get_logger(__name__)
 
@@ -75,19 +75,19 @@ class Trainer:
     def __init__(
         self,
         job: Job,
-        lifeline: Lifeline,
+        stop_signal: StopSignal,
         goals: Goals | None = None,
         group: LearnerGroup | None = None,
     ) -> None:
         """`goals` are those of a trainer of this process that has gone back."""
         train, model = job.config.train, job.config.model
         self._job = job
-        self._lifeline = lifeline
+        self._stop_signal = stop_signal
         self._group = group
         self._prefix = model.prefix
-        self._bucket = worker_process.open_own_bucket(job, lifeline)
+        self._bucket = worker_process.open_own_bucket(job, stop_signal)
         self._model = ModelStore(self._bucket, self._prefix)
-        self._activity = Activity(self._model, "trainer", lifeline.pulse)
+        self._activity = Activity(self._model, "trainer", stop_signal.heartbeat)
         self._activity.say("starting")
         own = ModelStore(self._bucket, self._prefix, model.metrics_prefix, model.metric, ())
         for sentence in repair(own):
@@ -141,7 +141,7 @@ class Trainer:
         self._collector = Collector(
             self._reader, train.train_max_steps_per_iteration, ahead=self._lag > 0
         )
-        self._shares = ShareKeeper(
+        self._shares = EpisodeAllocator(
             self._model,
             job.session,
             train.workers,
@@ -165,7 +165,7 @@ class Trainer:
             self._checkpoints,
             graphs,
             self._traces,
-            lifeline.should_stop,
+            stop_signal.should_stop,
             self._wake_workers,
             near=not frugal,
         )
@@ -223,7 +223,7 @@ class Trainer:
             if not workers:
                 self._is_wait_over()
                 self._wakeup.pause(NOBODY_S)
-                if self._lifeline.should_stop():
+                if self._stop_signal.should_stop():
                     raise StopRequested
                 continue
             for share in workers:
@@ -237,7 +237,7 @@ class Trainer:
                 self._is_wait_over,
                 self._shares.is_hopeless,
             )
-            if self._lifeline.should_stop():
+            if self._stop_signal.should_stop():
                 raise StopRequested
             if collected is not None:
                 self._shares.note(collected.speeds, collected.late, self._progress.newest.number)
@@ -333,7 +333,7 @@ class Trainer:
                 _logger.warning(
                     "The pointer to %s was lost; it is written again.", self._progress.newest
                 )
-        return reassigned or self._lifeline.should_stop() or self._reached() is not None
+        return reassigned or self._stop_signal.should_stop() or self._reached() is not None
 
     def _reached(self, *newest: IterationRecord) -> str | None:
         return self._progress.reached(self.goals, *newest)
@@ -479,7 +479,7 @@ class Trainer:
         Raises:
             StopRequested: A resumed training drives this iteration again.
         """
-        if self._lifeline.step_done():
+        if self._stop_signal.step_done():
             raise StopRequested
         # Other processes learn on, so an update that ends early must be their last one.
         may_be_stage = self._group is None or self._stages.is_last
@@ -526,7 +526,7 @@ class Trainer:
             self._scoring.wait(
                 collected.evaluates,
                 collected.drive_s,
-                lambda: self._lifeline.should_stop() or self.goals.late_s() > LATE_S,
+                lambda: self._stop_signal.should_stop() or self.goals.late_s() > LATE_S,
             )
 
     def _publish(self, learned: IterationRecord | None = None) -> None:
@@ -591,13 +591,13 @@ def _learners(job: Job) -> int:
     return 1 if alone else job.config.train.train_learners
 
 
-def learn(job: Job, lifeline: Lifeline) -> None:
+def learn(job: Job, stop_signal: StopSignal) -> None:
     """After a rollback, begin again from the bucket."""
     goals = None
     with learner_group(_learners(job)) as group:
         while True:
             try:
-                trainer = Trainer(job, lifeline, goals, group)
+                trainer = Trainer(job, stop_signal, goals, group)
                 trainer.run()
             except RolledBack:
                 goals = trainer.goals
@@ -607,9 +607,9 @@ def learn(job: Job, lifeline: Lifeline) -> None:
             return
 
 
-def main(job: Job, lifeline: Lifeline) -> None:
+def main(job: Job, stop_signal: StopSignal) -> None:
     flush_denormals()
-    learn(job, lifeline)
+    learn(job, stop_signal)
 
 
 if __name__ == "__main__":

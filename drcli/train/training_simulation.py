@@ -7,7 +7,7 @@ import numpy as np
 
 from drcli.base.log import plain
 from drcli.bucket.bucket import Bucket
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.drive import reference_log
 from drcli.drive.build_race import (
     build_simulation,
@@ -19,7 +19,7 @@ from drcli.drive.build_race import (
 from drcli.drive.driving import Driven, Driver, Plan, Racer, columns_of
 from drcli.drive.evaluator import fresh_starts
 from drcli.drive.reward_client import RewardProcess
-from drcli.live.live_moment import Onlooker
+from drcli.live.step_snapshot import LiveObserver
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
@@ -52,7 +52,7 @@ class SecondTrack:
 
     def __init__(
         self,
-        race: RaceConfig,
+        race: DriveConfig,
         metadata: ModelMetadata,
         racer: Racer,
         reward: RewardProcess,
@@ -61,7 +61,7 @@ class SecondTrack:
         seed: int,
         start_seed: int,
         on_reward_error: Callable[[RewardError, int], float] | None = None,
-        onlooker: Onlooker | None = None,
+        observer: LiveObserver | None = None,
     ) -> None:
         self.world = race.world_name
         self._start_seed = start_seed
@@ -78,7 +78,7 @@ class SecondTrack:
             seed=seed,
             on_reward_error=on_reward_error,
         )
-        self._driver = Driver(self._simulation, [racer], seed, onlooker=onlooker)
+        self._driver = Driver(self._simulation, [racer], seed, observer=observer)
 
     def evaluate(self, trials: int, should_stop: Callable[[], bool]) -> SecondEvaluation:
         """Drive with the present weights, from starts spread over the lap.
@@ -147,7 +147,7 @@ class TrainingSimulation:
         joined: bool = False,
         gpu: bool = False,
         on_reward_error: Callable[[RewardError, int], float],
-        onlooker: Onlooker | None = None,
+        observer: LiveObserver | None = None,
     ) -> None:
         """A `joined` worker's part may become larger; `divisor` is of the cars at a time.
 
@@ -207,7 +207,7 @@ class TrainingSimulation:
             gpu=gpu,
         )
         self._seed = seed
-        self._driver = Driver(self._simulation, racers, seed, onlooker=onlooker)
+        self._driver = Driver(self._simulation, racers, seed, observer=observer)
         second = job.config.second_race(race) if evaluates else None
         self.second: SecondTrack | None = None
         if second is not None:
@@ -221,7 +221,7 @@ class TrainingSimulation:
                 start_seed=job.seed,
                 # Counted apart: its calls are none of the training.
                 on_reward_error=RewardFailures(train, worker).handle,
-                onlooker=onlooker,
+                observer=observer,
             )
 
     def enter_phase(self, mark: PhaseMark | None) -> None:
@@ -234,7 +234,7 @@ class TrainingSimulation:
         return self.assigned or self.share
 
     @property
-    def race(self) -> RaceConfig:
+    def race(self) -> DriveConfig:
         return self._race
 
     @property

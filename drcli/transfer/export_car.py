@@ -11,7 +11,7 @@ from drcli.base.errors import Problem, ProblemsError, SettingsError, of_severity
 from drcli.base.files import make_folder, refuse_existing, rewrite
 from drcli.base.report import BLANK, Styled, View, bold, counted, size_text, table
 from drcli.bucket.connect import COMMAND_PATIENCE_S
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.config.track_names import is_installed
 from drcli.convert.build_network import build_policy, load_weights, policy_spec, weights_of
@@ -39,7 +39,7 @@ CAR_FILE = "carfile.tar.gz"
 _NUMBERED = re.compile(r"-chk\d+" + re.escape(END) + r"\Z")
 
 FRAMES = 200
-Compare = Callable[[RaceConfig, ExportSource, bytes], GraphComparison]
+Compare = Callable[[DriveConfig, ExportSource, bytes], GraphComparison]
 
 
 @dataclass(frozen=True)
@@ -259,12 +259,12 @@ def upload_archive(
     return replace(report, deleted=deleted)
 
 
-def _race(settings: Settings, source: ExportSource) -> RaceConfig:
+def _race(settings: Settings, source: ExportSource) -> DriveConfig:
     race = settings.race
     own = race if source.world is None else race.replaced(world_name=source.world)
     if is_installed(own):
         return own
-    default = RaceConfig.declared["DR_WORLD_NAME"].default
+    default = DriveConfig.declared["DR_WORLD_NAME"].default
     return race if is_installed(race) else race.replaced(world_name=default)
 
 

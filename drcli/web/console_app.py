@@ -18,7 +18,6 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from drcli.web import (
-    apart,
     episode_routes,
     file_routes,
     live_topics,
@@ -29,6 +28,7 @@ from drcli.web import (
     settings_routes,
     start_routes,
     stream_route,
+    subprocess_work,
     task_routes,
     track_routes,
 )
@@ -54,7 +54,7 @@ REQUEST_S = 10.0
 STALLED_S = 20.0
 """Without progress of a request or an answer."""
 
-LOOK_S = 2.0
+POLL_S = 2.0
 WAITING_BYTES = 4 << 20
 """Answers to pings that nobody reads."""
 
@@ -77,7 +77,7 @@ class TimedHttp(H11Protocol):
         self._began_s = self._read_s = self.loop.time()
         if len(self.connections) > MOST_CONNECTIONS:
             _idle_one(self.connections, self).transport.abort()
-        self._look = self.loop.call_later(LOOK_S, self._check)
+        self._look = self.loop.call_later(POLL_S, self._check)
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._stop_looking()
@@ -121,7 +121,7 @@ class TimedHttp(H11Protocol):
         ):
             self.transport.abort()
             return
-        self._look = self.loop.call_later(LOOK_S, self._check)
+        self._look = self.loop.call_later(POLL_S, self._check)
 
 
 def _idle_one(connections: Any, newest: TimedHttp) -> TimedHttp:
@@ -243,7 +243,7 @@ def build_app(directory: Path, token: str | None, *, here_only: bool = False) ->
         hub.close()
         await asyncio.to_thread(folder.live.close)
         tasks.closing.set()
-        apart.end_heavy()
+        subprocess_work.end_heavy()
         for end in folder.at_end:
             end()
         await asyncio.to_thread(tasks.close)

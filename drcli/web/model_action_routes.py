@@ -27,9 +27,9 @@ from drcli.run.read_logs import text_tail
 from drcli.transfer.model_removal import plan_removal
 from drcli.web import model_work
 from drcli.web.answers import BadRequest, accepts, answers, error_of, status_of, text_of
-from drcli.web.apart import WorkFailed, run_apart
 from drcli.web.download_folder import DownloadFolder
 from drcli.web.model_reader import ModelReader, checked, prefix_of
+from drcli.web.subprocess_work import WorkFailed, in_subprocess
 from drcli.web.tasks import Progress, Task
 
 EVALUATION_FIELDS = {
@@ -63,7 +63,7 @@ def action_routes(
             raise BadRequest("The longest time is a number of minutes, such as 60.")
 
         def work(progress: Progress) -> Any:
-            return run_apart(
+            return in_subprocess(
                 progress, model_work.start_training, directory, prefix, minutes, heavy=False
             )
 
@@ -83,7 +83,7 @@ def action_routes(
         flags = evaluation_flags(body)
 
         def work(progress: Progress) -> Any:
-            began = run_apart(
+            began = in_subprocess(
                 progress, model_work.start_evaluation, directory, prefix, flags, heavy=False
             )
             progress(f"{began['checkpoint']} drives on {began['world']}.")
@@ -114,7 +114,7 @@ def action_routes(
 
         def work(progress: Progress) -> Any:
             arguments = directory, prefix, choice, to, local
-            return run_apart(progress, model_work.upload_model, *arguments)
+            return in_subprocess(progress, model_work.upload_model, *arguments)
 
         return started(tasks.start("upload", prefix, f"Upload {prefix}", work))
 
@@ -127,7 +127,7 @@ def action_routes(
             path = None
             if keep:
                 path = downloads.new_folder() / f"{safe_name(prefix)}-{safe_name(stamp)}.mp4"
-            made = run_apart(
+            made = in_subprocess(
                 progress, model_work.make_lap_video, directory, prefix, stamp, wish, path
             )
             return made if path is None else downloads.offer(path, made["report"])
@@ -141,7 +141,7 @@ def action_routes(
 
         def work(progress: Progress) -> Any:
             arguments = directory, prefix, kind, choice, downloads.new_folder()
-            made = run_apart(progress, model_work.make_download, *arguments)
+            made = in_subprocess(progress, model_work.make_download, *arguments)
             return downloads.offer(Path(made["file"]), made["report"])
 
         words = {"car": "car archive", "onnx": "ONNX file", "logs": "logs"}
@@ -152,7 +152,7 @@ def action_routes(
         prefix = _existing(reader, body)
 
         def work(progress: Progress) -> Any:
-            found = run_apart(progress, model_work.analyse_model, directory, prefix)
+            found = in_subprocess(progress, model_work.analyse_model, directory, prefix)
             analyses.pop(prefix, None)
             analyses[prefix] = found  # the newest last
             for old in list(analyses)[:-MOST_ANALYSES]:
@@ -172,7 +172,7 @@ def action_routes(
 
         def work(progress: Progress) -> Any:
             arguments = directory, prefix, forget
-            return run_apart(progress, model_work.delete_model, *arguments, heavy=False)
+            return in_subprocess(progress, model_work.delete_model, *arguments, heavy=False)
 
         return started(tasks.start("delete", prefix, f"Delete {prefix}", work, goes_on=True))
 
@@ -382,7 +382,7 @@ def import_routes(reader: ModelReader) -> Sequence[BaseRoute]:
         def work(progress: Progress) -> Any:
             try:
                 arguments = reader.folder.directory, source, prefix, world
-                return run_apart(progress, model_work.import_archive, *arguments)
+                return in_subprocess(progress, model_work.import_archive, *arguments)
             except DrError as error:
                 # The racer knows the file by its name alone.
                 said = str(error).replace(f"{folder}/", "").replace(str(folder), "The files")

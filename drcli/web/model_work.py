@@ -273,7 +273,7 @@ def make_lap_video(
 ) -> dict[str, Any]:
     """Film an evaluation as dr-video does, and put the film beside its trace.
 
-    `wish` has fields of `drcli.view.video.make_video.Wish`; `path`: a film to download instead.
+    `wish` has fields of `make_video.VideoOptions`; `path`: a film to download instead.
     """
     require_encoder()
     settings = settings_for(directory, prefix)
@@ -282,7 +282,7 @@ def make_lap_video(
     defaults = video_job.Defaults.of(settings.model, settings.race)
 
     def film(target: Path) -> Any:
-        wanted = make_video.Wish(
+        wanted = make_video.VideoOptions(
             **{"racer": "", "color": "", "most_seconds": make_video.USUAL_SECONDS, **wish}
         )
         progress(f"Filming {make_video.frames_of(trace, wanted)} frames ...")

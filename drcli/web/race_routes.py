@@ -24,9 +24,9 @@ from drcli.races.organise import (
     wish_of,
 )
 from drcli.races.race_export import csv_of, race_page, videos_of
+from drcli.races.race_options import SENSORS, RaceOptions, object_settings, parse_time, rules_of
 from drcli.races.race_records import Pairing, RaceKind, Ranking
 from drcli.races.race_settings import settings_of_rules, shown_settings
-from drcli.races.race_wish import SENSORS, RaceWish, object_settings, parse_time, rules_of
 from drcli.races.stored_race import is_race_id, race_id, read_rules
 from drcli.tracks.track_list import list_tracks
 from drcli.web.answers import BadRequest, accepts, answers, text_of
@@ -42,7 +42,7 @@ from drcli.web.topics import Snapshot
 MOST_SENSORS = 20
 
 
-def wish_of_form(body: dict[str, Any], now_s: float) -> RaceWish:
+def wish_of_form(body: dict[str, Any], now_s: float) -> RaceOptions:
     """Null or missing: the usual value.
 
     Raises:
@@ -55,7 +55,7 @@ def wish_of_form(body: dict[str, Any], now_s: float) -> RaceWish:
     )
     laps = whole_number(body, "max_laps")
     opens, closes = text_of(body, "opens", "").strip(), text_of(body, "closes", "").strip()
-    return RaceWish(
+    return RaceOptions(
         name=text_of(body, "name"),
         world=text_of(body, "world", "").strip() or None,
         reverse=flag(body, "reverse"),

@@ -19,8 +19,8 @@ from drcli.run.status import inspect
 from drcli.run.track_fetch import fetch, missing_tracks, tracks_to_fetch
 from drcli.train.goals import OPTIONS
 from drcli.web.answers import BadRequest, accepts, answers, placed
-from drcli.web.apart import run_apart
 from drcli.web.served_folder import ServedFolder
+from drcli.web.subprocess_work import in_subprocess
 from drcli.web.tasks import Progress
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
 
         def run(progress: Progress) -> Any:
             # The simulation, which the checks load, takes seconds and a hundred megabytes.
-            return run_apart(progress, start_training, settings, options, fetches, heavy=False)
+            return in_subprocess(progress, start_training, settings, options, fetches, heavy=False)
 
         title = f"Start the training of {settings.model_prefix}"
         return folder.tasks.start("start-training", settings.model_prefix, title, run, goes_on=True)

@@ -28,7 +28,7 @@ from drcli.model.model_store import ModelStore
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import ActivityRecord, json_log, log_file, reward_log
 from drcli.workers import print_limit
-from drcli.workers.pulse import Pulse, memory_shortage
+from drcli.workers.heartbeat import Heartbeat, memory_shortage
 
 with lazy_imports():
     from drcli.workers import reward_failures
@@ -87,11 +87,11 @@ BUG = 1
 _logger = log.get_logger(__name__)
 
 
-class Lifeline:
+class StopSignal:
     """Knows whether this process should stop: a signal came, or its launcher has ended."""
 
     def __init__(self, launcher_pid: int) -> None:
-        self.pulse = Pulse()
+        self.heartbeat = Heartbeat()
         self._launcher_pid = launcher_pid
         self._signalled = False
         handle(self._note_signal)
@@ -100,12 +100,12 @@ class Lifeline:
         self._signalled = True
 
     def should_stop(self) -> bool:
-        self.pulse.turn()
+        self.heartbeat.turn()
         return self._signalled or os.getppid() != self._launcher_pid
 
     def step_done(self) -> bool:
         """The same after each step, which counts as progress."""
-        self.pulse.step_done()
+        self.heartbeat.step_done()
         return self._signalled or os.getppid() != self._launcher_pid
 
 
@@ -114,15 +114,15 @@ class StopRequested(Exception):
 
 
 class Activity:
-    """Publishes in the bucket, and in the pulse, what this worker is doing.
+    """Publishes in the bucket, and in the heartbeat, what this worker is doing.
 
     Nobody waits for the bucket; what comes next meets the same failure.
     """
 
-    def __init__(self, model: ModelStore, name: str, pulse: Pulse) -> None:
+    def __init__(self, model: ModelStore, name: str, heartbeat: Heartbeat) -> None:
         self._bucket = model.bucket
         self._key = keys.status(model.prefix, name)
-        self._pulse = pulse
+        self._heartbeat = heartbeat
         self._last = ""
         self._sender = ThreadPoolExecutor(1, thread_name_prefix="activity")
         self._unsent: Future[None] | None = None
@@ -131,7 +131,7 @@ class Activity:
         self.say(text, waits=True)
 
     def say(self, text: str, *, waits: bool = False) -> None:
-        self._pulse.say(text, waits=waits)
+        self._heartbeat.say(text, waits=waits)
         if text == self._last:
             return
         self._last = text
@@ -144,7 +144,7 @@ class Activity:
         self._sender.shutdown()
 
 
-def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Bucket:
+def open_own_bucket(job: Job, stop_signal: StopSignal, *, far: bool = False) -> S3Bucket:
     """The bucket of a training, for one of its workers.
 
     It refuses writes when another training has taken over the model. A `far` worker reads the
@@ -155,7 +155,7 @@ def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Buc
     patience = {} if storage.cloud == "local" else {"patience_s": OUTAGE_PATIENCE_S}
     if far:
         patience["read_timeout_s"] = FAR_READ_TIMEOUT_S
-    bucket = open_bucket(storage, hurried=lifeline.should_stop, unattended=True, **patience)
+    bucket = open_bucket(storage, hurried=stop_signal.should_stop, unattended=True, **patience)
     trusted_s = OTHERS_TRUSTED_S if far else POINTER_TRUSTED_S
     prefix = job.config.model.prefix
     own = Ownership(
@@ -166,8 +166,8 @@ def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Buc
 
 def run(
     name: str,
-    main: Callable[[Job, Lifeline], None],
-    lifeline_of: Callable[[int], Lifeline] = Lifeline,
+    main: Callable[[Job, StopSignal], None],
+    lifeline_of: Callable[[int], StopSignal] = StopSignal,
 ) -> None:
     """Run a worker's loop as the main function of a process.
 
@@ -177,7 +177,7 @@ def run(
     """
     search_as_usual()
     job = Job.received_or_exit()
-    lifeline = lifeline_of(job.launcher_pid)
+    stop_signal = lifeline_of(job.launcher_pid)
     WorkerExit.delete(job.folder, name)
     path = os.environ.get(log_files.VARIABLE)
     logs = WorkerLogs(job, name, Path(path) if path else None)
@@ -188,9 +188,9 @@ def run(
         _logger.info("DR_PRIORITY=low: %s.", lower_priority())
     requests = CountFile(job.folder, name, job.session)
     requests.start()
-    lifeline.pulse.start(job.folder, name)
+    stop_signal.heartbeat.start(job.folder, name)
     try:
-        main(job, lifeline)
+        main(job, stop_signal)
     except StopRequested:
         _logger.info("Stopped, as requested.")
     except Exception as error:

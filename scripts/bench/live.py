@@ -70,10 +70,10 @@ def live_s() -> float:
 
 
 class Timed:
-    """An onlooker that measures how long another one keeps the driving loop."""
+    """An observer that measures how long another one keeps the driving loop."""
 
-    def __init__(self, onlooker: Any) -> None:
-        self._onlooker = onlooker
+    def __init__(self, observer: Any) -> None:
+        self._observer = observer
         self._kept: list[Any] = []  # freeing episodes is work of the driving loop in any case
         self.spent_s = 0.0
 
@@ -81,7 +81,7 @@ class Timed:
     def wanted(self) -> bool:
         """Whether the next step is wanted."""
         began_s = time.perf_counter()
-        wanted = bool(self._onlooker.wanted)
+        wanted = bool(self._observer.wanted)
         self.spent_s += time.perf_counter() - began_s
         return wanted
 
@@ -89,7 +89,7 @@ class Timed:
         """Note an episode that has ended."""
         self._kept.append(arguments)
         began_s = time.perf_counter()
-        self._onlooker.ended(*arguments)
+        self._observer.ended(*arguments)
         self.spent_s += time.perf_counter() - began_s
 
 
@@ -113,11 +113,11 @@ class Drive:
         self._racer = Racer(policy, work.actions)
         self.race = work.settings.race
 
-    def block(self, onlooker: Any, seconds: float) -> tuple[int, float, float]:
+    def block(self, observer: Any, seconds: float) -> tuple[int, float, float]:
         """Drive equal episodes for a while: steps, wall time and processor time."""
         from drcli.drive.driving import Driver, Plan
 
-        driver = Driver(self._simulation, [self._racer], 1, onlooker=onlooker)
+        driver = Driver(self._simulation, [self._racer], 1, observer=observer)
         plans = [Plan(number, "training", number / self._cars) for number in range(self._cars)]
         steps = 0
         began_s, began_cpu_s = time.perf_counter(), time.process_time()

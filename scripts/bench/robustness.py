@@ -33,7 +33,7 @@ from drcli.records.job import Job
 from drcli.run.evaluation_plan import choose_checkpoint
 from drcli.run.many_evaluations import matching_models
 from drcli.workers.cores import cores
-from drcli.workers.worker_process import Lifeline
+from drcli.workers.worker_process import StopSignal
 from drsim.car.conditions import Conditions
 from drsim.track.worlds import load_track
 
@@ -129,10 +129,10 @@ def ranked(settings: Settings, prefix: str, checkpoint: str, seed: int) -> Ranke
             keys.evaluation_trace(prefix, stamp),
             keys.evaluation_metrics(prefix, stamp),
         )
-        bucket, lifeline = open_bucket(run.storage), Lifeline(os.getppid())
+        bucket, stop_signal = open_bucket(run.storage), StopSignal(os.getppid())
         closed = load_track(run.race().world_name, run.race().tracks_folder).closed
         found = [
-            drive_cells(job, lifeline, bucket, entry, config, cells, threads=cores(), laps=laps)
+            drive_cells(job, stop_signal, bucket, entry, config, cells, threads=cores(), laps=laps)
             for cells, laps in ((grid(seed, closed=closed), 1), (held_out(seed), LAPS))
         ]
     laps = sum(cell.progress for cell in found[1]) / len(found[1]) / 100.0 * LAPS

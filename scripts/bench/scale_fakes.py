@@ -36,7 +36,7 @@ from drcli.run.plan import StartOptions, prepare
 from drcli.train.sim import SimWorker
 from drcli.train.trainer import learn
 from drcli.train.training_simulation import TrainingSimulation
-from drcli.workers.pulse import Pulse
+from drcli.workers.heartbeat import Heartbeat
 from drcli.workers.worker_process import StopRequested
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))
@@ -106,11 +106,11 @@ class SlowBucket(MemoryBucket):
 
 
 class Together:
-    """The lifeline of all workers: they leave when one of them has failed."""
+    """The stop_signal of all workers: they leave when one of them has failed."""
 
     def __init__(self) -> None:
         self.failures: list[BaseException] = []
-        self.pulse = Pulse()
+        self.heartbeat = Heartbeat()
 
     def should_stop(self) -> bool:
         """Whether to leave."""
@@ -201,8 +201,8 @@ def measured(
         learn_step_s: Time of the learner for a step.
         iterations: How many.
     """
-    bucket, lifeline = SlowBucket(), Together()
-    together: Any = lifeline
+    bucket, stop_signal = SlowBucket(), Together()
+    together: Any = stop_signal
     with tempfile.TemporaryDirectory(prefix="scale-") as folder, ExitStack() as patches:
         for module in ("run.plan", "workers.worker_process"):
             patches.enter_context(patch(f"drcli.{module}.open_bucket", lambda *_, **__: bucket))
@@ -220,7 +220,7 @@ def measured(
             except StopRequested:
                 pass
             except BaseException as error:
-                lifeline.failures.append(error)
+                stop_signal.failures.append(error)
 
         sims = [SimWorker(job, together, number) for number in range(workers)]
         parts = [lambda: learn(job, together), *(sim.run for sim in sims)]
@@ -229,7 +229,7 @@ def measured(
             thread.start()
         for thread in threads:
             thread.join()
-        for failure in lifeline.failures:
+        for failure in stop_signal.failures:
             raise failure
         # Before the first iterations are over, nobody is ahead yet.
         counted = read_history(ModelStore(bucket, PREFIX))[max(1, lag) :]

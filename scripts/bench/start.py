@@ -40,7 +40,7 @@ FIGURES = ("command_s", "trainer_s", "sim_s", "step_s", "processor_s")
 LONGEST_S = 90.0
 """A start that takes longer has failed."""
 
-LOOK_S = 0.02
+POLL_S = 0.02
 
 CALLS = "calls.txt"
 
@@ -158,7 +158,7 @@ class Starts:
                 for line in (self._folder / CALLS).read_text().splitlines():
                     if float(line) > planned_s:
                         return float(line)
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         raise SystemExit("The cars made no step.")
 
 
@@ -168,7 +168,7 @@ def _logged(log: Path, what: str, began_s: float) -> float:
         text = log.read_text("utf-8", "replace") if log.exists() else ""
         if found := re.search(rf"^(\S+)Z INFO .*{what}", text, re.MULTILINE):
             return datetime.fromisoformat(f"{found[1]}+00:00").timestamp()
-        time.sleep(LOOK_S)
+        time.sleep(POLL_S)
     raise SystemExit(f"{log} has no line with '{what}'.")
 
 

@@ -32,7 +32,7 @@ from drsim.track.appearance import LUMA
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 from drsim.viewing.car_eye import FollowingCamera, lens_above
-from drsim.viewing.placed_things import Thing
+from drsim.viewing.placed_objects import PlacedObject
 from drsim.viewing.world_view import WorldView
 
 Frames = NDArray[np.uint8]
@@ -150,7 +150,8 @@ def race_pictures(track: Track) -> dict[str, NDArray[np.uint8]]:
     poses = np.concatenate([track.pose_at(np.array([0.6])), objects]).tolist()
     names = ["race_car", *["box_obstacle"] * len(objects)]
     things = [
-        Thing(SHAPES[name], (x, y, yaw)) for name, (x, y, yaw) in zip(names, poses, strict=True)
+        PlacedObject(SHAPES[name], (x, y, yaw))
+        for name, (x, y, yaw) in zip(names, poses, strict=True)
     ]
     view = WorldView(track)
     pictures = {

@@ -125,20 +125,20 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> CopiedBucket:
     with pytest.MonkeyPatch.context() as patch:
         world = World(folder, patch, CopiedBucket("bucket"))
         job = world.planned().job
-        lifeline: Any = UntilFailure()
+        stop_signal: Any = UntilFailure()
 
         def learn() -> None:
             try:
-                Trainer(job, lifeline).run()
+                Trainer(job, stop_signal).run()
             except BaseException as error:
-                lifeline.failures.append(error)
+                stop_signal.failures.append(error)
 
         learner = threading.Thread(target=learn, daemon=True)
         learner.start()
         with suppress(StopRequested):
-            SimWorker(job, lifeline, 0).run()
+            SimWorker(job, stop_signal, 0).run()
         learner.join(60)
-        assert lifeline.failures == []
+        assert stop_signal.failures == []
     shrink(world.here)
     return world.here
 

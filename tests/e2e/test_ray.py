@@ -74,7 +74,7 @@ def test_a_trainer_whose_node_is_gone_goes_on_on_another_one_and_nothing_is_lost
     by_ray.wait_for(
         lambda: by_ray.iterations() >= done + 3, "iterations of another trainer", PATIENCE_S
     )
-    by_ray.wait_for(lambda: _shown(by_ray)["health"]["progress_age_s"] is not None, "its pulse")
+    by_ray.wait_for(lambda: _shown(by_ray)["health"]["progress_age_s"] is not None, "its heartbeat")
     shown = _shown(by_ray)
     by_ray.run("stop-training")
     ended = by_ray.end_of(training)

@@ -61,8 +61,8 @@ ALL = f"COMMANDS = {COMMANDS!r}{SHOW}"
 QUICK = f"COMMANDS = { {k: v for k, v in COMMANDS.items() if k != SLOW}!r}{SHOW}"
 
 ASKED = """
-from drcli.cli import console
-print("live:", console.is_live(), flush=True)
+from drcli.cli import terminal
+print("live:", terminal.is_live(), flush=True)
 """
 
 LIVE = """

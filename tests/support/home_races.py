@@ -14,9 +14,9 @@ from drcli.model import keys, race_keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 from drcli.races.organise import create_race
+from drcli.races.race_options import RaceOptions
 from drcli.races.race_queue import run_queue
 from drcli.races.race_records import DrivenLap
-from drcli.races.race_wish import RaceWish
 from drcli.races.submissions import submit
 from drcli.run.evaluation_plan import EvaluationPlan
 from drcli.run.evaluation_report import EvaluationReport, TrialReport
@@ -71,7 +71,7 @@ class Home:
 
     def race(self, **rules: Any) -> str:
         """Make a race of two laps."""
-        wish = RaceWish("Cup", **{"max_laps": 2, "seed": 1, **rules})
+        wish = RaceOptions("Cup", **{"max_laps": 2, "seed": 1, **rules})
         return create_race(self.settings, self.bucket, wish).race
 
     def submit(self, model: str, racer: str = "", **options: Any) -> str:

@@ -72,7 +72,7 @@ class SmallDrive:
         )
 
     def episodes(
-        self, onlooker: Any = None, count: int = 2, after_step: Callable[[], Any] = lambda: None
+        self, observer: Any = None, count: int = 2, after_step: Callable[[], Any] = lambda: None
     ) -> list[Driven]:
         """Drive so many episodes."""
         driven: list[Driven] = []
@@ -84,7 +84,7 @@ class SmallDrive:
 
         who = 0 if self.teacher is None else 1
         plans = [Plan(number, "training", 0.2 * number, racer=who) for number in range(count)]
-        Driver(self.simulation, racers, 5, onlooker=onlooker).drive(plans, driven.append, stop)
+        Driver(self.simulation, racers, 5, observer=observer).drive(plans, driven.append, stop)
         return sorted(driven, key=lambda episode: episode.number)
 
     def teach(self) -> None:

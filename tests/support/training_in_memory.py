@@ -16,7 +16,7 @@ from drcli.records.job import Job
 from drcli.run.plan import StartOptions, prepare
 from drcli.train.sim import SimWorker
 from drcli.train.trainer import learn
-from drcli.workers.pulse import Pulse
+from drcli.workers.heartbeat import Heartbeat
 from drcli.workers.worker_process import StopRequested
 from memory_bucket import MemoryBucket
 
@@ -34,11 +34,11 @@ class CopiedBucket(MemoryBucket):
 
 
 class UntilFailure:
-    """The lifeline of workers that leave when one of them has failed."""
+    """The stop_signal of workers that leave when one of them has failed."""
 
     def __init__(self) -> None:
         self.failures: list[BaseException] = []
-        self.pulse = Pulse()
+        self.heartbeat = Heartbeat()
         self._deadline_s = time.monotonic() + 120.0
 
     def should_stop(self) -> bool:
@@ -97,24 +97,24 @@ class TrainingInMemory:
     def train(self, **options: Any) -> None:
         """Train until the end; raises what has ended trainer or simulation worker."""
         job = self.planned(**options)
-        lifeline: Any = UntilFailure()
+        stop_signal: Any = UntilFailure()
 
         def run() -> None:
             try:
-                learn(job, lifeline)
+                learn(job, stop_signal)
             except BaseException as error:
-                lifeline.failures.append(error)
+                stop_signal.failures.append(error)
 
         # Before the trainer seeds torch for its first weights: this takes random numbers, too.
-        worker = SimWorker(job, lifeline, 0)
+        worker = SimWorker(job, stop_signal, 0)
         learner = threading.Thread(target=run, daemon=True)
         learner.start()
         try:
             with suppress(StopRequested):
                 worker.run()
         except BaseException as error:
-            lifeline.failures.append(error)
+            stop_signal.failures.append(error)
         learner.join(120)
-        ended = [each for each in lifeline.failures if not isinstance(each, StopRequested)]
+        ended = [each for each in stop_signal.failures if not isinstance(each, StopRequested)]
         if ended:
             raise ended[0]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.config.loading import load_settings
-from drcli.records.heartbeat import PulseRecord, WatchRecord, open_pulse_file
+from drcli.records.heartbeat import HeartbeatRecord, WatchRecord, open_pulse_file
 from drcli.records.job import Job
 from drcli.run.duty import RunningTraining
 from drcli.run.journal import Journal
@@ -38,9 +38,9 @@ class MadeUpProcess:
 
 @dataclass
 class MadeUpWorker:
-    """What a worker writes into its pulse."""
+    """What a worker writes into its heartbeat."""
 
-    pulse: PulseRecord
+    heartbeat: HeartbeatRecord
     beats: bool = True
 
 
@@ -84,30 +84,32 @@ class WatchedRun:
         process = MadeUpProcess(self._next_pid)
         child: Any = self.child(name)
         child.process, child.ended_by = process, ""
-        pulse = PulseRecord(self._next_pid, 0, 0.0, "starting", False, 0, None, 0.0)
-        self.workers[name] = MadeUpWorker(pulse)
+        heartbeat = HeartbeatRecord(self._next_pid, 0, 0.0, "starting", False, 0, None, 0.0)
+        self.workers[name] = MadeUpWorker(heartbeat)
         return process
 
     def say(self, name: str, activity: str, *, waits: bool = False) -> None:
         """Change what a worker says that it does."""
         worker = self.workers[name]
-        worker.pulse = replace(worker.pulse, activity=activity, waits=waits)
+        worker.heartbeat = replace(worker.heartbeat, activity=activity, waits=waits)
 
     def write_pulses(self, working: Sequence[str] = (), turning: Sequence[str] = ()) -> None:
-        """Let every worker write its pulse; some of them have worked, or only turned."""
+        """Let every worker write its heartbeat; some of them have worked, or only turned."""
         for name, worker in self.workers.items():
             if not worker.beats:
                 continue
-            pulse = replace(worker.pulse, beats=worker.pulse.beats + 1, written_s=self.now_s)
+            heartbeat = replace(
+                worker.heartbeat, beats=worker.heartbeat.beats + 1, written_s=self.now_s
+            )
             if name in working:
-                pulse = replace(
-                    pulse, work=pulse.work + 1, worked_s=self.now_s, turned_s=self.now_s
+                heartbeat = replace(
+                    heartbeat, work=heartbeat.work + 1, worked_s=self.now_s, turned_s=self.now_s
                 )
             if name in turning:
-                pulse = replace(pulse, turned_s=self.now_s)
-            worker.pulse = pulse
+                heartbeat = replace(heartbeat, turned_s=self.now_s)
+            worker.heartbeat = heartbeat
             descriptor = open_pulse_file(self.folder, name)
-            os.pwrite(descriptor, pulse.file_content(), 0)
+            os.pwrite(descriptor, heartbeat.file_content(), 0)
             os.close(descriptor)
 
     @property

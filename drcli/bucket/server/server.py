@@ -34,7 +34,7 @@ from drcli.config.settings import catalogue
 # server.
 
 
-LOOK_S = 30.0
+POLL_S = 30.0
 NOISE_BYTES = 100
 """Between checks; 1 byte in ten seconds was measured unused. A request and answer have 200."""
 
@@ -129,7 +129,7 @@ def watch(folder: Path, port: int, pid: int) -> None:
     watcher = IdleWatcher(folder, port, pid)
     end = ExitWait(pid)
     while not watcher.look():
-        end.wait(LOOK_S)
+        end.wait(POLL_S)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from drcli.base.json_record import SafeInt, Seconds
-from drcli.config.run_config import RaceConfig, TrainConfig
+from drcli.config.run_config import DriveConfig, TrainConfig
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class WorkOrder:
         most_seconds: With preparation; a long one leaves less.
     """
 
-    race: RaceConfig
+    race: DriveConfig
     train: TrainConfig
     hyperparameters: str
     metadata: str

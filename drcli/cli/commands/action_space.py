@@ -14,7 +14,7 @@ from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, png
 from drcli.base.report import counted
 from drcli.bucket.bucket import ObjectMissing
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.options import Replace, force_option, prefix_option
 from drcli.cli.show import drawn, fitted
 from drcli.cli.working_folder import settings, working_folder
@@ -479,9 +479,9 @@ def _report(
         backup,
         picture,
     )
-    console.emit(report, show_actions(report))
+    terminal.emit(report, show_actions(report))
     if differs and not written:
-        console.say("Nothing was written: add --write to put them into model_metadata.json.")
+        terminal.say("Nothing was written: add --write to put them into model_metadata.json.")
 
 
 def _drawn(
@@ -529,7 +529,7 @@ def _driven(paths: list[Path] | None, prefix: str | None) -> list["DrivenFile"]:
         files = traces_of_model(ModelStore(bucket, prefix or loaded.model_prefix))
     skipped = sum(file.skipped for file in files)
     if skipped:
-        console.warn(f"{skipped:,} lines of {_named(files)} could not be read and were skipped.")
+        terminal.warn(f"{skipped:,} lines of {_named(files)} could not be read and were skipped.")
     return files
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import completion, console
+from drcli.cli import completion, terminal
 from drcli.cli.evaluation_options import with_options
 from drcli.cli.options import Replace
 from drcli.cli.show import show
@@ -83,21 +83,23 @@ def analyze(
     outputs.check_targets(html, png, force=force)
     if explain:
         _refuse_outside_the_bucket(loaded, name)
-    with console.waiting(f"Reading {name or loaded.model_prefix} ..."):
+    with terminal.waiting(f"Reading {name or loaded.model_prefix} ..."):
         analysis = analyses.analyse(read_run.read_run(loaded, name, local=local))
     explained = _explained(loaded, name, analysis.run.world) if explain else ()
-    with console.waiting("Writing ...") if html or png else console.waiting("", only_live=True):
+    with terminal.waiting("Writing ...") if html or png else terminal.waiting("", only_live=True):
         report = outputs.write_outputs(analysis, html, png, explained, force=force)
-    console.warn(*report.problems)
+    terminal.warn(*report.problems)
     show(report)
-    if not console.as_json and html is None:
+    if not terminal.as_json and html is None:
         given = f" {name}" if name else ""
-        console.suggest([(f"dr-analyze{given} --html report.html", "graphs, map and each episode")])
+        terminal.suggest(
+            [(f"dr-analyze{given} --html report.html", "graphs, map and each episode")]
+        )
 
 
 def _explained(loaded: "Settings", name: str | None, world: str | None) -> "tuple[Picture, ...]":
     prefix = loaded.model_prefix if name is None else name.strip("/")
-    with console.waiting("Driving an episode and explaining it ..."):
+    with terminal.waiting("Driving an episode and explaining it ..."):
         bucket = transfer_buckets.bucket_to_look_at(loaded.transfer, upload=False)
         return explained_model.explained_pictures(
             with_options(loaded, DR_WORLD_NAME=world), ModelStore(bucket, prefix)
@@ -133,7 +135,7 @@ def _compare(
         raise typer.BadParameter(f"--png is for one model; {COMPARE} writes --html and --json.")
     loaded = settings_for_files(words)
     outputs.check_targets(html, None, force=force)
-    with console.waiting(f"Reading {', '.join(words)} ..."):
+    with terminal.waiting(f"Reading {', '.join(words)} ..."):
         report = outputs.write_comparison_of(read_run.read_runs(loaded, words, local=local), html)
-    console.warn(*report.problems)
+    terminal.warn(*report.problems)
     show(report)

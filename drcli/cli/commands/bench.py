@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
 
@@ -27,7 +27,7 @@ def bench(
     Example: dr-bench
     """
     report = machine_benchmark.measure_machine(
-        working_folder(), with_bucket=not no_bucket, on_step=console.say
+        working_folder(), with_bucket=not no_bucket, on_step=terminal.say
     )
-    console.warn(*report.warnings)
+    terminal.warn(*report.warnings)
     show(report)

@@ -11,7 +11,7 @@ import typer
 
 from drcli.base.errors import SettingsError, shown
 from drcli.base.installation import lazy_imports
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.options import Force
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
@@ -99,15 +99,15 @@ def login(
         address, ca_file=authorities, insecure=insecure, new_certificate=new_certificate
     )
     if first:
-        console.say(
+        terminal.say(
             f"The car {address.place} has a certificate of its own making. This login accepts it, "
             f"and later the car must show the same one. SHA-256: {readable(trusted.fingerprint)}"
         )
     if insecure:
-        console.warn("Any machine at this address can pose as the car and read the password.")
+        terminal.warn("Any machine at this address can pose as the car and read the password.")
     CarWeb(address, trusted).log_in(_password(address, password_file))
     show(CarLoginReport(address.place, trusted.trust, trusted.fingerprint))
-    console.suggest([("dr-car list", "list the models on the car")])
+    terminal.suggest([("dr-car list", "list the models on the car")])
 
 
 @app.command()
@@ -138,12 +138,12 @@ def upload(
     if any(model.name == checked.name for model in car_models.list_models(web).models):
         question = f"The car {web.address.place} already has {checked.name}. Replace it?"
         prompts.agree(question, yes=force)
-    with console.waiting(f"Sending {file.name} to {web.address.place} ..."):
-        report = car_models.upload_model(web, checked, say=console.say)
+    with terminal.waiting(f"Sending {file.name} to {web.address.place} ..."):
+        report = car_models.upload_model(web, checked, say=terminal.say)
     if not report.usable:
-        console.warn(f"The car cannot load {report.model} now: {report.why}.")
+        terminal.warn(f"The car cannot load {report.model} now: {report.why}.")
     show(report)
-    console.suggest([(f"dr-car load {report.model}", "load it")])
+    terminal.suggest([(f"dr-car load {report.model}", "load it")])
 
 
 @app.command("list")
@@ -165,10 +165,10 @@ def load(name: _Model, car: _Car = None) -> None:
     Example: dr-car load my-model
     """
     web = _open(car)
-    with console.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
+    with terminal.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
         report = car_models.load_model(web, name)
     show(report)
-    console.suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")])
+    terminal.suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")])
 
 
 @app.command()
@@ -203,10 +203,10 @@ def start(
     if detach:
         report = car_driving.start(web)
     else:
-        report = car_driving.drive(web, seconds=seconds, warn=console.warn, say=console.say)
+        report = car_driving.drive(web, seconds=seconds, warn=terminal.warn, say=terminal.say)
     show(report)
     if report.driving:
-        console.suggest([("dr-car stop", "stop it")])
+        terminal.suggest([("dr-car stop", "stop it")])
     if report.interrupted:
         raise SystemExit(130)
 

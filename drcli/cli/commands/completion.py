@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli import completion, console
+from drcli.cli import completion, terminal
 from drcli.cli.options import text_only
 
 app = typer.Typer(
@@ -30,7 +30,7 @@ def show(shell: _Shell = None) -> None:
 
     Example: source <(dr completion show bash)
     """
-    console.write(completion.script(shell or completion.shell_of(os.environ)))
+    terminal.write(completion.script(shell or completion.shell_of(os.environ)))
 
 
 @app.command()
@@ -42,5 +42,5 @@ def install(shell: _Shell = None) -> None:
     Example: dr-completion install
     """
     done = completion.install(shell or completion.shell_of(os.environ), os.environ)
-    console.emit(done, None)
-    console.say(f"New {done.shell} shells now complete the dr commands ({done.script}).")
+    terminal.emit(done, None)
+    terminal.say(f"New {done.shell} shells now complete the dr commands ({done.script}).")

@@ -6,7 +6,7 @@ import typer
 
 from drcli.base.errors import SettingsError
 from drcli.base.installation import lazy_imports
-from drcli.cli import completion, console
+from drcli.cli import completion, terminal
 from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings, working_folder
 
@@ -63,7 +63,7 @@ def check(
     """
     report = config_check.check_alone(working_folder())
     if report.valid and not settings_only:
-        with console.waiting(f"Checking {report.directory} ..."):
+        with terminal.waiting(f"Checking {report.directory} ..."):
             report = config_check.with_rules(report)
     present(report)
     if report.errors:
@@ -103,8 +103,8 @@ def change(
     """
     edit = editing.set_values(working_folder(), _wanted(values), file=file)
     present(edit)
-    console.warn(*edit.warnings)
-    console.say(f"Written in {edit.directory}.")
+    terminal.warn(*edit.warnings)
+    terminal.say(f"Written in {edit.directory}.")
 
 
 @app.command()

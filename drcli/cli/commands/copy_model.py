@@ -7,7 +7,7 @@ import typer
 
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.options import (
     CustomFiles,
     DryRun,
@@ -67,20 +67,20 @@ def upload_model(
         loaded = step.settings
     options = upload.UploadOptions(choice, prefix, to, local, wipe, dry_run, keep, max_mb)
     if dry_run:
-        console.say("*** DRYRUN MODE ***")
+        terminal.say("*** DRYRUN MODE ***")
     planned = upload.plan_upload(loaded, options)
     if step is not None:
-        console.say(f"Incrementing model from {step.step.before} to {step.step.after}")
-    if console.as_json:
-        console.say(planned.chosen.line)
+        terminal.say(f"Incrementing model from {step.step.before} to {step.step.after}")
+    if terminal.as_json:
+        terminal.say(planned.chosen.line)
     else:
-        console.write(f"{planned.chosen.line}\n")  # on stdout, where scripts look for it
-    console.say(f"Uploading {planned.source_url} to {planned.target_url}")
+        terminal.write(f"{planned.chosen.line}\n")  # on stdout, where scripts look for it
+    terminal.say(f"Uploading {planned.source_url} to {planned.target_url}")
     if dry_run:
-        console.say("A dry run writes nothing, so it does not test the permission to write there.")
+        terminal.say("A dry run writes nothing, so it does not test the permission to write there.")
     else:
         prompts.agree("Are you sure?", yes=force)
-    report = upload.upload(planned, loaded, partial(console.progress, unit="bytes"))
+    report = upload.upload(planned, loaded, partial(terminal.progress, unit="bytes"))
     if step is not None and not dry_run:
         step.edit.make()  # last: an upload that was interrupted continues under the same name
     show(report)
@@ -88,7 +88,7 @@ def upload_model(
         listing = "dr-list-models" if local else "dr-list-models --upload"
         back = f"dr-download-model{' -L' if local else ''} -s {report.target} -t NAME"
         copy_back = (back, "copy it back under another name")
-        console.suggest([(listing, "list the models there"), copy_back])
+        terminal.suggest([(listing, "list the models there"), copy_back])
 
 
 def download_model(
@@ -132,14 +132,14 @@ def copy_here(options: "DownloadOptions", *, force: bool) -> None:
     """Copy a model to the local bucket, and show what was copied."""
     loaded, dry_run = settings(), options.dry_run
     if dry_run:
-        console.say("*** DRYRUN MODE ***")
+        terminal.say("*** DRYRUN MODE ***")
     planned = download.plan_download(loaded, options)
-    console.say(f"Downloading {planned.source_url} to {planned.target_url}")
+    terminal.say(f"Downloading {planned.source_url} to {planned.target_url}")
     if planned.used:
-        console.warn(f"{planned.target_url} is not empty: {counted(planned.used, 'file')}.")
+        terminal.warn(f"{planned.target_url} is not empty: {counted(planned.used, 'file')}.")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
-    report = download.download(planned, loaded, partial(console.progress, unit="bytes"))
+    report = download.download(planned, loaded, partial(terminal.progress, unit="bytes"))
     show(report)
     if not dry_run:
         name = planned.options.prefix
@@ -149,4 +149,4 @@ def copy_here(options: "DownloadOptions", *, force: bool) -> None:
             (f"{model} dr-start-training --resume", "continue its training"),
             (f"dr-list-models {name}", "show its checkpoints"),
         ]
-        console.suggest(driving if report.checkpoint else [("dr-list-models", "list all models")])
+        terminal.suggest(driving if report.checkpoint else [("dr-list-models", "list all models")])

@@ -1,7 +1,7 @@
 """`dr upload-custom-files` and `dr download-custom-files`."""
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
@@ -17,9 +17,11 @@ def upload_custom_files() -> None:
     Example: dr-upload-custom-files
     """
     loaded = settings()
-    report = copy_custom_files.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
+    report = copy_custom_files.upload_custom_files(
+        loaded.custom_files, loaded.storage, terminal.say
+    )
     for name in report.refused:
-        console.warn(f"{report.folder}/{name} was skipped: its name is not UTF-8.")
+        terminal.warn(f"{report.folder}/{name} was skipped: its name is not UTF-8.")
     show(report, up=True)
 
 
@@ -32,10 +34,10 @@ def download_custom_files() -> None:
     """
     loaded = settings()
     report = copy_custom_files.download_custom_files(
-        loaded.custom_files, loaded.storage, console.say
+        loaded.custom_files, loaded.storage, terminal.say
     )
     for name in report.refused:
-        console.warn(f"{report.place}/{name} was skipped: it leads out of {report.folder}.")
+        terminal.warn(f"{report.place}/{name} was skipped: it leads out of {report.folder}.")
     if not report.copied and not report.unchanged:
-        console.warn(f"There is nothing at {report.place}.")
+        terminal.warn(f"There is nothing at {report.place}.")
     show(report, up=False)

@@ -6,7 +6,7 @@ import typer
 
 from drcli.base.errors import SettingsError
 from drcli.base.installation import lazy_imports
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.options import DryRun, Force, KeepModels, models_argument
 from drcli.cli.show import drawn, show
 from drcli.cli.working_folder import settings
@@ -46,10 +46,10 @@ def delete_model(
         )
     for model in planned.report.models:
         if model.warning:
-            console.warn(f"{model.prefix}: {model.warning}.")
+            terminal.warn(f"{model.prefix}: {model.warning}.")
     if not dry_run:
-        console.err.print(drawn(planned.report, planned=True))
+        terminal.err.print(drawn(planned.report, planned=True))
         prompts.agree("Delete all of this? It cannot be undone.", yes=force)
-        with console.waiting("Deleting ..."):
+        with terminal.waiting("Deleting ..."):
             model_removal.remove_models(planned, loaded)
     show(planned.report, planned=dry_run)

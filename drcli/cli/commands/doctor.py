@@ -3,7 +3,7 @@
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
 
@@ -22,7 +22,7 @@ def doctor() -> None:
     Example: dr-doctor
     """
     folder = working_folder()
-    with console.waiting("Examining this machine and the bucket ...", only_live=True):
+    with terminal.waiting("Examining this machine and the bucket ...", only_live=True):
         report = diagnose.diagnose(folder)
     show(report)
     if report.exit_code:

@@ -16,7 +16,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing
 from drcli.base.installation import lazy_imports
 from drcli.base.report import View, bold, second, table
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.options import (
     DryRun,
     ReplaceOrYes,
@@ -203,7 +203,7 @@ def _code(question: str) -> str:
 
 
 def _trace(line: str) -> None:
-    console.err.print(line, markup=False, soft_wrap=True)
+    terminal.err.print(line, markup=False, soft_wrap=True)
     sys.stderr.flush()
 
 
@@ -300,7 +300,7 @@ def droa_login(connection: Connection) -> None:
     Example: dr-droa login --username me@example.com
     """
     session = connection.session()
-    with console.waiting(f"Signing in to {session.site.place} ..."):
+    with terminal.waiting(f"Signing in to {session.site.place} ..."):
         keys = session.renew()
     show(SignedIn(session.site.place, session.username, keys.expires.isoformat()))
 
@@ -429,13 +429,13 @@ def droa_import_model(
         report = droa_import.import_files(
             droa,
             plan,
-            progress=partial(console.progress, unit="bytes"),
-            waiting=None if no_wait else console.waiting,
+            progress=partial(terminal.progress, unit="bytes"),
+            waiting=None if no_wait else terminal.waiting,
         )
     show(report)
     if not dry_run:
         of_it = (f"dr-droa show {report.model_id}", "show it")
-        console.suggest([of_it, ("dr-droa list", "list your models there")])
+        terminal.suggest([of_it, ("dr-droa list", "list your models there")])
 
 
 @app.command("download")
@@ -477,13 +477,13 @@ def droa_download_logs(
         raise typer.BadParameter("--summary needs logs: TRAINING_LOGS or EVALUATION_LOGS.")
     droa = connection.droa()
     model_id = droa.find(model).model_id
-    url = droa_download.find_asset(droa, model_id, kind, evaluation, console.waiting)
+    url = droa_download.find_asset(droa, model_id, kind, evaluation, terminal.waiting)
     file = droa_download.download(
         droa,
         url,
         output or Path(),
         f"{model_id}-{kind.lower()}.tar.gz",
-        progress=partial(console.progress, unit="bytes"),
+        progress=partial(terminal.progress, unit="bytes"),
         replaces=partial(refuse_existing, force=force),
     )
     report = droa_download.DownloadedAsset(

@@ -8,8 +8,8 @@ import typer
 
 from drcli.base.errors import BadValue, WorkerDied, shown
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
 from drcli.cli import evaluation_options as options
+from drcli.cli import terminal
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import checkpoint_option, parsed_checkpoint
 from drcli.cli.show import show
@@ -205,7 +205,7 @@ def evaluate(
         DR_EVAL_AVERAGE_LAPS=average_laps,
         DR_EVAL_SAVE_MP4=video,
     )
-    say = (lambda text: None) if quiet else console.say
+    say = (lambda text: None) if quiet else terminal.say
     if many:
         rival = _rival(against)
         tracks = options.listed(worlds)
@@ -227,25 +227,25 @@ def evaluate(
     bring_tracks(loaded)
     if loop:
         say("Evaluating each new checkpoint until Ctrl-C or dr-stop-evaluation.")
-        show(evaluation_loop.run_loop(loaded, seed=seed, on_progress=say, on_failure=console.warn))
+        show(evaluation_loop.run_loop(loaded, seed=seed, on_progress=say, on_failure=terminal.warn))
         return
     if quiet and context.info_name == STARTER:
         plan = evaluation_plan.prepare_evaluation(
-            loaded, clone=clone, seed=seed, on_progress=console.say, own=own, opponent=opponent
+            loaded, clone=clone, seed=seed, on_progress=terminal.say, own=own, opponent=opponent
         )
         record = evaluation.launch_evaluation(plan)
         started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
-        console.emit(started, None)
+        terminal.emit(started, None)
         return
     report = evaluation.evaluate(
         loaded, clone=clone, seed=seed, on_progress=say, own=own, opponent=opponent
     )
-    console.warn(*report.notes)
+    terminal.warn(*report.notes)
     show(report)
     if not quiet:
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
         more_laps = _more_laps(loaded.race_type, own, checkpoint)
-        console.suggest([*more_laps, LOG, *resume, STATUS])
+        terminal.suggest([*more_laps, LOG, *resume, STATUS])
 
 
 def _rival(against: str | None) -> "many_evaluations.Rival | None":
@@ -258,7 +258,7 @@ def _rival(against: str | None) -> "many_evaluations.Rival | None":
 
 
 def _show_many(report: "many_evaluations.TableReport", *, robust: bool) -> None:
-    console.warn(*report.notes)
+    terminal.warn(*report.notes)
     if robust and len(report.rows) == 1 and report.robust:
         show(report.robust[0])
     elif len(report.laps) == 1 and not any(row.reason for row in report.rows):

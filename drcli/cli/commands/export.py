@@ -10,7 +10,7 @@ import typer
 from drcli.base.errors import Problem, refuse
 from drcli.base.files import refuse_existing, safe_name
 from drcli.base.installation import lazy_imports
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.options import (
     DryRun,
     Force,
@@ -145,7 +145,7 @@ def upload_car_zip(
         checkpoint_choice(best, number), prefix
     )  # the last one, as there
     if dry_run:
-        console.say("*** DRYRUN MODE ***")
+        terminal.say("*** DRYRUN MODE ***")
     target = transfer_export_car.plan_car_upload(
         loaded,
         prefix,
@@ -154,25 +154,25 @@ def upload_car_zip(
         retention=upload.retention_of(loaded, keep, max_mb),
     )
     source = export_model.read_export_source(loaded, chosen)
-    if console.as_json:
-        console.say(source.chosen.line)
+    if terminal.as_json:
+        terminal.say(source.chosen.line)
     else:
-        console.write(f"{source.chosen.line}\n")  # on stdout, where scripts look for it
-    console.say(
+        terminal.write(f"{source.chosen.line}\n")  # on stdout, where scripts look for it
+    terminal.say(
         f"Uploading the car archive of {source.url} to {target.url}/{transfer_export_car.CAR_FILE}"
     )
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
     names = transfer_export_car.upload_names(source, numbered=numbered, only_numbered=only_numbered)
     export = _made(loaded, source, names[1])
-    progress = partial(console.progress, unit="bytes")
+    progress = partial(terminal.progress, unit="bytes")
     report = transfer_export_car.upload_archive(export, target, names, progress, dry_run=dry_run)
     _warn(report.problems)
     show(report)
 
 
 def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":
-    with console.waiting("Writing the graph and comparing it with the weights on a drive ..."):
+    with terminal.waiting("Writing the graph and comparing it with the weights on a drive ..."):
         return compare_on_drive.made_car_archive(loaded, source, file_name)
 
 
@@ -186,9 +186,9 @@ def _check(path: Path) -> None:
 def _warn(problems: "list[Problem]") -> None:
     for problem in problems:
         if problem.severity == "warning":
-            console.warn(f"{problem} {problem.remedy}")
+            terminal.warn(f"{problem} {problem.remedy}")
         elif problem.severity == "note":
-            console.say(f"Note: {problem}")
+            terminal.say(f"Note: {problem}")
 
 
 # `dr export pb`, `onnx`, `tflite` and `openvino`.
@@ -295,7 +295,7 @@ def _export(
     planned = export_forms.plan_form(settings(), chosen, form, target, fp16=fp16, force=force)
     report = export_forms.export_form(planned)
     show(report)
-    console.suggest([(f"dr-evaluate --model {report.file}", "drive laps with it")])
+    terminal.suggest([(f"dr-evaluate --model {report.file}", "drive laps with it")])
 
 
 # `dr export tf-checkpoint` and `dr export droa`.
@@ -336,7 +336,7 @@ def tf_checkpoint(
     target = export_model.export_target(loaded, place, source, local=local, force=force)
     exported = export_forms.read_checkpoint_export(loaded, chosen)
     report = export_forms.export_checkpoint(
-        exported, target, partial(console.progress, unit="bytes")
+        exported, target, partial(terminal.progress, unit="bytes")
     )
     show(report)
 
@@ -380,9 +380,9 @@ def droa(
         refuse_existing(archive, force=force)
     exported = export_droa.read_droa_export(loaded, chosen, world)
     report = export_droa.export_droa(
-        exported, target, archive, partial(console.progress, unit="bytes")
+        exported, target, archive, partial(terminal.progress, unit="bytes")
     )
     show(report)
     if target is not None and target.folder is not None:
         import_it = f"dr-droa import --from {shlex.quote(place)}"
-        console.suggest([(import_it, "import it into DeepRacer on AWS")])
+        terminal.suggest([(import_it, "import it into DeepRacer on AWS")])

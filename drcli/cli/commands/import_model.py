@@ -10,7 +10,7 @@ import typer
 from drcli.base.errors import DrError
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.commands.copy_model import copy_here
 from drcli.cli.options import (
     CustomFiles,
@@ -95,28 +95,28 @@ def import_model(
         source, target, wanted, metadata, world, local, wipe, dry_run, custom_files
     )
     try:
-        with console.waiting("Reading and comparing the model ..."):
+        with terminal.waiting("Reading and comparing the model ..."):
             planned = transfer_import_model.plan_import(loaded, options)
     except find_checkpoint.OwnModel:
         copy_here(transfer_import_model.copy_of_own(loaded, options), force=force)
         return
     if dry_run:
-        console.say("*** DRYRUN MODE ***")
-    console.say(f"Importing {planned.report.source} to {planned.report.target}")
-    console.warn(*planned.report.warnings)
+        terminal.say("*** DRYRUN MODE ***")
+    terminal.say(f"Importing {planned.report.source} to {planned.report.target}")
+    terminal.warn(*planned.report.warnings)
     if planned.used:
-        console.warn(f"{planned.report.target} is not empty: {counted(planned.used, 'file')}.")
+        terminal.warn(f"{planned.report.target} is not empty: {counted(planned.used, 'file')}.")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
     report = transfer_import_model.import_model(
-        planned, loaded, partial(console.progress, unit="bytes")
+        planned, loaded, partial(terminal.progress, unit="bytes")
     )
     if drive and not dry_run:
         report = replace(report, trials=_tried(loaded, planned.options.prefix, report))
     show(report)
     if not dry_run:
         model = f"DR_LOCAL_S3_MODEL_PREFIX={planned.options.prefix}"
-        console.suggest(
+        terminal.suggest(
             [
                 (f"{model} dr-evaluate", "drive it"),
                 (f"{model} dr-start-training --resume", "continue its training"),
@@ -128,8 +128,8 @@ def import_model(
 def _tried(loaded: "Settings", prefix: str, model: "ImportedModel") -> "CarTrials | None":
     try:
         own = car_trials.settings_of_model(loaded, prefix, model.world)
-        with console.waiting(f"Trying the cars of all years on {model.world} ..."):
+        with terminal.waiting(f"Trying the cars of all years on {model.world} ..."):
             return car_trials.try_cars(own, model.checkpoint)
     except DrError as error:  # the model is imported all the same
-        console.warn(f"The cars were not tried: {error} {error.remedy}")
+        terminal.warn(f"The cars were not tried: {error} {error.remedy}")
         return None

@@ -10,7 +10,7 @@ import typer
 
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
-from drcli.cli import completion, console, prompts
+from drcli.cli import completion, prompts, terminal
 from drcli.cli.options import (
     Delimiter,
     Force,
@@ -95,16 +95,16 @@ def increment_training(
     step = planned.step
     _announce(step.file, step.before, step.after)
     for name, value in step.settings.items():
-        console.say(f"{name}={value}")
+        terminal.say(f"{name}={value}")
     for path in step.files:
-        console.say(f"{path} will be written.")
+        terminal.say(f"{path} will be written.")
     prompts.agree("Are you sure?", yes=force)
     if step.wipes:
         prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
     step = increment.make_increment(planned, loaded.storage)
     show(step)
     for path in step.files:
-        console.say(f"Wrote {path}")
+        terminal.say(f"Wrote {path}")
     _done(step.file, step.backup, "dr-start-training", "train the new model", step.files)
 
 
@@ -127,7 +127,7 @@ def increment_upload_model(
     _announce(step.file, step.before, step.after)
     if step.wiped:
         place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
-        console.warn(f"{counted(step.wiped, 'file')} at {place} will be deleted.")
+        terminal.warn(f"{counted(step.wiped, 'file')} at {place} will be deleted.")
     prompts.agree("Are you sure?", yes=force)
     upload.make_upload_increment(planned)
     show(step)
@@ -153,21 +153,21 @@ def set_upload_model(
     """
     folder, before = working_folder(), settings().upload_s3_prefix
     edit = editing.set_values(folder, {"DR_UPLOAD_S3_PREFIX": prefix}, file="run.env")
-    console.warn(*edit.warnings)
+    terminal.warn(*edit.warnings)
     after = settings()
     place = f"s3://{after.upload_s3_bucket}/{after.upload_s3_prefix}"
     file = str(folder / edit.changes[0].file)
     report = UploadName(file, before, after.upload_s3_prefix, place)
-    console.emit(report, f"The next upload goes to {place} (written to {file}).")
+    terminal.emit(report, f"The next upload goes to {place} (written to {file}).")
 
 
 def _announce(file: str, before: str, after: str) -> None:
-    console.say(f"Configuration file {file} will be updated.")
-    console.say(f"Incrementing model from {before} to {after}")
+    terminal.say(f"Configuration file {file} will be updated.")
+    terminal.say(f"Incrementing model from {before} to {after}")
 
 
 def _done(file: str, backup: str, command: str, purpose: str, files: Sequence[str] = ()) -> None:
-    console.say("Done.")
+    terminal.say("Done.")
     kept = [(f"{path}.bak", path) for path in files if Path(f"{path}.bak").is_file()]
     undo = " && ".join(shlex.join(["cp", *pair]) for pair in [(backup, file), *kept])
-    console.suggest([(command, purpose), (undo, "undo this change")])
+    terminal.suggest([(command, purpose), (undo, "undo this change")])

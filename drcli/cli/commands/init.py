@@ -12,7 +12,7 @@ import typer
 from drcli.base.errors import BadValue, ProblemsError, one_of, shown
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
-from drcli.cli import completion, console, prompts
+from drcli.cli import completion, prompts, terminal
 from drcli.cli.options import force_option, in_options, world_option
 from drcli.cli.working_folder import current_folder, working_folder
 
@@ -144,7 +144,7 @@ def init(
             "The name of the folder is empty. Leave it out for the current one."
         )
     if processor or style or mount:
-        console.say("-a, -s and -m have no effect: they choose docker images and containers.")
+        terminal.say("-a, -s and -m have no effect: they choose docker images and containers.")
     given = (world, race_type, prefix, workers, cloud, bucket, endpoint, profile)
     pairs = zip(OPTIONS, given, strict=False)  # all but the experiment
     values = {name: str(value) for name, value in pairs if value is not None}
@@ -161,7 +161,7 @@ def init(
             )
         else:
             if prompts.may_ask() and not force:
-                values = with_answers(values, prompts.ask, console.warn)
+                values = with_answers(values, prompts.ask, terminal.warn)
                 if teacher is None and ready_made is None and preset != "sac":
                     teacher = wants_teacher(prompts.ask, usually=_is_taught(preset, values))
             plan = new_folder.plan_folder(Path(folder or current_folder()), values, chosen, files)
@@ -180,29 +180,29 @@ def init(
             raise typer.BadParameter(f"{there} Add --force to replace them; they are kept as .bak.")
         prompts.agree(f"{there} Replace them, and keep the old ones as .bak?", yes=False)
     if ready_made is not None:
-        looking = console.waiting("Looking at the bucket ...", only_live=True)
+        looking = terminal.waiting("Looking at the bucket ...", only_live=True)
         transfer_ready_made.check_place(plan, experiment, looking)
     report = new_folder.write(plan)
     if ready_made is not None:
-        progress = partial(console.progress, unit="bytes")
+        progress = partial(terminal.progress, unit="bytes")
         report = transfer_ready_made.put_into_bucket(report, plan, experiment, ready_made, progress)
-    console.warn(*report.warnings)
+    terminal.warn(*report.warnings)
     if report.backups:
-        console.warn(f"The old files are kept as {', '.join(report.backups)}.")
-    console.emit(report, None)
+        terminal.warn(f"The old files are kept as {', '.join(report.backups)}.")
+    terminal.emit(report, None)
     kept = f"; {counted(len(report.unchanged), 'file')} kept" if report.unchanged else ""
-    console.say(f"{counted(len(report.written), 'file')} written to {report.folder}{kept}.")
+    terminal.say(f"{counted(len(report.written), 'file')} written to {report.folder}{kept}.")
     sourced = new_folder.has_activate_script(plan.folder)
     if ready_made is not None:
-        console.say(f"{report.model} is the ready-made model {ready_made.name}.")
+        terminal.say(f"{report.model} is the ready-made model {ready_made.name}.")
         if chosen is not None:
-            console.say(
+            terminal.say(
                 f"Of the preset {chosen.name} only the settings are used: the reward function, the "
                 "actions and the hyperparameters are those of the model."
             )
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     after = _AFTER_FILES if ready_made is None else _AFTER_MODEL
-    console.suggest([*steps, *after], elsewhere=True)
+    terminal.suggest([*steps, *after], elsewhere=True)
 
 
 def _is_taught(preset: str | None, values: Mapping[str, str]) -> bool:

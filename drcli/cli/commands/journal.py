@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
@@ -26,5 +26,5 @@ def journal(
     Example: dr-journal
     """
     report = run_journal.journal_of(settings(), model)
-    console.warn(*report.damaged)
+    terminal.warn(*report.damaged)
     show(report)

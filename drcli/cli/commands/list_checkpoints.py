@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.options import models_argument
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
@@ -35,9 +35,9 @@ def list_checkpoints(
     loaded = settings()
     prefix = loaded.model_prefix if model is None else model.rstrip("/")
     bucket = transfer_buckets.bucket_to_look_at(loaded.transfer, upload=False)
-    with console.waiting(f"Reading s3://{bucket.name}/{prefix} ..."):
+    with terminal.waiting(f"Reading s3://{bucket.name}/{prefix} ..."):
         found = checkpoint_list.list_checkpoints(
             ModelStore.of(loaded.model, bucket, prefix), check=check
         )
-    console.warn(*found.damaged)
+    terminal.warn(*found.damaged)
     show(found)

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.options import models_argument
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
@@ -33,9 +33,9 @@ def list_models(
     Example: dr-list-models "team/*"
     """
     bucket = transfer_buckets.bucket_to_look_at(settings().transfer, upload=upload)
-    with console.waiting(f"Reading s3://{bucket.name} ..."):
+    with terminal.waiting(f"Reading s3://{bucket.name} ..."):
         found = model_list.list_models(bucket, pattern)
-    console.warn(*(sentence for model in found.models for sentence in model.damaged))
+    terminal.warn(*(sentence for model in found.models for sentence in model.damaged))
     show(found)
 
 

@@ -7,7 +7,7 @@ import typer
 
 from drcli.base.errors import Absent
 from drcli.base.installation import lazy_imports
-from drcli.cli import completion, console
+from drcli.cli import completion, terminal
 from drcli.cli.open_page import open_page
 from drcli.cli.working_folder import settings
 from drcli.transfer.report_place import report_file
@@ -49,15 +49,15 @@ def start_loganalysis(
     Example: dr-start-loganalysis
     """
     loaded = settings()
-    with console.waiting(f"Reading {what or loaded.model_prefix} ..."):
+    with terminal.waiting(f"Reading {what or loaded.model_prefix} ..."):
         run = read_run.read_run(loaded, what)
     path = report_file(loaded.directory, run.name)
-    with console.waiting("Writing the report ..."):
+    with terminal.waiting("Writing the report ..."):
         written = outputs.write_report(path, analysis.analyse(run))
-    console.warn(*written.problems)
+    terminal.warn(*written.problems)
     address = ReportAddress(run.name, str(path), path.as_uri())
-    console.emit(address, f"{address.html}\n{address.url}", folded=False)
-    if browser and not console.as_json:
+    terminal.emit(address, f"{address.html}\n{address.url}", folded=False)
+    if browser and not terminal.as_json:
         open_page(address.url)
 
 
@@ -74,7 +74,7 @@ def url_loganalysis() -> None:
             remedy="Write it with `dr-start-loganalysis`.",
         )
     address = ReportAddress(loaded.model_prefix, str(path), path.as_uri())
-    console.emit(address, address.url, folded=False)
+    terminal.emit(address, address.url, folded=False)
 
 
 def stop_loganalysis() -> None:
@@ -98,5 +98,5 @@ def logs_loganalysis() -> None:
 
 
 def _say_nothing_runs() -> None:
-    console.say(_NOTHING_RUNS)
-    console.emit(stopping.StopReport(), None)
+    terminal.say(_NOTHING_RUNS)
+    terminal.emit(stopping.StopReport(), None)

@@ -12,7 +12,7 @@ import typer
 from drcli.base.clock import moment
 from drcli.base.errors import Absent, SettingsError, StorageError
 from drcli.base.installation import lazy_imports
-from drcli.cli import completion, console
+from drcli.cli import completion, terminal
 from drcli.cli.log_tail import POLL_S, chosen, show_log
 from drcli.cli.options import text_only
 from drcli.cli.working_folder import settings, working_folder
@@ -31,7 +31,7 @@ with lazy_imports():
 # Shows the uploaded copy of a log.
 
 
-LOOK_S = 20.0
+UPLOAD_POLL_S = 20.0
 """Logs are uploaded every five minutes."""
 
 
@@ -39,7 +39,7 @@ def show_uploaded_log(log: "UploadedLog", last_lines: int | None, since: datetim
     """Print a log or its end, and return that."""
     if last_lines is not None and since is None:
         text = log.last_lines(last_lines)
-        console.write(text.decode("utf-8", "replace"))
+        terminal.write(text.decode("utf-8", "replace"))
         return text
     end = b""
 
@@ -50,7 +50,7 @@ def show_uploaded_log(log: "UploadedLog", last_lines: int | None, since: datetim
             yield piece.decode("utf-8", "replace")
 
     for piece in chosen(read(), last_lines, since):
-        console.write(piece)
+        terminal.write(piece)
     return end
 
 
@@ -65,9 +65,9 @@ def follow_uploaded_log(log: "UploadedLog", shown: bytes, until: Callable[[], bo
             text = b""
             if str(error) != failure:
                 failure = str(error)
-                console.warn(failure)
-        console.write(text.decode("utf-8", "replace"), followed=True)
-        next_look = time.monotonic() + LOOK_S
+                terminal.warn(failure)
+        terminal.write(text.decode("utf-8", "replace"), followed=True)
+        next_look = time.monotonic() + UPLOAD_POLL_S
         while time.monotonic() < next_look and not until():
             time.sleep(POLL_S)
 
@@ -162,7 +162,7 @@ def logs(
     elif not follow or uploaded:
         raise _absent(loaded, name, path, json_lines=json_lines, uploaded=uploaded)
     else:
-        console.say(f"Waiting for {path} ...")
+        terminal.say(f"Waiting for {path} ...")
     show_log(path, count, lambda: follow)
 
 
@@ -177,7 +177,7 @@ def _show_copy(
 ) -> None:
     reason = "" if uploaded else f"{path} does not exist. "
     when = copy.uploaded.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
-    console.say(f"{reason}Reading s3://{copy.bucket.name}/{copy.key}, uploaded {when} UTC.")
+    terminal.say(f"{reason}Reading s3://{copy.bucket.name}/{copy.key}, uploaded {when} UTC.")
     shown = show_uploaded_log(copy, count, since)
     if follow:
         follow_uploaded_log(copy, shown, lambda: not uploaded and path.exists())
@@ -194,7 +194,7 @@ def _copy(loaded: "Settings", name: str, file: str, *, keep_waiting: bool) -> "U
     except StorageError as error:
         if not keep_waiting:
             raise
-        console.warn(f"The copy in the bucket could not be read: {error}")
+        terminal.warn(f"The copy in the bucket could not be read: {error}")
         return None
 
 

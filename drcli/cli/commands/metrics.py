@@ -6,7 +6,7 @@ import typer
 
 from drcli.base.errors import StorageError
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.options import models_argument
 from drcli.cli.show import show
 from drcli.cli.stopped_process import show_stopped
@@ -52,7 +52,7 @@ def start_metrics(
     loaded = settings()
     tensorboard_server.check_tensorboard(loaded)
     prefixes = [loaded.model_prefix] if not models else [name.rstrip("/") for name in models]
-    with console.waiting("Starting TensorBoard ..."):
+    with terminal.waiting("Starting TensorBoard ..."):
         try:
             bucket = transfer_buckets.bucket_to_look_at(loaded.transfer, upload=False)
             fetched = tensorboard_server.fetch_events(loaded, bucket, prefixes)
@@ -60,7 +60,7 @@ def start_metrics(
         except StorageError as error:
             if models:
                 raise
-            console.warn(f"{error} {error.remedy} Only the files on this machine are shown.")
+            terminal.warn(f"{error} {error.remedy} Only the files on this machine are shown.")
             fetched, written = [], []
         report = tensorboard_server.start_tensorboard(loaded, written, port, fetched)
     show(report)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.options import prefix_option
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
@@ -68,5 +68,5 @@ def remove(number: _Number, prefix: _Prefix = None) -> None:
 
 
 def _show(found: "NoteList") -> None:
-    console.warn(*found.damaged)
+    terminal.warn(*found.damaged)
     show(found)

@@ -11,7 +11,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_replacing
 from drcli.base.installation import lazy_imports
 from drcli.bucket.connect import open_running_bucket
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import (
     DryRun,
@@ -36,8 +36,8 @@ with lazy_imports():
         organise,
         queue_process,
         race_export,
+        race_options,
         race_queue,
-        race_wish,
         stored_race,
         submissions,
     )
@@ -165,7 +165,7 @@ def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None
         typer.BadParameter: The race has no such objects.
     """
     try:
-        return race_wish.object_settings(race_type, obstacles, bots)
+        return race_options.object_settings(race_type, obstacles, bots)
     except SettingsError as error:
         raise typer.BadParameter(str(error)) from None
 
@@ -203,7 +203,7 @@ def create(
     """
     now = time.time()
     objects = object_settings(race_type, obstacles, bots)
-    wish = race_wish.RaceWish(
+    wish = race_options.RaceOptions(
         name=name,
         world=world,
         reverse=reverse,
@@ -215,18 +215,18 @@ def create(
         off_track_penalty_s=off_track_penalty,
         collision_penalty_s=collision_penalty,
         max_submissions=max_submissions,
-        opens_at=None if opens is None else race_wish.parse_time("--opens", opens, now),
-        closes_at=None if closes is None else race_wish.parse_time("--closes", closes, now),
+        opens_at=None if opens is None else race_options.parse_time("--opens", opens, now),
+        closes_at=None if closes is None else race_options.parse_time("--closes", closes, now),
         seed=seed,
         pairing=pairing,
         sensors=tuple(sensor or ()),
         settings=tuple(objects.items()),
     )
     loaded = settings()
-    bring_tracks(settings_of_rules(loaded, race_wish.rules_of(loaded, wish, now)))
+    bring_tracks(settings_of_rules(loaded, race_options.rules_of(loaded, wish, now)))
     report = organise.create_race(loaded, open_races(loaded), wish, now_s=now)
     print_race(report)
-    console.suggest(
+    terminal.suggest(
         [
             (f"dr-race submit {report.race}", "submit the model of run.env"),
             (f"dr-race run {report.race}", "drive what was submitted"),
@@ -308,7 +308,7 @@ def list_all() -> None:
     loaded = settings()
     bucket = open_running_bucket(loaded.storage)
     found = RaceList(loaded.bucket, []) if bucket is None else organise.list_races(bucket)
-    console.warn(*found.damaged)
+    terminal.warn(*found.damaged)
     present(found)
 
 
@@ -352,7 +352,7 @@ def submit(
     )
     present(taken)
     if not taken.queue:
-        console.suggest([(f"dr-race run {found}", "drive what was submitted")])
+        terminal.suggest([(f"dr-race run {found}", "drive what was submitted")])
 
 
 @app.command()
@@ -434,7 +434,7 @@ def open_again(race: Race, closes: Closes = None) -> None:
     Example: dr-race open friday-cup --closes 1d
     """
     bucket, found = found_race(settings(), race)
-    until = None if closes is None else race_wish.parse_time("--closes", closes, time.time())
+    until = None if closes is None else race_options.parse_time("--closes", closes, time.time())
     print_race(organise.open_race(bucket, found, until))
 
 
@@ -490,7 +490,7 @@ def delete(race: Race, force: Force = False, dry_run: DryRun = False) -> None:
     bucket, found = found_race(settings(), race)
     planned = organise.delete_race(bucket, found, dry_run=True)
     if not dry_run:
-        console.err.print(drawn(planned))
+        terminal.err.print(drawn(planned))
         prompts.agree("Delete this race? It cannot be undone.", yes=force)
         planned = organise.delete_race(bucket, found)
     present(planned)
@@ -507,6 +507,6 @@ def drive(race: str, *, quiet: bool, video: bool | None, limit: int) -> None:
         present(queue_process.launch_queue(loaded, bucket, found, video=video))
         return
     report = race_queue.run_queue(
-        loaded, bucket, found, video=video, limit=limit, on_progress=console.say
+        loaded, bucket, found, video=video, limit=limit, on_progress=terminal.say
     )
     print_race(report)

@@ -9,7 +9,7 @@ import typer
 
 from drcli.base.errors import Absent
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.log_tail import POLL_S, show_log
 from drcli.cli.options import text_only
 from drcli.cli.show import show
@@ -146,7 +146,7 @@ def _follow(wanted: _Wanted, wait_s: float, *, whole: bool) -> None:
     deadline = time.monotonic() + wait_s
     found = wanted.find()
     if not found and wait_s:
-        console.say(f"Waiting for {wanted.title} to start ...")
+        terminal.say(f"Waiting for {wanted.title} to start ...")
     while not found and time.monotonic() < deadline:
         time.sleep(POLL_S)
         found = wanted.find()
@@ -158,7 +158,7 @@ def _follow(wanted: _Wanted, wait_s: float, *, whole: bool) -> None:
 def _print(wanted: _Wanted) -> None:
     report = worker_processes.ProcessReport([process for process in wanted.find() if process.alive])
     lines = "\n".join(str(process.pid) for process in report.processes)
-    if console.as_json or lines:
-        console.emit(report, lines)
+    if terminal.as_json or lines:
+        terminal.emit(report, lines)
     if not lines:
         raise wanted.absent()

@@ -10,7 +10,7 @@ import typer
 from drcli.base.errors import ProblemsError, SettingsError
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.options import Replace, in_options, world_option
 from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
@@ -44,7 +44,7 @@ def check(file: _File = None, world: _World = None) -> None:
 
     Example: dr-reward check
     """
-    with _on_track(world) as settings, console.waiting("Trying the reward function ..."):
+    with _on_track(world) as settings, terminal.waiting("Trying the reward function ..."):
         report = rewards_check.check(settings, file, working_folder())
     show(report)
     if not report.works:
@@ -66,7 +66,7 @@ def plot(
 
     Example: dr-reward plot -o reward.png
     """
-    with _on_track(world) as settings, console.waiting("Trying the reward function ..."):
+    with _on_track(world) as settings, terminal.waiting("Trying the reward function ..."):
         report = pictures.plot(settings, file, out, working_folder(), force=force)
     show(report)
 
@@ -85,7 +85,7 @@ def compare(
 
     Example: dr-reward compare custom_files/reward_function.py other.py -o both.png
     """
-    with _on_track(world) as settings, console.waiting("Trying both reward functions ..."):
+    with _on_track(world) as settings, terminal.waiting("Trying both reward functions ..."):
         report = rewards_compare.compare(
             settings, first, second, out, working_folder(), force=force
         )

@@ -8,8 +8,8 @@ import typer
 from drcli.base.errors import ProblemsError
 from drcli.base.files import refuse_existing, refuse_replacing, safe_name
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
 from drcli.cli import evaluation_options as options
+from drcli.cli import terminal
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import (
     Replace,
@@ -23,7 +23,13 @@ from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
 from drcli.config.value_types import parse_checkpoint
 from drcli.model.model_store import ModelStore
-from drcli.view.saliency.question import METHODS, MOST_PICTURES, SPACINGS, TARGETS, Question
+from drcli.view.saliency.saliency_options import (
+    METHODS,
+    MOST_PICTURES,
+    SPACINGS,
+    TARGETS,
+    SaliencyOptions,
+)
 
 with lazy_imports():
     from drcli.config import loading
@@ -121,7 +127,7 @@ def saliency(
         refuse_existing(old, force=force)
 
     name = None
-    with console.waiting("Driving an episode and explaining it ..."):
+    with terminal.waiting("Driving an episode and explaining it ..."):
         if file is not None:
             prefix = str(file)
             explained = explain_model.explain_file(settings, file, metadata, question)
@@ -136,13 +142,13 @@ def saliency(
         if html is not None:
             explain_model.write_page(html, explained)
     report = explain_model.report_of(explained, prefix, name, html, stills)
-    console.warn(*report.notes)
+    terminal.warn(*report.notes)
     show(report)
 
 
 def _question(
     pictures: int, steps: str | None, target: str, methods: str, spacing: int, seed: int | None
-) -> Question:
+) -> SaliencyOptions:
     wanted_target = next((each for each in TARGETS if each == target), None)
     if wanted_target is None:
         raise typer.BadParameter(f"--target is one of {', '.join(TARGETS)}, not {target!r}.")
@@ -157,7 +163,7 @@ def _question(
         raise typer.BadParameter(f"--steps takes numbers such as 10,20,30, not {steps!r}.")
     if len(numbers) > MOST_PICTURES:
         raise typer.BadParameter(f"--steps takes at most {MOST_PICTURES} numbers.")
-    return Question(
+    return SaliencyOptions(
         pictures,
         [int(number) for number in numbers],
         [method for method in METHODS if method in named],

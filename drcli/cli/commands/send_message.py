@@ -7,7 +7,7 @@ import typer
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.working_folder import settings
 
 with lazy_imports():
@@ -43,7 +43,7 @@ def send_message(
         )
     facts = {"model": f"s3://{loaded.bucket}/{loaded.model_prefix}"}
     message = messages.Message("test", f"message: {loaded.model_prefix}", text, facts)
-    with console.waiting("Sending ..."):
+    with terminal.waiting("Sending ..."):
         results = messages.try_channels(channels, message)
     report = MessageReport(
         text,
@@ -51,7 +51,7 @@ def send_message(
         {name: f"{error} {error.remedy}" for name, error in results.items() if error is not None},
     )
     said = "\n".join(f"Sent to {name}." for name in report.sent)
-    console.emit(report, said or None)
+    terminal.emit(report, said or None)
     failures = [error for error in results.values() if error is not None]
     if failures:
         raise StorageError(

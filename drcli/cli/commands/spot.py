@@ -15,7 +15,7 @@ import typer
 from drcli.base.errors import Absent, NotAvailable, ProblemsError, SettingsError, StorageError
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.commands.spot_watch import watch
 from drcli.cli.options import DryRun, text_only
 from drcli.cli.show import show
@@ -103,10 +103,10 @@ def create_base(
         f"Make a bucket and a topic in {ours.region}? Only stored objects cost money.", yes=yes
     )
     tags = {STACK_TAG: stack, KIND_TAG: "base"}
-    with console.waiting(f"Making the stack {stack} ..."):
+    with terminal.waiting(f"Making the stack {stack} ..."):
         made = create_stack(ours, stack, base_template(stack), tags, roles=False)
     show(BaseReport(stack, ours.region, made.bucket, made.outputs["Topic"]))
-    console.suggest([(f"dr-spot create NAME --base {stack}", "start a training")])
+    terminal.suggest([(f"dr-spot create NAME --base {stack}", "start a training")])
 
 
 @app.command()
@@ -231,26 +231,26 @@ def create(
         )
         creation.check_wishes(wishes)
         loaded = _checked(folder, ours, wishes.bucket, stack, before)
-        with console.waiting("Preparing what the machine installs ..."):
+        with terminal.waiting("Preparing what the machine installs ..."):
             source = find_source(install)
-        with console.waiting(f"Asking Amazon for quotas and prices in {ours.region} ..."):
+        with terminal.waiting(f"Asking Amazon for quotas and prices in {ours.region} ..."):
             plan = creation.prepare(ours, loaded, wishes, source)
         if show_template:
-            console.write(json.dumps(plan.template, indent=2) + "\n")
+            terminal.write(json.dumps(plan.template, indent=2) + "\n")
             return
-        console.warn(*plan.notes)
+        terminal.warn(*plan.notes)
         planned = creation.Planned.of(plan, ours.region)
         if dry_run:
             show(planned)
             return
-        console.say("\n".join(str(line) for line in planned.view() if line))
+        terminal.say("\n".join(str(line) for line in planned.view() if line))
         prompts.agree("Start it?", yes=yes, remedy="Add --yes to start it without a question.")
         if loaded.custom_files.folder.is_dir():
-            copy_custom_files.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
-        with console.waiting(f"Making the stack {stack} ..."):
+            copy_custom_files.upload_custom_files(loaded.custom_files, loaded.storage, terminal.say)
+        with terminal.waiting(f"Making the stack {stack} ..."):
             report = creation.carry_out(ours, plan)
     show(report)
-    console.suggest(
+    terminal.suggest(
         [
             ("dr-spot list", "see how it is"),
             (f"dr-spot logs {stack}", "read its log"),
@@ -299,9 +299,11 @@ def _checked(
     variables = environment(bucket, ours.region, stack, before.upload_s3_bucket)
     variables["DR_LOCAL_S3_PROFILE"] = ours.profile or "default"
     loaded = _loaded(folder, variables)
-    with console.waiting("Checking settings, files and reward function ..."):
+    with terminal.waiting("Checking settings, files and reward function ..."):
         report = validate.validate(folder, environ={**os.environ, **variables}, here=False)
-    console.warn(*(str(each) for each in report.warnings if each.rule != "V-50"))  # of this machine
+    terminal.warn(
+        *(str(each) for each in report.warnings if each.rule != "V-50")
+    )  # of this machine
     if not report.ok:
         raise ProblemsError(list(report.errors))
     return loaded
@@ -322,7 +324,7 @@ def list_all(region: Region = None, profile: Profile = None) -> None:
     Example: dr-spot list
     """
     ours = account(region, profile)
-    with console.waiting(f"Looking for stacks in {ours.region} ...", only_live=True):
+    with terminal.waiting(f"Looking for stacks in {ours.region} ...", only_live=True):
         found = stack_report.StackReports(
             ours.region, [stack_report.report_on(ours, each) for each in our_stacks(ours)]
         )
@@ -381,7 +383,7 @@ def prices(
     offers: list[aws_prices.Offer] = []
     named = types or []
     for each in _regions(regions or [], profile):
-        with console.waiting(f"Asking for prices in {each.region} ...", only_live=True):
+        with terminal.waiting(f"Asking for prices in {each.region} ...", only_live=True):
             try:
                 known = find_types(each, named or default_types("any"), named=False)
                 offers += aws_prices.offers_of(each, known, advisor)
@@ -394,7 +396,7 @@ def prices(
     found = aws_prices.Offers(
         aws_prices.arranged(offers, keys[order.casefold()], classes)[:limit], missing
     )
-    console.warn(*missing)
+    terminal.warn(*missing)
     show(found)
 
 
@@ -412,7 +414,7 @@ def cost(
     found = need_stack(ours, stack, "training")
     marks = read_marks(ours.bucket(found.bucket), stack)
     report = machines.cost_of(ours, stack, machines.machines_of(ours, found, marks))
-    console.warn(*report.notes)
+    terminal.warn(*report.notes)
     show(report)
 
 
@@ -451,10 +453,10 @@ def logs(
     newest = max(chosen, key=lambda info: info.modified)
     if not name:
         for info in every:
-            console.say(f"{info.modified:%Y-%m-%d %H:%M} {info.size_bytes:>12,} {info.key}")
-    console.say(f"== {newest.key}")
+            terminal.say(f"{info.modified:%Y-%m-%d %H:%M} {info.size_bytes:>12,} {info.key}")
+    terminal.say(f"== {newest.key}")
     text = bucket.get(newest.key).decode(errors="replace").splitlines()
-    console.write("".join(f"{line}\n" for line in text[-lines:]))
+    terminal.write("".join(f"{line}\n" for line in text[-lines:]))
 
 
 @app.command()
@@ -508,7 +510,7 @@ def add_access(
     ours = account(region, profile)
     added = stacks.add_access(ours, need_stack(ours, stack, "training"), address)
     report = AccessReport(stack, added)
-    console.emit(report, f"{added} may reach port 22 of the machines of {stack}.")
+    terminal.emit(report, f"{added} may reach port 22 of the machines of {stack}.")
 
 
 @app.command()
@@ -527,7 +529,7 @@ def subscribe(
     stacks.subscribe(ours, found.outputs["Topic"], email)
     report = AccessReport(stack, email)
     said = f"Amazon has sent a mail to {email}; messages come after a click on its link."
-    console.emit(report, said)
+    terminal.emit(report, said)
 
 
 def _classes(given: list[str]) -> set[str] | None:
@@ -591,10 +593,10 @@ def stop(
     found = need_stack(ours, stack, "training")
     checkpoint = ""
     if not now:
-        with console.waiting(f"Stopping the training of {stack}; waiting until it is saved ..."):
+        with terminal.waiting(f"Stopping the training of {stack}; waiting until it is saved ..."):
             stack_end.stop_training_there(ours, found, patience_s=patience)
         checkpoint = stack_end.verified_checkpoint(ours, found)
-    with console.waiting(f"Removing the stack {stack} ..."):
+    with terminal.waiting(f"Removing the stack {stack} ..."):
         report = stack_end.remove_training(ours, found, checkpoint)
     show(report)
 
@@ -624,14 +626,14 @@ def delete(
         if keep:
             prompts.agree(f"Delete the stack {stack}? Its bucket stays.", yes=yes, words=[stack])
         elif content is not None:
-            console.say(str(content))
+            terminal.say(str(content))
             prompts.agree(
                 f"Delete the stack {stack}, and its bucket {content.bucket} with everything in it? "
                 "It cannot be restored.",
                 yes=yes,
                 words=[stack],
             )
-        with console.waiting(f"Deleting the stack {stack} ..."):
+        with terminal.waiting(f"Deleting the stack {stack} ..."):
             stack_end.remove_base(ours, found, keep_bucket=keep)
         gone = 0 if keep or content is None else content.objects
         show(DeletedBase(stack, found.bucket, gone, keep))
@@ -648,7 +650,7 @@ def delete(
         yes=yes,
         words=[stack],
     )
-    with console.waiting(f"Deleting the stack {stack} ..."):
+    with terminal.waiting(f"Deleting the stack {stack} ..."):
         done = stack_end.remove_training(ours, found, "")
     show(done)
 

@@ -15,7 +15,7 @@ import typer
 
 from drcli.base.errors import Absent, SettingsError
 from drcli.base.processes import STOPS, handle, is_alive, restore, started_s
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.clouds.cloud import Notice
 from drcli.clouds.registry import CLOUDS, cloud_of_machine
 from drcli.outside.notices.notice_watch import Announced, NoticeWatch, command_words, soonest
@@ -294,7 +294,7 @@ def watch(
         if not command and pid is None:
             remedy = "Name the cloud with --cloud, or a program of yours with --hook."
             raise SettingsError(what, remedy=remedy)
-        console.warn(f"{what} Only SIGTERM is watched for.")
+        terminal.warn(f"{what} Only SIGTERM is watched for.")
     watching = ForeignWatch(NoticeWatch(source, words), handling)
     if once:
         report = watching.once()
@@ -305,8 +305,8 @@ def watch(
     else:
         report = watching.wait()
     if command or pid is not None:
-        console.say(report.text)
-        console.emit(report, None)
+        terminal.say(report.text)
+        terminal.emit(report, None)
     else:
-        console.emit(report, report.text)
+        terminal.emit(report, report.text)
     raise typer.Exit(report.exit_code)

@@ -14,7 +14,7 @@ from rich.live import Live
 
 from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
-from drcli.cli import console, prompts, training_display
+from drcli.cli import prompts, terminal, training_display
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.log_tail import Tail
 from drcli.cli.options import (
@@ -65,7 +65,7 @@ def until_the_end(config: "RunConfig", display: Display) -> "RunReport | None":
         with display as show:
             for report in _reports(config):
                 show(report)
-                if console.reader_has_left():
+                if terminal.reader_has_left():
                     return None
         return report
     except KeyboardInterrupt:
@@ -93,7 +93,7 @@ def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
 
 @contextmanager
 def live(*, verbose: bool) -> Iterator[Show]:
-    with Live(console=console.err, auto_refresh=False) as screen:
+    with Live(console=terminal.err, auto_refresh=False) as screen:
         yield lambda report: screen.update(
             training_display.live(report, time.time(), verbose=verbose), refresh=True
         )
@@ -112,9 +112,9 @@ def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
         for record in ready:
             if (record.iteration, record.elapsed_s) not in printed:
                 printed.add((record.iteration, record.elapsed_s))
-                console.say(training_display.line(record, verbose=verbose))
+                terminal.say(training_display.line(record, verbose=verbose))
         if report.warning and not warned:
-            console.warn(f"{report.warning}.")
+            terminal.warn(f"{report.warning}.")
         warned = bool(report.warning)
 
     return nullcontext(show)
@@ -129,7 +129,7 @@ def logs(paths: Mapping[str, Path]) -> Display:
     def show(report: "RunReport") -> None:
         for name, tail in tails.items():
             for line in tail.read(unfinished=is_over(report)).splitlines():
-                console.say(f"{name}: {line}" if len(tails) > 1 else line)
+                terminal.say(f"{name}: {line}" if len(tails) > 1 else line)
 
     return nullcontext(show)
 
@@ -368,7 +368,7 @@ class _How:
 
 
 def _planned(loaded: "Settings", options: "StartOptions") -> "RunPlan":
-    with console.waiting("Checking settings, files and reward function ...", only_live=True):
+    with terminal.waiting("Checking settings, files and reward function ...", only_live=True):
         return plan.prepare(loaded, options)
 
 
@@ -376,8 +376,8 @@ def _resume_or_start(loaded: "Settings", options: "StartOptions", how: _How, *, 
     while True:
         planned = run_resume_or_start.prepare_next(loaded, options, wait=wait)
         if isinstance(planned, run_resume_or_start.NothingToDo):
-            console.say(planned.sentence)
-            console.emit(status.inspect(loaded.run), None)
+            terminal.say(planned.sentence)
+            terminal.emit(status.inspect(loaded.run), None)
             return 0
         try:
             return _run(loaded, planned, how)
@@ -391,10 +391,10 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
     followed, folder = how.followed, loaded.directory
     if not quiet:
         if isinstance(planned, plan.RunPlan):
-            console.warn(*planned.warnings)
-            console.say(training_display.start_text(planned))
+            terminal.warn(*planned.warnings)
+            terminal.say(training_display.start_text(planned))
         else:
-            console.say(training_display.end_work_text(planned))
+            terminal.say(training_display.end_work_text(planned))
 
     if quiet:
         display = nothing()
@@ -402,7 +402,7 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
         display = logs(
             {name: run_record.log_file(folder, loaded.model_prefix, name) for name in followed}
         )
-    elif console.is_live() and not foreground:
+    elif terminal.is_live() and not foreground:
         display = live(verbose=verbose)
     else:
         display = lines(status.inspect(loaded.run).history, verbose=verbose)
@@ -421,22 +421,22 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
             )
         code = _end(report, loaded.model_prefix)
     else:
-        with console.waiting("Starting the workers ...", only_live=True):
+        with terminal.waiting("Starting the workers ...", only_live=True):
             pid = training.launch(planned)
         if status.inspect(loaded.run).pid != pid:
             raise WorkerDied(
                 "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
             )
         if quiet:
-            console.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
-            if console.as_json:
-                console.emit(status.inspect(loaded.run), None)
+            terminal.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
+            if terminal.as_json:
+                terminal.emit(status.inspect(loaded.run), None)
             return 0
-        console.suggest(NEXT)
+        terminal.suggest(NEXT)
         ended = until_the_end(loaded.run, display)
         if ended is None:
-            console.say("Detached; the training continues.")
-            console.suggest(NEXT)
+            terminal.say("Detached; the training continues.")
+            terminal.suggest(NEXT)
             return 130
         code = _end(ended, loaded.model_prefix)
     return code
@@ -458,11 +458,11 @@ def _followed(
 
 
 def _end(report: "RunReport", prefix: str) -> int:
-    console.emit(report, None)
+    terminal.emit(report, None)
     if report.state in ("stopped", "interrupted") or report.exit_code == 0:
-        console.say(report.end_text())
+        terminal.say(report.end_text())
         if commands := training_display.next_commands(report, prefix):
-            console.suggest(commands)
+            terminal.suggest(commands)
     else:
-        console.fail(report.message, report.remedy)
+        terminal.fail(report.message, report.remedy)
     return WorkerDied.code if report.exit_code is None else report.exit_code

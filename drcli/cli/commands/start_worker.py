@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.working_folder import settings_or_defaults, working_folder
 
 with lazy_imports():
@@ -90,8 +90,8 @@ def start_worker(
         prefix,
         waits=wait,
         takes_over=not no_take_over,
-        say=console.say,
+        say=terminal.say,
         ends_with=os.getppid() if end_with_parent else None,
     )
-    console.emit(report, report.message)
+    terminal.emit(report, report.message)
     raise typer.Exit(report.code)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
-from drcli.cli import console, training_display
+from drcli.cli import terminal, training_display
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
@@ -24,10 +24,10 @@ def status() -> None:
     config = loaded.run
     report = run_status.inspect(config)
     report = replace(report, notes=run_status.notes_of_run(config, report))
-    console.warn(*report.damaged)
-    console.emit(report, training_display.run(report))
+    terminal.warn(*report.damaged)
+    terminal.emit(report, training_display.run(report))
     if commands := training_display.next_commands(report, loaded.model_prefix):
-        console.suggest(commands)
+        terminal.suggest(commands)
     if report.state == "lost" or report.dead:
         raise WorkerDied(
             report.message or f"Dead: {', '.join(report.dead)}.",

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 
@@ -38,13 +38,13 @@ def stop_training() -> None:
         if stopped is None:
             raise
         said = f"Stopped the training of {stopped.model}; the settings are broken now."
-        console.emit(stopping.StopReport([stopped]), said)
+        terminal.emit(stopping.StopReport([stopped]), said)
         return
     waiting = stopping.stop_waiting(loaded.directory, loaded.run_id)
     if not stopping.is_running(loaded.run):
         show(stopping.StopReport(waiting), none="No training is running.")
         return
-    with console.waiting("Stopping the training; waiting for its workers to exit ..."):
+    with terminal.waiting("Stopping the training; waiting for its workers to exit ..."):
         report = stopping.stop(loaded.run)
     model = f"s3://{report.bucket}/{report.prefix}"
     if stopping.is_running(loaded.run):
@@ -61,8 +61,8 @@ def stop_training() -> None:
     else:
         newest = "it has no checkpoint yet"
     said = f"Stopped the training of {model}; {newest}."
-    console.emit(stopping.StopReport([stopped, *waiting]), said)
-    console.suggest(AFTERWARDS if last or report.unreachable else AFTER_NOTHING)
+    terminal.emit(stopping.StopReport([stopped, *waiting]), said)
+    terminal.suggest(AFTERWARDS if last or report.unreachable else AFTER_NOTHING)
 
 
 def stop_evaluation() -> None:
@@ -88,7 +88,7 @@ def stop_all() -> None:
     folder = working_folder()
     if not (folder / "data").exists():  # nothing was ever started here
         settings()  # raises an error in a folder that is no working folder
-    with console.waiting("Stopping everything that was started in this folder ..."):
+    with terminal.waiting("Stopping everything that was started in this folder ..."):
         viewer = viewer_process.stop_viewer(
             folder
         )  # first: an open page would start the S3 server again

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.options import ReplaceOrYes
 from drcli.cli.show import show
 from drcli.cli.working_folder import current_folder, working_folder
@@ -42,14 +42,14 @@ def support_bundle(
     if target.is_dir():
         target /= f"drcli-support-{time.strftime('%Y%m%d-%H%M%S')}.tar.gz"
     target = current_folder() / target
-    with console.waiting("Collecting; this takes about ten seconds ..."):
+    with terminal.waiting("Collecting; this takes about ten seconds ..."):
         report = run_support_bundle.make_bundle(
             folder, target, with_custom_files=not without_files, overwrite=force
         )
     show(report)
     path = shlex.quote(report.file)
     manifest = "drcli-support/manifest.json"
-    console.suggest(
+    terminal.suggest(
         [
             (f"tar -xOzf {path} {manifest} | less", "see what was removed"),
             (f"tar -xOzf {path} | less", "read everything before you send it"),

@@ -11,7 +11,7 @@ from rich.live import Live
 from drcli.base.errors import SettingsError
 from drcli.base.files import refuse_existing, refuse_replacing, rewrite
 from drcli.base.installation import lazy_imports
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import DryRun, Force, Replace, text_only, wipe_option
 from drcli.cli.show import drawn
@@ -84,7 +84,7 @@ def start(
     Example: dr-sweep start sweep.yaml
     """
     loaded = _own_settings()
-    with console.waiting("Checking the sweep ...", only_live=True):
+    with terminal.waiting("Checking the sweep ...", only_live=True):
         begun = start_sweep.SweepStart(loaded, file)
     plan = begun.planned(parallel)
     if dry_run:
@@ -100,18 +100,18 @@ def start(
     for world in begun.worlds:
         bring_tracks(loaded.replaced(world_name=world))
     count = f"{len(plan.trials)} trainings, {plan.at_a_time()}"
-    console.say(f"Sweep {plan.name}: {count}. Ctrl-C interrupts it.")
+    terminal.say(f"Sweep {plan.name}: {count}. Ctrl-C interrupts it.")
     with _live() as show:
-        report = begun.run(parallel=parallel, say=console.say, warn=console.warn, on_change=show)
+        report = begun.run(parallel=parallel, say=terminal.say, warn=terminal.warn, on_change=show)
     page = start_sweep.comparison_page(loaded.directory, plan.name) if html is None else html
-    with console.waiting("Comparing the trainings ...", only_live=True):
+    with terminal.waiting("Comparing the trainings ...", only_live=True):
         report, problem = start_sweep.try_to_compare(begun, report, page)
     if problem:
-        console.warn(problem)
+        terminal.warn(problem)
     present(report)
     if report.best:
         best = next(trial for trial in report.trials if trial.best)
-        console.suggest(
+        terminal.suggest(
             [
                 (f"DR_EXPERIMENT_NAME={best.name} dr-evaluate", "drive the best"),
                 (f"dr-increment-training --pretrained {best.model}", "train it further"),
@@ -130,7 +130,7 @@ def list_all() -> None:
     found = sweep_report.list_sweeps(
         transfer_buckets.bucket_to_look_at(settings().transfer, upload=False)
     )
-    console.warn(*found.damaged)
+    terminal.warn(*found.damaged)
     present(found)
 
 
@@ -164,8 +164,8 @@ def init(
     Example: dr-sweep init
     """
     path = write_example(file or working_folder() / EXAMPLE, force=force)
-    console.say(f"Wrote {path}.")
-    console.suggest([(f"dr-sweep {path.name}", "start it once you have changed it")])
+    terminal.say(f"Wrote {path}.")
+    terminal.suggest([(f"dr-sweep {path.name}", "start it once you have changed it")])
 
 
 def _own_settings() -> "Settings":
@@ -175,9 +175,9 @@ def _own_settings() -> "Settings":
 
 @contextmanager
 def _live() -> Iterator[Callable[["SweepReport"], None]]:
-    if not console.is_live():
+    if not terminal.is_live():
         yield lambda report: None
         return
 
-    with Live(console=console.err, refresh_per_second=2, transient=True) as display:
+    with Live(console=terminal.err, refresh_per_second=2, transient=True) as display:
         yield lambda report: display.update(drawn(report))

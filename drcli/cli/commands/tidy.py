@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console, prompts
+from drcli.cli import prompts, terminal
 from drcli.cli.options import DryRun, Force, KeepModels, models_argument
 from drcli.cli.show import drawn, show
 from drcli.cli.working_folder import settings
@@ -62,11 +62,11 @@ def tidy(
     options = transfer_tidy.TidyOptions(
         models or (), keep or (), kinds, checkpoints, older_than * _DAY_S, dry_run
     )
-    with console.waiting(f"Reading s3://{loaded.bucket} ..."):
+    with terminal.waiting(f"Reading s3://{loaded.bucket} ..."):
         report = transfer_tidy.find_surplus(loaded, options)
     if report.items and not dry_run:
-        console.err.print(drawn(report, planned=True))
+        terminal.err.print(drawn(report, planned=True))
         prompts.agree("Delete all of this? It cannot be undone.", yes=force)
-        with console.waiting("Deleting ..."):
+        with terminal.waiting("Deleting ..."):
             report = transfer_tidy.tidy(report, loaded)
     show(report, planned=dry_run)

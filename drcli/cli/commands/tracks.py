@@ -10,7 +10,7 @@ import typer
 from drcli.base.errors import SettingsError, shown
 from drcli.base.files import refuse_replacing
 from drcli.base.installation import lazy_imports
-from drcli.cli import completion, console
+from drcli.cli import completion, terminal
 from drcli.cli.options import Replace
 from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings, working_folder
@@ -55,7 +55,7 @@ def list_all() -> None:
     memory = working_folder() / "data" / "cache" / "tracks.json"
     found = list_tracks(settings().tracks_folder, memory)
     for sentence in found.unreadable:
-        console.warn(sentence)
+        terminal.warn(sentence)
     present(found)
 
 
@@ -78,8 +78,8 @@ def show(
         )
     columns = (
         tracks_folder.MAP_COLUMNS
-        if console.as_json
-        else min(tracks_folder.MAP_COLUMNS, console.columns())
+        if terminal.as_json
+        else min(tracks_folder.MAP_COLUMNS, terminal.columns())
     )
     known = _known_line(name)
     view = tracks_folder.show_track(
@@ -173,7 +173,7 @@ def fetch(
 
 def _warn_if_built_in(name: str) -> None:
     if name in track_names.built_in():
-        console.warn(
+        terminal.warn(
             f"{name} is also a built-in track. From now on, the name means your file; remove the "
             "file to get the built-in track back."
         )

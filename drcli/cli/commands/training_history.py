@@ -13,7 +13,7 @@ from drcli.base.errors import Absent
 from drcli.base.files import refuse_replacing, rewrite
 from drcli.base.installation import lazy_imports
 from drcli.base.report import printable
-from drcli.cli import completion, console, prompts
+from drcli.cli import completion, prompts, terminal
 from drcli.cli.options import DryRun, Force, Replace
 from drcli.cli.show import drawn, indented
 from drcli.cli.show import show as present
@@ -225,7 +225,7 @@ def tree(
     """
     _, known = _known()
     found = family_tree.family_tree(known, None if training is None else known.find(training))
-    console.emit(found, show_tree(found))
+    terminal.emit(found, show_tree(found))
 
 
 @app.command()
@@ -248,7 +248,7 @@ def forget(
     ]
     found = training_details.ForgottenTrainings(bucket.name, entries, dry_run)
     if not dry_run:
-        console.err.print(drawn(found))
+        terminal.err.print(drawn(found))
         prompts.agree("Delete these records? It cannot be undone.", yes=force)
         training_details.forget(bucket, records)
     present(found)
@@ -266,9 +266,9 @@ def _known() -> "tuple[Bucket, KnownTrainings]":
 
 
 def _read(bucket: "Bucket") -> "KnownTrainings":
-    with console.waiting(f"Reading s3://{bucket.name} ...", only_live=True):
+    with terminal.waiting(f"Reading s3://{bucket.name} ...", only_live=True):
         known = training_list.known_trainings(bucket)
-    console.warn(*known.damaged)
+    terminal.warn(*known.damaged)
     return known
 
 
@@ -283,7 +283,7 @@ def _names(known: "KnownTrainings") -> list[str]:
 
 def _write(target: Path, text: str) -> None:
     if str(target) == "-":
-        console.write(text)
+        terminal.write(text)
         return
     rewrite(target, text.encode())
-    console.say(f"Wrote {target}.")
+    terminal.say(f"Wrote {target}.")

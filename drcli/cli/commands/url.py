@@ -5,7 +5,7 @@ from typing import Annotated, Literal, get_args
 import typer
 
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
@@ -34,7 +34,7 @@ def url(
     show(report, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"
-        console.say(
+        terminal.say(
             "The local S3 server is not running; dr-start-training, dr-evaluate and dr-local-aws "
             f"start it{where}."
         )

@@ -7,7 +7,7 @@ import typer
 
 from drcli.base.errors import SettingsError, refuse
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 
@@ -34,7 +34,7 @@ def validate(
     Example: dr-validate --console-compatible
     """
     folder = working_folder()
-    with console.waiting(f"Checking {folder} ..."):
+    with terminal.waiting(f"Checking {folder} ..."):
         report = checks_validate.validate(folder, console_compatible=console_compatible)
     show(report)
     if not report.ok and not force:
@@ -68,7 +68,9 @@ def update(
         sorted(names), len(loaded.sources), [*loaded.warnings, *settings_report.warnings_of(tracks)]
     )
     if not quiet:
-        console.warn(*report.warnings)
+        terminal.warn(*report.warnings)
         files = " and ".join(report.files)
-        console.say(f"{report.settings} settings of {files} are right; there is nothing to reload.")
-    console.emit(report, None)
+        terminal.say(
+            f"{report.settings} settings of {files} are right; there is nothing to reload."
+        )
+    terminal.emit(report, None)

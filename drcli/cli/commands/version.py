@@ -4,7 +4,7 @@ import platform
 from dataclasses import asdict, dataclass
 
 from drcli import __version__
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.model.run_metadata import installed_versions
 
 
@@ -38,4 +38,4 @@ def version() -> None:
     )
     rows = {"drcli" if key == "version" else key: value for key, value in asdict(report).items()}
     lines = [f"{name:9} {value or 'not installed'}" for name, value in rows.items()]
-    console.emit(report, "\n".join(lines))
+    terminal.emit(report, "\n".join(lines))

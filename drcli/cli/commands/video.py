@@ -10,7 +10,7 @@ from drcli.base.errors import BadValue, SettingsError
 from drcli.base.files import refuse_new_file
 from drcli.base.installation import lazy_imports
 from drcli.base.processes import until_sigterm
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.evaluation_options import with_options
 from drcli.cli.options import Replace, checkpoint_option, parsed_checkpoint, world_option
 from drcli.cli.show import show
@@ -241,7 +241,7 @@ def video(
         evaluation = _drive(loaded, str(chosen), what)
     trace = _trace(loaded, bucket, what, evaluation, iteration, worker)
     path = out or _free_name(trace.stem + ending)
-    wish = make_video.Wish(
+    wish = make_video.VideoOptions(
         episode=episode,
         size=size,
         fps=min(fps, GIF_FPS) if is_gif else fps,
@@ -255,7 +255,7 @@ def video(
     make_video.refuse_file(path, force=force)
     doing = f"Filming {make_video.frames_of(trace, wish)} frames of {trace.origin} ..."
     stopped = until_sigterm("The video was stopped; no file was written.", "Run it again.")
-    with stopped, console.waiting(doing):
+    with stopped, terminal.waiting(doing):
         report = video_job.make_video(
             video_job.Defaults.of(loaded.model, loaded.race),
             bucket,
@@ -263,10 +263,10 @@ def video(
             wish,
             [("film", path)],
             world=world,
-            policy=video_job.PolicyWish(policy, metadata, iteration),
+            policy=video_job.PolicyOptions(policy, metadata, iteration),
             ghosts=ghost or [],
         )
-    console.warn(*report.notes)
+    terminal.warn(*report.notes)
     show(report)
 
 
@@ -326,8 +326,8 @@ def _drive(loaded: "Settings", checkpoint: str, what: str | None) -> str:
         DR_EVAL_SAVE_MP4=False,
     )
     fetch_tracks.bring_tracks(loaded)
-    report = run_evaluation.evaluate(loaded, on_progress=console.say)
-    console.warn(*report.notes)
+    report = run_evaluation.evaluate(loaded, on_progress=terminal.say)
+    terminal.warn(*report.notes)
     return report.simtrace.rpartition("/evaluation-simtrace/")[0].rpartition("evaluation-")[2]
 
 

@@ -8,7 +8,7 @@ import typer
 
 from drcli.base.errors import Absent
 from drcli.base.installation import lazy_imports
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.open_page import open_page
 from drcli.cli.stopped_process import show_stopped
 from drcli.cli.working_folder import settings_or_defaults, working_folder
@@ -145,7 +145,7 @@ def status() -> None:
     if record is None:
         raise Absent("No console is running.", remedy="Start it with `dr console`.")
     report = viewer_process.report_of(record, started=False)
-    console.emit(report, report.url, folded=False)
+    terminal.emit(report, report.url, folded=False)
 
 
 @app.command()
@@ -178,8 +178,8 @@ def stream(
         urlunsplit((*page[:2], STREAM, urlencode({**query, **worker, **token}, safe="/"), ""))
         for worker in ({"worker": k} if k else {} for k in range(loaded.workers))
     ]
-    console.emit(StreamReport(topic, urls), "\n".join(urls), folded=False)
-    if program and not console.as_json:
+    terminal.emit(StreamReport(topic, urls), "\n".join(urls), folded=False)
+    if program and not terminal.as_json:
         open_page(urls[0], program)
 
 
@@ -234,17 +234,19 @@ def view_stream(
 def _start(port: int | None, *, again: bool = False, browser: bool, program: str) -> None:
     report = _started(settings_or_defaults(), port, again=again)
     url = report.url or ""
-    console.emit(report, url, folded=False)
+    terminal.emit(report, url, folded=False)
     if report.needs_token:
-        console.say("Everybody who has this address can start trainings here. Keep it to yourself.")
-    if (browser or program) and not console.as_json:
+        terminal.say(
+            "Everybody who has this address can start trainings here. Keep it to yourself."
+        )
+    if (browser or program) and not terminal.as_json:
         open_page(url, program)
 
 
 def _started(loaded: "Settings", port: int | None = None, *, again: bool = False) -> "ViewerReport":
     if port is not None:
         loaded = settings_or_defaults({"DR_WEBVIEWER_PORT": str(port)})
-    with console.waiting("Starting the console ..."):
+    with terminal.waiting("Starting the console ..."):
         report = viewer_process.start_viewer(loaded.directory, loaded.web, again=again)
     _warn_of_old(report, loaded.web)
     return report
@@ -254,7 +256,7 @@ def _warn_of_old(report: "ViewerReport", config: "WebConfig") -> None:
     moved = report.host != config.host or (config.is_chosen and report.port != config.port)
     if (moved or report.needs_token != config.asks_token) and not report.started:
         token = "" if report.needs_token else ", and asks for no token"
-        console.warn(
+        terminal.warn(
             f"The console runs already, on {report.host} port {report.port}{token}. "
             "`dr console restart` starts it again with the settings of now."
         )

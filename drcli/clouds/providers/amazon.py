@@ -4,7 +4,15 @@ import math
 import time
 from collections.abc import Callable, Mapping
 
-from drcli.clouds.cloud import LEAVING_S, Answer, Cloud, MetadataService, Notice, moment, silent
+from drcli.clouds.cloud import (
+    LEAVING_S,
+    Cloud,
+    MetadataResponse,
+    MetadataService,
+    Notice,
+    moment,
+    silent,
+)
 
 EC2_IPV4, EC2_IPV6 = "http://169.254.169.254", "http://[fd00:ec2::254]"
 
@@ -28,7 +36,7 @@ class Ec2Metadata:
         self._token = ""
         self._token_s = -math.inf
 
-    def read(self, path: str) -> Answer | None:
+    def read(self, path: str) -> MetadataResponse | None:
         """What is below `latest/meta-data/`, or None.
 
         Raises:
@@ -44,7 +52,7 @@ class Ec2Metadata:
             raise silent(f"of EC2 answers {answer.status} for {path}")
         return answer
 
-    def _with_token(self, path: str) -> Answer:
+    def _with_token(self, path: str) -> MetadataResponse:
         if time.monotonic() - self._token_s > TOKEN_RENEW_S:
             ttl = {"X-aws-ec2-metadata-token-ttl-seconds": str(TOKEN_S)}
             answer = self._service.ask("latest/api/token", ttl, "PUT")
@@ -96,7 +104,7 @@ class Ec2Notices:
         found = self._metadata.read("instance-life-cycle")
         return found is not None and found.text == "spot"
 
-    def _interruption(self, answer: Answer) -> Notice:
+    def _interruption(self, answer: MetadataResponse) -> Notice:
         values = answer.object()
         action = str(values.get("action") or "terminate")
         left_s = HIBERNATE_S if action == "hibernate" else EC2_NOTICE_S

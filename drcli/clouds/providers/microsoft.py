@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from drcli.clouds.cloud import Answer, Cloud, MetadataService, Notice, moment, silent
+from drcli.clouds.cloud import Cloud, MetadataResponse, MetadataService, Notice, moment, silent
 
 AZURE_ADDRESS = "http://169.254.169.254"
 AZURE_ASSET_TAG = "7783-7084-3265-9085-8269-3286-77"
@@ -41,7 +41,7 @@ class AzureNotices:
         path = "metadata/instance/compute/priority?api-version=2021-02-01&format=text"
         return self._read(path).text == "Spot"
 
-    def _notice(self, event: Mapping[str, Any], answer: Answer) -> Notice | None:
+    def _notice(self, event: Mapping[str, Any], answer: MetadataResponse) -> Notice | None:
         kind = str(event.get("EventType"))
         if kind not in AZURE_EVENTS or not self._concerns_this_machine(event.get("Resources")):
             return None
@@ -63,7 +63,7 @@ class AzureNotices:
         ours = self._machine.casefold()
         return not ours or any(str(name).casefold() == ours for name in names)
 
-    def _read(self, path: str) -> Answer:
+    def _read(self, path: str) -> MetadataResponse:
         answer = self._service.ask(path, {"Metadata": "true"})
         if answer.status != 200:
             raise silent(f"of Azure answers {answer.status} for {path.partition('?')[0]}")

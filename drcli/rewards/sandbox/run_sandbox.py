@@ -26,7 +26,7 @@ from drcli.base.json_record import (
     json_default,
 )
 from drcli.config import secret_environment
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.model.keys import REWARD_FUNCTION_FILE
 from drcli.records.job import LOG_ENCODING, PROCESS_TUNING
 from drcli.rewards.source import source_line, stuck_place
@@ -84,7 +84,7 @@ class SandboxRequest:
     sequences: list[list[dict[str, Any]]] = field(default_factory=list)
     waypoints: list[list[list[float]]] = field(default_factory=list)
     repeated: SafeInt = 0
-    races: list[RaceConfig] | None = None
+    races: list[DriveConfig] | None = None
     call_s: Seconds = 5.0
     load_s: Seconds = 60.0
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import Problem, ProblemsError
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.drive.build_race import MAX_EPISODE_STEPS, SLACK, load_race, load_world, race_warnings
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.params import Situation, params_of
@@ -36,7 +36,7 @@ _FALLBACK_WORLD = "reinvent_base"
 
 
 def sample_races(
-    races: Sequence[RaceConfig],
+    races: Sequence[DriveConfig],
 ) -> tuple[list[list[RewardParams]], list[str], list[Problem]]:
     """Samples of each distinct race, and why races cannot be loaded."""
     problems: list[Problem] = []

@@ -1,6 +1,6 @@
 """The trainer of a training whose workers Ray places, here or on a node (DR_RAY_TRAINER).
 
-For a node, this process takes log, pulse and signals from one side to the other, and ends as
+For a node, this process takes log, heartbeat and signals from one side to the other, and ends as
 the trainer does.
 """
 
@@ -25,7 +25,7 @@ from drcli.base.log import RotatingFile, get_logger, traces
 from drcli.config import secret_environment
 from drcli.metrics.open_sinks import tensorboard_folder
 from drcli.model.model_store import ModelStore
-from drcli.records.heartbeat import PulseRecord
+from drcli.records.heartbeat import HeartbeatRecord
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import json_log, log_file
 from drcli.run.join_check import refuse_other_versions, versions
@@ -34,8 +34,8 @@ from drcli.run.worker_processes import TRAINER, start_process
 from drcli.train.ray_cluster import NodeLost, PlacedActor, connected, keys_for_nodes
 from drcli.workers import worker_process
 from drcli.workers.cores import with_known_overlap
-from drcli.workers.pulse import STACKS_SIGNAL
-from drcli.workers.worker_process import Activity, Lifeline, StopRequested
+from drcli.workers.heartbeat import STACKS_SIGNAL
+from drcli.workers.worker_process import Activity, StopRequested, StopSignal
 
 with lazy_imports():
     from drcli.learn import compute
@@ -59,7 +59,7 @@ class HostReport:
 
     node: str
     code: int | None
-    pulse: PulseRecord | None = None
+    heartbeat: HeartbeatRecord | None = None
     log: bytes = b""
     json_log: bytes = b""
     events: Mapping[str, bytes] = field(default_factory=dict)
@@ -104,7 +104,7 @@ class TrainerHost:
         report = HostReport(
             node,
             code,
-            PulseRecord.read(self._job.folder, TRAINER),
+            HeartbeatRecord.read(self._job.folder, TRAINER),
             _unread(self._log),
             _unread(self._json_log),
             self._new_events(),
@@ -159,12 +159,12 @@ def _unread(log: UnreadLog) -> bytes:
 
 _logger = get_logger(__name__)
 
-LOOK_S = 0.25
+POLL_S = 0.25
 OWN_CORES_S = 10.0
 """Then it shares those of a worker: workers could have all cores for good."""
 
 SILENT_S = 120.0
-"""Without a new pulse, though its node answers."""
+"""Without a new heartbeat, though its node answers."""
 
 FIGURE_KEYS = (
     "MLFLOW_TRACKING_TOKEN",
@@ -236,17 +236,17 @@ class PlacedTrainer:
         self,
         host: PlacedActor[HostReport],
         job: Job,
-        lifeline: Lifeline,
+        stop_signal: StopSignal,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._host = host
         self._folder = job.folder
-        self._lifeline = lifeline
+        self._stop_signal = stop_signal
         self._clock = clock
         self._copies = Copies(job)
         self._stopped = False
         self._asked_for_stacks = 0
-        self._pulse: PulseRecord | None = None
+        self._heartbeat: HeartbeatRecord | None = None
         self._pulsed_s = clock()
         self.node = ""
 
@@ -267,7 +267,7 @@ class PlacedTrainer:
         if self._asked_for_stacks and self.node:
             self._host.call("signal", self._asked_for_stacks)
             self._asked_for_stacks = 0
-        if not self._stopped and self._lifeline.should_stop():
+        if not self._stopped and self._stop_signal.should_stop():
             if not self.node:
                 raise StopRequested
             self._host.stop()
@@ -286,9 +286,9 @@ class PlacedTrainer:
             self.node, self._pulsed_s = report.node, self._clock()
             _logger.info("The trainer runs on %s.", self.node)
         self._copies.take(report)
-        if report.pulse is not None and report.pulse != self._pulse:
-            self._pulse, self._pulsed_s = report.pulse, self._clock()
-            self._lifeline.pulse.relay(report.pulse)
+        if report.heartbeat is not None and report.heartbeat != self._heartbeat:
+            self._heartbeat, self._pulsed_s = report.heartbeat, self._clock()
+            self._stop_signal.heartbeat.relay(report.heartbeat)
         if report.code is None and self._clock() - self._pulsed_s > SILENT_S:
             self._give_up(f"The trainer{self._where()} gave no sign for {SILENT_S:.0f} s.")
         return report.code
@@ -306,35 +306,35 @@ class PlacedTrainer:
         raise SystemExit(words.code)
 
 
-def main(job: Job, lifeline: Lifeline) -> None:
+def main(job: Job, stop_signal: StopSignal) -> None:
     train = job.config.train
     code: int | None = None
     with connected(job) as ray:
         nodes = [node["Resources"].get("GPU", 0.0) for node in ray.nodes() if node["Alive"]]
         gpus = gpus_to_ask(train.ray_trainer, train.train_learners, nodes, _gpus_here)
         if gpus is not None:
-            code = train_elsewhere(ray, job, lifeline, gpus)
+            code = train_elsewhere(ray, job, stop_signal, gpus)
     if code is not None:
         end_as(code)
         return
     _logger.info("The trainer runs here: the cluster has no GPU that this machine has not.")
 
-    trainer.main(job, lifeline)
+    trainer.main(job, stop_signal)
 
 
-def train_elsewhere(ray: Any, job: Job, lifeline: Lifeline, gpus: int) -> int:
+def train_elsewhere(ray: Any, job: Job, stop_signal: StopSignal, gpus: int) -> int:
     cores = job.config.train.threads or job.config.train.train_learners
 
     def asked(cores: int) -> PlacedActor[HostReport]:
         return PlacedActor(ray, place(ray, job, gpus, cores))
 
-    placed = PlacedTrainer(asked(0 if gpus else cores), job, lifeline)
+    placed = PlacedTrainer(asked(0 if gpus else cores), job, stop_signal)
     if STACKS_SIGNAL is not None:
         signal.signal(STACKS_SIGNAL, placed.ask_stacks)
     try:
-        code = wait_for_node(placed, job, lifeline, gpus, lambda: asked(0))
+        code = wait_for_node(placed, job, stop_signal, gpus, lambda: asked(0))
         while code is None:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
             code = placed.look()
         return code
     finally:
@@ -348,13 +348,13 @@ def _gpus_here() -> int:
 def wait_for_node(
     placed: PlacedTrainer,
     job: Job,
-    lifeline: Lifeline,
+    stop_signal: StopSignal,
     gpus: int,
     without_cores: Callable[[], PlacedActor[HostReport]],
 ) -> int | None:
     """Without free cores for some time, it gets a place `without_cores` of its own."""
-    bucket = worker_process.open_own_bucket(job, lifeline)
-    activity = Activity(ModelStore(bucket, job.config.model.prefix), TRAINER, lifeline.pulse)
+    bucket = worker_process.open_own_bucket(job, stop_signal)
+    activity = Activity(ModelStore(bucket, job.config.model.prefix), TRAINER, stop_signal.heartbeat)
     what = f"{gpus} free GPU{'s' * (gpus != 1)}" if gpus else "free cores"
     shares_at_s = math.inf if gpus else time.monotonic() + OWN_CORES_S
     try:
@@ -364,7 +364,7 @@ def wait_for_node(
                 shares_at_s = math.inf
                 _logger.info("No node has free cores; the trainer shares those of a worker.")
                 placed.move(without_cores())
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         return code
     finally:
         activity.close()

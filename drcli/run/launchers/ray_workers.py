@@ -16,13 +16,13 @@ from drcli.records.job import Job
 from drcli.train.ray_cluster import NodeLost, PlacedActor, connected, keys_for_nodes
 from drcli.train.ray_host import WorkerHost
 from drcli.workers import worker_process
-from drcli.workers.worker_process import Activity, Lifeline
+from drcli.workers.worker_process import Activity, StopSignal
 
 _logger = get_logger(__name__)
 
 NAME = "ray"
 
-LOOK_S = 0.5
+POLL_S = 0.5
 LEAVE_S = 8.0
 MOST_DEATHS = 3
 """In a row, by itself within `QUICK_S`."""
@@ -174,17 +174,17 @@ def join_arguments(job: Job) -> list[str]:
     return [*found, "--end-with-parent"]
 
 
-def main(job: Job, lifeline: Lifeline) -> None:
-    bucket = worker_process.open_own_bucket(job, lifeline)
-    activity = Activity(ModelStore(bucket, job.config.model.prefix), NAME, lifeline.pulse)
+def main(job: Job, stop_signal: StopSignal) -> None:
+    bucket = worker_process.open_own_bucket(job, stop_signal)
+    activity = Activity(ModelStore(bucket, job.config.model.prefix), NAME, stop_signal.heartbeat)
     try:
         with connected(job) as ray:
             cluster = RayCluster(ray, job, join_arguments(job))
             workers = RayWorkers(cluster, job.ray_workers)
             try:
-                while not lifeline.should_stop():
+                while not stop_signal.should_stop():
                     activity.wait(workers.look())
-                    time.sleep(LOOK_S)
+                    time.sleep(POLL_S)
             finally:
                 workers.leave()
     finally:

@@ -333,7 +333,7 @@ _SAMPLES = 9
 V = TypeVar("V")
 
 
-class Kept(Generic[V]):
+class RecentlyUsed(Generic[V]):
     """The values that were used last, up to a sum of sizes."""
 
     def __init__(self, most: int, size: Callable[[V], int] = lambda _: 1) -> None:
@@ -368,11 +368,11 @@ class EpisodePlayer:
 
     def __init__(self, connect: Callable[[], tuple[Bucket, Defaults]]) -> None:
         self._connect = connect
-        self._traces: Kept[OpenedTrace] = Kept(_TRACES)
-        self._eyes: Kept[CarEye] = Kept(_EYES)
-        self._policies: Kept[ExplainedPolicy] = Kept(_POLICIES)
-        self._most: Kept[float] = Kept(64)
-        self.pictures: Kept[bytes] = Kept(CACHE_BYTES, len)
+        self._traces: RecentlyUsed[OpenedTrace] = RecentlyUsed(_TRACES)
+        self._eyes: RecentlyUsed[CarEye] = RecentlyUsed(_EYES)
+        self._policies: RecentlyUsed[ExplainedPolicy] = RecentlyUsed(_POLICIES)
+        self._most: RecentlyUsed[float] = RecentlyUsed(64)
+        self.pictures: RecentlyUsed[bytes] = RecentlyUsed(CACHE_BYTES, len)
 
     def answer(self, request: dict[str, Any]) -> bytes:
         """The answer in the form of `packed_answer`.

@@ -45,7 +45,7 @@ from drcli.view.saliency.policy_outputs import (
     open_policy,
     open_policy_file,
 )
-from drcli.view.saliency.question import Question
+from drcli.view.saliency.saliency_options import SaliencyOptions
 from drcli.view.video.overlay import encoded
 from drcli.workers.cores import usable_cores
 
@@ -411,7 +411,7 @@ def explain_checkpoint(
     settings: Settings,
     model: ModelStore,
     choice: CheckpointChoice,
-    question: Question,
+    question: SaliencyOptions,
 ) -> tuple[ExplainedEpisode, str]:
     """Drive and explain an episode; also returns the checkpoint's name.
 
@@ -431,7 +431,7 @@ def explain_checkpoint(
 
 
 def explain_file(
-    settings: Settings, path: Path, metadata: Path | None, question: Question
+    settings: Settings, path: Path, metadata: Path | None, question: SaliencyOptions
 ) -> ExplainedEpisode:
     """As `explain_checkpoint`, of a policy's file.
 
@@ -486,7 +486,7 @@ def report_of(
 
 
 def _explain(
-    title: str, subject: ExplainedPolicy, settings: Settings, question: Question
+    title: str, subject: ExplainedPolicy, settings: Settings, question: SaliencyOptions
 ) -> ExplainedEpisode:
     threads = usable_cores(settings.run.train)
     torch.set_num_threads(1)  # as in an evaluation: more would round in another way
@@ -511,7 +511,7 @@ def _explain(
         ) from None
 
 
-def _chosen(episode: RecordedEpisode, question: Question) -> list[int]:
+def _chosen(episode: RecordedEpisode, question: SaliencyOptions) -> list[int]:
     if not question.steps:
         return spread_steps(episode.steps, question.pictures)
     first, last = episode.rows[0].steps, episode.rows[-1].steps

@@ -16,7 +16,7 @@ from drcli.learn.policy import Observation, PolicySpec
 from drcli.records.trace import STATUS_LABELS, Row
 from drcli.view.saliency.maps import SaliencyMaps, lidar_sectors, saliency_maps
 from drcli.view.saliency.policy_outputs import ExplainedPolicy, Float32s, PolicyOutputs, outputs_of
-from drcli.view.saliency.question import FINE_SPACING, METHODS, Method, Target
+from drcli.view.saliency.saliency_options import FINE_SPACING, METHODS, Method, Target
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
 from drsim.track.track import Track

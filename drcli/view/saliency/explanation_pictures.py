@@ -13,7 +13,7 @@ from drcli.view.saliency.explained_episode import (
     shares,
 )
 from drcli.view.saliency.policy_outputs import Float32s
-from drcli.view.saliency.question import Method
+from drcli.view.saliency.saliency_options import Method
 from drsim.arrays import Bytes
 
 # Draws a saliency map over its picture.

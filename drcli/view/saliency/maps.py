@@ -23,7 +23,7 @@ from drcli.view.saliency.policy_outputs import (
     outputs_of,
     range_widths,
 )
-from drcli.view.saliency.question import FINE_SPACING, METHODS, SPACINGS, Method, Target
+from drcli.view.saliency.saliency_options import FINE_SPACING, METHODS, SPACINGS, Method, Target
 
 # Grad-CAM and HiResCAM: where a network's convolutions see evidence.
 #

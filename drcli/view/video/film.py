@@ -14,7 +14,7 @@ from drsim.arrays import Bytes, Floats, Ints
 from drsim.race.solids import SHAPES, Shape
 from drsim.track.track import Track
 from drsim.viewing.car_eye import FollowingCamera, lens_above
-from drsim.viewing.placed_things import OPPONENT_COLOR, Thing
+from drsim.viewing.placed_objects import OPPONENT_COLOR, PlacedObject
 from drsim.viewing.world_view import Lens
 
 # A car between the rows of its trace.
@@ -175,7 +175,7 @@ _QUIET = ("", "in_progress", "prepare", "pause", "manual_pause", "park")
 class Renderer(Protocol):
     size: tuple[int, int]
 
-    def frame(self, lens: Lens, things: Sequence[Thing]) -> Bytes:
+    def frame(self, lens: Lens, things: Sequence[PlacedObject]) -> Bytes:
         """Shape (rows, columns, 3)."""
 
     def close(self) -> None:
@@ -294,10 +294,10 @@ class Film:
         ghosts: Sequence[tuple[CarMotion, RecordedLap, RGB]],
         number: int,
         now_s: float,
-    ) -> list[Thing]:
+    ) -> list[PlacedObject]:
         car = SHAPES["race_car"]
         things = [
-            Thing(
+            PlacedObject(
                 car,
                 _pose(motion.poses[number]),
                 scene.color,
@@ -314,13 +314,13 @@ class Film:
                 turn = (following[2] - pose[2] + math.pi) % (2.0 * math.pi) - math.pi
                 pose = pose + motion.share[number] * np.array([*(following - pose)[:2], turn])
             paint = scene.other_color if shape.name == "race_car" else None
-            things.append(Thing(shape, _pose(pose), paint))
+            things.append(PlacedObject(shape, _pose(pose), paint))
         for other, lap, color in ghosts:
             if now_s <= lap.duration_s + 1e-6:
                 wheels = math.radians(float(other.wheels_deg[number]))
                 rolled = float(other.rolled_m[number])
                 things.append(
-                    Thing(car, _pose(other.poses[number]), color, wheels, rolled, ghost=True)
+                    PlacedObject(car, _pose(other.poses[number]), color, wheels, rolled, ghost=True)
                 )
         return things
 

@@ -34,7 +34,7 @@ from drsim.race.solids import SHAPES, Shape
 from drsim.track.track import Track
 from drsim.viewing.car_eye import CarEye, lens_above
 from drsim.viewing.mujoco_view import MujocoView, RendererError
-from drsim.viewing.placed_things import OPPONENT_COLOR
+from drsim.viewing.placed_objects import OPPONENT_COLOR
 from drsim.viewing.world_view import WorldView
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ USUAL_SECONDS = 300
 
 
 @dataclass(frozen=True)
-class Wish:
+class VideoOptions:
     """How a video should be.
 
     Attributes:
@@ -125,7 +125,7 @@ class Wish:
 def film_trace(
     trace: FoundTrace,
     track: Track,
-    wish: Wish,
+    wish: VideoOptions,
     files: Sequence[tuple[View, Path]],
     *,
     subject: "ExplainedPolicy | None" = None,
@@ -195,16 +195,16 @@ def film_trace(
     )
 
 
-def frames_of(trace: FoundTrace, wish: Wish) -> int:
+def frames_of(trace: FoundTrace, wish: VideoOptions) -> int:
     laps = chosen_laps(trace.laps, wish.episode, trace.origin)
     return int(min(_frames(laps, wish), wish.most_frames))
 
 
-def _frames(laps: Sequence[RecordedLap], wish: Wish) -> int:
+def _frames(laps: Sequence[RecordedLap], wish: VideoOptions) -> int:
     return sum(frame_count(lap, wish.fps) for lap in laps)
 
 
-def _cut(laps: Sequence[RecordedLap], wish: Wish) -> list[str]:
+def _cut(laps: Sequence[RecordedLap], wish: VideoOptions) -> list[str]:
     frames = _frames(laps, wish)
     if frames <= wish.most_frames:
         return []
@@ -247,7 +247,7 @@ def rank_of(lap: RecordedLap) -> tuple[bool, int, float]:
     return True, 0, -float(lap.progress[-1])
 
 
-def _renderer(wish: Wish, track: Track, size: tuple[int, int]) -> Renderer:
+def _renderer(wish: VideoOptions, track: Track, size: tuple[int, int]) -> Renderer:
     if wish.renderer == "mujoco":
         try:
             view = MujocoView(track, columns=size[1], rows=size[0])
@@ -289,7 +289,7 @@ def _scene(
     trace: FoundTrace,
     track: Track,
     lap: RecordedLap,
-    wish: Wish,
+    wish: VideoOptions,
     eye: CarEye,
     shapes: tuple[Shape, ...],
     subject: "ExplainedPolicy | None",

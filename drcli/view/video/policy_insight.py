@@ -14,7 +14,7 @@ from drcli.view.saliency.policy_outputs import (
     PolicyOutputs,
     outputs_of,
 )
-from drcli.view.saliency.question import Method
+from drcli.view.saliency.saliency_options import Method
 from drcli.view.video.film import Insight
 from drcli.view.video.recorded_lap import RecordedLap
 from drsim.arrays import Bytes, Ints, Singles

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 from drcli.base.errors import BadValue, DrError, SettingsError
 from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import Bucket
-from drcli.config.run_config import ModelConfig, RaceConfig
+from drcli.config.run_config import DriveConfig, ModelConfig
 from drcli.config.value_types import parse_checkpoint
 from drcli.model import keys, race_keys
 from drcli.model.checkpoint_choice import find_choice
 from drcli.model.model_store import ModelStore
 from drcli.view.video.film import View
-from drcli.view.video.make_video import VideoReport, Wish, chosen_laps, film_trace
+from drcli.view.video.make_video import VideoOptions, VideoReport, chosen_laps, film_trace
 from drcli.view.video.recorded_lap import RecordedLap, find_world, load_world
 from drcli.view.video.trace_source import FoundTrace, trace_of_evaluation, trace_of_file
 
@@ -29,7 +29,7 @@ _POLICY_FILES = (".pb", ".onnx", ".xml", ".tflite", ".gz", ".tgz")
 
 
 @dataclass(frozen=True)
-class PolicyWish:
+class PolicyOptions:
     """Whose probabilities are shown.
 
     Attributes:
@@ -52,7 +52,7 @@ class Defaults:
     color: str
 
     @staticmethod
-    def of(model: ModelConfig, race: RaceConfig) -> "Defaults":
+    def of(model: ModelConfig, race: DriveConfig) -> "Defaults":
         names = race.world_name, race.racer_name, race.car_color
         return Defaults(model, race.tracks_folder, *names)
 
@@ -61,11 +61,11 @@ def make_video(
     defaults: Defaults,
     bucket: Callable[[], Bucket],
     trace: FoundTrace,
-    wish: Wish,
+    wish: VideoOptions,
     files: Sequence[tuple[View, Path]],
     *,
     world: str | None = None,
-    policy: PolicyWish | None = None,
+    policy: PolicyOptions | None = None,
     ghosts: Sequence[str] = (),
 ) -> VideoReport:
     """Film a trace with everything that is known about it.
@@ -84,7 +84,7 @@ def make_video(
         track = load_world(recording.world, folder)
     else:
         track = find_world(trace.laps, defaults.world, folder, trace.origin)
-    subject, driver, notes = _policy(defaults, bucket, trace, policy or PolicyWish())
+    subject, driver, notes = _policy(defaults, bucket, trace, policy or PolicyOptions())
     if wish.explain and subject is None:
         raise SettingsError(
             "No policy is known whose pixels could be explained.",
@@ -123,7 +123,7 @@ def _policy(
     defaults: Defaults,
     bucket: Callable[[], Bucket],
     trace: FoundTrace,
-    wish: PolicyWish,
+    wish: PolicyOptions,
 ) -> tuple["ExplainedPolicy | None", str, list[str]]:
     if wish.name == NO_POLICY:
         return None, "", []

@@ -29,7 +29,7 @@ from drsim.viewing.meshes import (
     mesh_of,
     wheel,
 )
-from drsim.viewing.placed_things import Thing, placed
+from drsim.viewing.placed_objects import PlacedObject, placed
 from drsim.viewing.world_view import GHOST_OPACITY, Frame, Lens, WorldView
 
 _TEXTURE = 2048
@@ -74,7 +74,7 @@ class MujocoView:
         self._model: Any = None
         self._data: Any = None
 
-    def frame(self, lens: Lens, things: Sequence[Thing]) -> Frame:
+    def frame(self, lens: Lens, things: Sequence[PlacedObject]) -> Frame:
         """Picture some things on the track.
 
         Raises:

@@ -10,7 +10,7 @@ from drsim.car.car import CONTROL_HZ
 from drsim.episode.simulation import Simulation
 from drsim.race.solids import SHAPES
 from drsim.viewing.car_eye import FollowingCamera, lens_above
-from drsim.viewing.placed_things import OPPONENT_COLOR, Thing
+from drsim.viewing.placed_objects import OPPONENT_COLOR, PlacedObject
 from drsim.viewing.world_view import WorldView
 
 Frame = NDArray[np.uint8]
@@ -53,16 +53,16 @@ class Viewer:
         lens = lens_above(self._simulation.track, self._world.size)
         return self._world.frame(lens, things)
 
-    def _things(self, car: int) -> list[Thing]:
+    def _things(self, car: int) -> list[PlacedObject]:
         x, y, yaw = self._simulation.poses[car].tolist()
         steering_rad, rolled_m = self._simulation.wheels[car].tolist()
-        things = [Thing(_CAR, (x, y, yaw), steering_rad=steering_rad, rolled_m=rolled_m)]
+        things = [PlacedObject(_CAR, (x, y, yaw), steering_rad=steering_rad, rolled_m=rolled_m)]
         traffic = self._simulation.traffic
         if traffic is not None:
             poses = np.column_stack([traffic.xy[car], traffic.yaw_rad[car]]).tolist()
             for shape, (x, y, yaw) in zip(traffic.shapes, poses, strict=True):
                 color = OPPONENT_COLOR if shape is _CAR else None
-                things.append(Thing(shape, (x, y, yaw), color))
+                things.append(PlacedObject(shape, (x, y, yaw), color))
         return things
 
 

@@ -24,7 +24,7 @@ from drsim.viewing.landscape import (
 )
 from drsim.viewing.meshes import has_wheels
 from drsim.viewing.pixel_rows import LensParts, PixelRows, pixel_rows
-from drsim.viewing.placed_things import Thing, ThingMeshes, placed
+from drsim.viewing.placed_objects import PlacedObject, ThingMeshes, placed
 from drsim.viewing.shadow_painting import shade
 from drsim.viewing.solid_painting import draw
 
@@ -85,7 +85,7 @@ class WorldView:
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
         self._meshes: ThingMeshes | None = None
 
-    def frame(self, lens: Lens, things: Sequence[Thing]) -> Frame:
+    def frame(self, lens: Lens, things: Sequence[PlacedObject]) -> Frame:
         rows, columns = self.size
         solid = [thing for thing in things if not thing.ghost]
         ordered = [*solid, *(thing for thing in things if thing.ghost)]
@@ -147,7 +147,7 @@ class WorldView:
 _LEANING = (-TO_SUN[0] / TO_SUN[2], -TO_SUN[1] / TO_SUN[2])
 
 
-def _shadows(things: Sequence[Thing]) -> Floats:
+def _shadows(things: Sequence[PlacedObject]) -> Floats:
     rows = []
     for thing in things:
         if not thing.shape.boxes:

@@ -7,7 +7,7 @@ from PIL import Image
 from drcli.analysis.explained_model import explained_pictures
 from drcli.config.loading import load_settings
 from drcli.model.model_store import ModelStore
-from drcli.view.saliency.question import Question
+from drcli.view.saliency.saliency_options import SaliencyOptions
 from memory_bucket import MemoryBucket
 from small_model import put_small_model
 
@@ -16,7 +16,7 @@ def test_each_step_is_one_picture_with_its_maps_and_probabilities(tmp_path):
     (tmp_path / "run.env").touch()
     bucket = MemoryBucket()
     put_small_model(bucket, "model-1")
-    question = Question(pictures=2, spacing=20, methods=["perturbation", "grad-cam"])
+    question = SaliencyOptions(pictures=2, spacing=20, methods=["perturbation", "grad-cam"])
 
     pictures = explained_pictures(load_settings(tmp_path), ModelStore(bucket, "model-1"), question)
 

@@ -94,7 +94,7 @@ def test_a_file_that_is_not_the_log_any_more_is_not_rotated(path):
         path.unlink()
         path.write_text("somebody else's\n" * 100)
         get_logger("ours").info("much longer than ten bytes")
-        time_out = time.monotonic() + 5 * log.LOOK_S
+        time_out = time.monotonic() + 5 * log.POLL_S
         while time.monotonic() < time_out:
             assert log_files.older_parts(path) == []
     finally:
@@ -106,7 +106,7 @@ import ctypes, faulthandler, os, sys, time
 from pathlib import Path
 from drcli.base import log
 
-log.LOOK_S = 0.01
+log.POLL_S = 0.01
 sys.stdout.reconfigure(line_buffering=True)
 log.LogFile(Path(sys.argv[1]), {max_bytes})
 for k in range({lines}):
@@ -153,7 +153,7 @@ import os, sys, time
 from pathlib import Path
 from drcli.base import log
 
-log.LOOK_S = 0.01
+log.POLL_S = 0.01
 log.LogFile(Path(sys.argv[1]), 200_000)
 os.set_blocking(1, True)
 while True:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from drcli.cli import console
+from drcli.cli import terminal
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Terminal:
 
 
 def test_json_holds_fields_and_properties_of_a_report(monkeypatch, capsys):
-    monkeypatch.setattr(console, "as_json", True)
-    console.emit(Weather([25.0]), "warm")
+    monkeypatch.setattr(terminal, "as_json", True)
+    terminal.emit(Weather([25.0]), "warm")
 
     printed = capsys.readouterr()
     assert json.loads(printed.out) == {"degrees": [25.0], "warm": True}
@@ -37,28 +37,28 @@ def test_json_holds_fields_and_properties_of_a_report(monkeypatch, capsys):
 
 
 def test_numbers_that_json_does_not_know_become_null(monkeypatch, capsys):
-    monkeypatch.setattr(console, "as_json", True)
-    console.emit(Weather([float("nan"), float("inf")]), "")
+    monkeypatch.setattr(terminal, "as_json", True)
+    terminal.emit(Weather([float("nan"), float("inf")]), "")
 
     assert json.loads(capsys.readouterr().out)["degrees"] == [None, None]
 
 
 def test_a_pipe_gets_the_rendered_report_in_whole_lines_without_blanks_at_their_end(capsys):
-    console.emit(Weather([25.0]), "warm " * 40)
+    terminal.emit(Weather([25.0]), "warm " * 40)
 
     assert capsys.readouterr().out == ("warm " * 40).rstrip() + "\n"
 
 
 def test_a_report_is_printed_as_it_is_whatever_stands_in_its_names(capsys):
-    console.emit(Weather([25.0]), "/a [red]/:car:/run.env")
-    console.say("/a [red]/:car:/run.env")
+    terminal.emit(Weather([25.0]), "/a [red]/:car:/run.env")
+    terminal.say("/a [red]/:car:/run.env")
 
     printed = capsys.readouterr()
     assert printed.out == printed.err == "/a [red]/:car:/run.env\n"
 
 
 def test_each_of_several_failures_is_followed_by_its_own_remedy(capsys):
-    console.fail("One broke.\nTwo broke.\nAnd 3 more like these.", "Mend one.\nMend two.")
+    terminal.fail("One broke.\nTwo broke.\nAnd 3 more like these.", "Mend one.\nMend two.")
 
     assert capsys.readouterr().err.splitlines() == [
         "Error: One broke.",
@@ -74,20 +74,20 @@ def test_results_fill_the_columns_of_a_terminal(monkeypatch, known, columns):
     monkeypatch.setenv("COLUMNS", known)
     monkeypatch.setattr("sys.stdout", Terminal())
 
-    assert console.columns() == columns
+    assert terminal.columns() == columns
 
 
 def test_results_are_not_folded_in_a_pipe(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "100")
 
-    assert console.columns() == console.BOUNDLESS
+    assert terminal.columns() == terminal.BOUNDLESS
 
 
 def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(working_folder, capsys):
-    console.say("[bold] is no markup")
-    console.warn("odd [value]")
-    console.fail("It broke [here].", "Mend it.")
-    console.suggest([("dr-status", "look")])
+    terminal.say("[bold] is no markup")
+    terminal.warn("odd [value]")
+    terminal.fail("It broke [here].", "Mend it.")
+    terminal.suggest([("dr-status", "look")])
 
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -107,7 +107,7 @@ def test_a_next_command_looks_where_this_one_did(working_folder, monkeypatch, ca
     monkeypatch.setenv("DR_DIR", "/my racer")
     monkeypatch.setenv("DR_WORKERS", "2")
 
-    console.suggest(
+    terminal.suggest(
         [("dr-status", "look"), ("DR_RUN_ID=4 dr-status", "look"), ("cp 'a b' c", "take it back")]
     )
 
@@ -122,7 +122,7 @@ def test_a_next_command_for_another_place_is_left_as_it_is(working_folder, monke
     monkeypatch.setenv("DR_EXPERIMENT_NAME", "old")
 
     steps = [("source bin/activate.sh -e new", "go"), ("dr-status", "look")]
-    console.suggest(steps, elsewhere=True)
+    terminal.suggest(steps, elsewhere=True)
 
     assert "old" not in capsys.readouterr().err
 
@@ -142,24 +142,24 @@ def test_a_live_display_wants_a_terminal_that_can_redraw(monkeypatch, environmen
         monkeypatch.setenv(name, value)
     monkeypatch.setattr("sys.stdin", Terminal())
     monkeypatch.setattr("sys.stderr", Terminal())
-    monkeypatch.setattr(console, "err", console.Console(stderr=True))
+    monkeypatch.setattr(terminal, "err", terminal.Console(stderr=True))
 
-    assert console.is_live() is live
+    assert terminal.is_live() is live
 
 
 def test_a_pipe_is_no_terminal_even_if_colours_are_forced(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setattr("sys.stdin", Terminal())
 
-    assert not console.is_live()
+    assert not terminal.is_live()
 
 
 def test_quiet_leaves_warnings_and_failures(monkeypatch, capsys):
-    monkeypatch.setattr("drcli.cli.console.quiet", True)
+    monkeypatch.setattr("drcli.cli.terminal.quiet", True)
 
-    console.say("a word")
-    console.suggest([("dr-status", "look")])
-    console.warn("odd")
-    console.fail("It broke.", "Mend it.")
+    terminal.say("a word")
+    terminal.suggest([("dr-status", "look")])
+    terminal.warn("odd")
+    terminal.fail("It broke.", "Mend it.")
 
     assert capsys.readouterr().err == "Warning: odd\nError: It broke.\n  Try: Mend it.\n"

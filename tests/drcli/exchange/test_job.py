@@ -72,7 +72,7 @@ def test_a_job_of_another_version_is_refused_with_a_reason(job, monkeypatch):
 @pytest.mark.parametrize(
     "waits",
     [
-        "from drcli.workers.worker_process import run; run('trainer', lambda job, lifeline: None)",
+        "from drcli.workers.worker_process import run; run('trainer', lambda *_: None)",
         "import runpy; runpy.run_module('drcli.run.training', run_name='__main__')",
         "import runpy; runpy.run_module('drcli.run.evaluation', run_name='__main__')",
     ],

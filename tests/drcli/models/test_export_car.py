@@ -10,7 +10,7 @@ import pytest
 from drcli.base.errors import ProblemsError, SettingsError, StorageError
 from drcli.bucket.bucket import ObjectDamaged
 from drcli.config.loading import load_settings
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.convert.frozen_graph import GraphComparison
 from drcli.model import keys
 from drcli.transfer.export_car import (
@@ -67,7 +67,7 @@ def source(choice: Any = "last", prefix: str | None = None) -> ExportSource:
 
 
 def exported(comparison: GraphComparison = EQUAL, **selection: Any) -> CarExport:
-    def compare(race: RaceConfig, made: ExportSource, graph: bytes) -> GraphComparison:
+    def compare(race: DriveConfig, made: ExportSource, graph: bytes) -> GraphComparison:
         return comparison
 
     return export_car(settings(), source(**selection), "model-1.tar.gz", compare)
@@ -155,7 +155,7 @@ def test_the_report_says_what_the_car_does_differently(here):
 def test_the_graph_is_compared_on_the_track_of_the_model_if_it_is_installed(here):
     worlds = []
 
-    def compare(race: RaceConfig, made: ExportSource, graph: bytes) -> GraphComparison:
+    def compare(race: DriveConfig, made: ExportSource, graph: bytes) -> GraphComparison:
         worlds.append(race.world_name)
         return EQUAL
 

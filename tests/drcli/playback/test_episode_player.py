@@ -8,7 +8,7 @@ from PIL import Image
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.model import keys
-from drcli.view.playback.episode_player import CACHE_BYTES, MOST_STEPS, Kept
+from drcli.view.playback.episode_player import CACHE_BYTES, MOST_STEPS, RecentlyUsed
 from drcli.view.playback.player_handle import facts_of, pack, unpack
 from drcli.view.playback.player_process import answer_of
 from played_model import EVALUATION, GONE, TRAINING
@@ -146,7 +146,7 @@ def test_every_error_is_an_answer(player, monkeypatch):
 
 
 def test_kept_pictures_stay_within_their_bound(player):
-    kept = Kept(1000, len)
+    kept = RecentlyUsed(1000, len)
     for number in range(50):
         kept.keep(("a", number), bytes(100))
     kept.keep(("a", 49), bytes(60))

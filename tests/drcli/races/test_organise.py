@@ -14,9 +14,9 @@ from drcli.races.organise import (
     open_race,
     show_race,
 )
+from drcli.races.race_options import RaceOptions, rules_of
 from drcli.races.race_records import RaceRules
 from drcli.races.race_settings import settings_of_rules, shown_settings
-from drcli.races.race_wish import RaceWish, rules_of
 from drcli.races.stored_race import find_race
 
 from .conftest import RACE
@@ -28,7 +28,7 @@ def test_a_race_takes_what_its_options_do_not_say_from_the_settings_once(home):
         run_env.read_text() + "DR_EVAL_OFF_TRACK_PENALTY=2\nDR_SIM_LATENCY=0.05\n"
         "DR_EVAL_START_POSITION=0.5\nDR_EVAL_MAX_LAP_SECONDS=90\n"
     )
-    report = create_race(home.settings, home.bucket, RaceWish(" Friday   Cup ", max_laps=5))
+    report = create_race(home.settings, home.bucket, RaceOptions(" Friday   Cup ", max_laps=5))
     run_env.write_text("DR_WORLD_NAME=willow\n")
 
     rules = show_race(home.bucket, report.race).rules
@@ -49,7 +49,7 @@ def test_a_race_takes_what_its_options_do_not_say_from_the_settings_once(home):
 def test_objects_are_frozen_for_races_that_have_them(home):
     objects = {"OBJECT_AVOIDANCE": "DR_OA_", "HEAD_TO_BOT": "DR_H2B_", "TIME_TRIAL": "none"}
     for kind, start in objects.items():
-        rules = rules_of(home.settings, RaceWish(kind, race_type=kind), 0.0)
+        rules = rules_of(home.settings, RaceOptions(kind, race_type=kind), 0.0)
 
         frozen = {name.split("_")[1] for name in rules.settings} & {"OA", "H2B"}
         assert frozen == {start.split("_")[1]} if "_" in start else not frozen
@@ -87,7 +87,7 @@ def test_objects_are_frozen_for_races_that_have_them(home):
 )
 def test_wrong_rules_are_refused_in_a_sentence_and_nothing_is_written(home, wish, why):
     with pytest.raises(SettingsError) as refused:
-        create_race(home.settings, home.bucket, RaceWish(**{"name": "Cup", **wish}), now_s=10.0)
+        create_race(home.settings, home.bucket, RaceOptions(**{"name": "Cup", **wish}), now_s=10.0)
 
     assert why in str(refused.value)
     assert refused.value.remedy
@@ -105,7 +105,7 @@ def test_rules_that_were_changed_by_hand_are_refused_when_they_are_read():
 
 def test_a_race_is_found_by_id_and_by_name(home):
     home.race()
-    named = create_race(home.settings, home.bucket, RaceWish("Гонка")).race
+    named = create_race(home.settings, home.bucket, RaceOptions("Гонка")).race
 
     assert find_race(home.bucket, "cup") == find_race(home.bucket, " CUP ") == RACE
     assert find_race(home.bucket, "Гонка") == named
@@ -179,9 +179,9 @@ def test_a_tournament_without_a_name_is_the_only_race_in_pairs(home):
     with pytest.raises(SettingsError, match="no race in pairs"):
         only_tournament(home.bucket)
     home.race()
-    create_race(home.settings, home.bucket, RaceWish("Duel", race_type="HEAD_TO_MODEL"))
+    create_race(home.settings, home.bucket, RaceOptions("Duel", race_type="HEAD_TO_MODEL"))
     assert only_tournament(home.bucket) == "duel"
-    create_race(home.settings, home.bucket, RaceWish("Duel 2", race_type="HEAD_TO_MODEL"))
+    create_race(home.settings, home.bucket, RaceOptions("Duel 2", race_type="HEAD_TO_MODEL"))
 
     with pytest.raises(SettingsError, match="several races in pairs: duel"):
         only_tournament(home.bucket)

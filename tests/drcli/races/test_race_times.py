@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.races.race_wish import parse_time
+from drcli.races.race_options import parse_time
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.races.organise import change_rules, wish_of
-from drcli.races.race_wish import RaceWish, rules_of
+from drcli.races.race_options import RaceOptions, rules_of
 from drcli.races.stored_race import read_rules
 
 from .conftest import RACE
@@ -14,7 +14,9 @@ from .conftest import RACE
 
 @pytest.mark.parametrize("ranking", ["best-lap", "best-average", "total-time"])
 def test_a_wish_made_of_rules_leads_to_the_same_rules(home, ranking):
-    wish = RaceWish("Cup", ranking=ranking, max_laps=4, closes_at=99.0, sensors=("LIDAR",), seed=2)
+    wish = RaceOptions(
+        "Cup", ranking=ranking, max_laps=4, closes_at=99.0, sensors=("LIDAR",), seed=2
+    )
     rules = rules_of(home.settings, wish, 1.0)
 
     assert rules_of(home.settings, wish_of(rules), 1.0) == rules

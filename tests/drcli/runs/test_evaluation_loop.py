@@ -176,7 +176,7 @@ def test_a_round_that_could_only_repeat_the_last_one_waits_for_a_new_checkpoint(
 
     rounds, _ = loop(12.0, 12.0, seen=seen)
 
-    assert rounds.pauses == [evaluation_loop.LOOK_S] * 2
+    assert rounds.pauses == [evaluation_loop.POLL_S] * 2
     assert [plan.checkpoint for plan, _ in rounds.plans] == ["0_Step-0.ckpt", "1_Step-1.ckpt"]
 
 

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from drcli.run import stall_watch
-from drcli.run.seen_pulses import SeenPulses
+from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.stall_watch import FrozenWatch
 from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
@@ -21,8 +21,8 @@ class Stage:
 
     def __init__(self, folder, monkeypatch):
         self.run = WatchedRun(folder)
-        self.pulses = SeenPulses(folder, self.run.clock)
-        self.watch = FrozenWatch(self.pulses, WarningsBoard(folder, "start"))
+        self.heartbeats = HeartbeatMonitor(folder, self.run.clock)
+        self.watch = FrozenWatch(self.heartbeats, WarningsBoard(folder, "start"))
         self.watch.start(self.run.running)
         self.state = psutil.STATUS_SLEEPING
         self.used_s = 7.0
@@ -140,8 +140,8 @@ def test_a_sleep_of_the_whole_machine_is_nobodys_fault(tmp_path):
     from drcli.base.clock import AwakeClock
 
     run = WatchedRun(tmp_path)
-    pulses = SeenPulses(tmp_path, AwakeClock(run.clock))
-    watch = FrozenWatch(pulses, WarningsBoard(tmp_path, "start"))
+    heartbeats = HeartbeatMonitor(tmp_path, AwakeClock(run.clock))
+    watch = FrozenWatch(heartbeats, WarningsBoard(tmp_path, "start"))
     watch.start(run.running)
     for step_s in [0.2] * 50 + [8 * 3600.0] + [0.2] * 50:
         run.now_s += step_s
@@ -155,8 +155,8 @@ def test_a_sleep_of_the_whole_machine_is_nobodys_fault(tmp_path):
 def test_a_process_that_is_really_stopped_is_killed(tmp_path, monkeypatch):
     monkeypatch.setattr(stall_watch, "STARTING_S", 12.0)
     run = WatchedRun(tmp_path)
-    pulses = SeenPulses(tmp_path, run.clock)
-    watch = FrozenWatch(pulses, WarningsBoard(tmp_path, "start"))
+    heartbeats = HeartbeatMonitor(tmp_path, run.clock)
+    watch = FrozenWatch(heartbeats, WarningsBoard(tmp_path, "start"))
     watch.start(run.running)
     child = run.child("sim-0")
     child.process = subprocess.Popen([sys.executable, "-S", "-c", "import time; time.sleep(60)"])

@@ -83,7 +83,7 @@ def run(racer, monkeypatch):
         monkeypatch.setattr(many_evaluations, "start_process", start)
         monkeypatch.setattr(many_evaluations, "open_bucket", lambda *_, **__: racer.bucket)
         monkeypatch.setattr("drcli.workers.cores.cores", lambda: cores)
-        monkeypatch.setattr(many_evaluations, "LOOK_S", 0.0)
+        monkeypatch.setattr(many_evaluations, "POLL_S", 0.0)
         report = run_many(ManyPlan(job, STAMP, worlds, list(refused), compares))
         assert not folder.exists()
         return report, started

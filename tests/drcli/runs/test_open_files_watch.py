@@ -2,24 +2,24 @@
 
 from dataclasses import replace
 
+from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.memory_watch import OpenFilesWatch
-from drcli.run.seen_pulses import SeenPulses
 from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 
 def test_a_worker_is_named_once_before_it_may_open_no_more(tmp_path):
     run = WatchedRun(tmp_path)
-    pulses = SeenPulses(tmp_path, run.clock)
-    watch = OpenFilesWatch(pulses, WarningsBoard(tmp_path, "start"), limit=lambda: 1024)
+    heartbeats = HeartbeatMonitor(tmp_path, run.clock)
+    watch = OpenFilesWatch(heartbeats, WarningsBoard(tmp_path, "start"), limit=lambda: 1024)
     watch.start(run.running)
 
     def look(open_files: int) -> None:
         worker = run.workers["sim-0"]
-        worker.pulse = replace(worker.pulse, open_files=open_files)
+        worker.heartbeat = replace(worker.heartbeat, open_files=open_files)
         run.now_s += 2.0
         run.write_pulses()
-        pulses.look(run.children)
+        heartbeats.look(run.children)
         watch.check()
 
     look(40)

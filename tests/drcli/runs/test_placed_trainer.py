@@ -13,7 +13,7 @@ from drcli.base.log import add_handler, remove_handler
 from drcli.checks.start_rules import refuse_start
 from drcli.config.loading import load_settings
 from drcli.metrics.open_sinks import tensorboard_folder
-from drcli.records.heartbeat import PulseRecord
+from drcli.records.heartbeat import HeartbeatRecord
 from drcli.records.job import WorkerExit
 from drcli.records.run_record import json_log, log_file
 from drcli.run.launchers.placed_trainer import (
@@ -25,7 +25,7 @@ from drcli.run.launchers.placed_trainer import (
 )
 from drcli.run.plan import planned_job
 from drcli.train.ray_cluster import NodeLost, RayMessages
-from drcli.workers.worker_process import Lifeline, StopRequested
+from drcli.workers.worker_process import StopRequested, StopSignal
 
 
 class PaperHost:
@@ -66,8 +66,8 @@ class Stage:
         self.job = planned_job(load_settings(folder), seed=1, began_at=0.0)
         self.job.folder.mkdir(parents=True)
         self.host, self.shown, self.now_s = PaperHost(), shown, 0.0
-        self.lifeline = Lifeline(os.getppid())
-        self.placed = PlacedTrainer(self.host, self.job, self.lifeline, lambda: self.now_s)
+        self.stop_signal = StopSignal(os.getppid())
+        self.placed = PlacedTrainer(self.host, self.job, self.stop_signal, lambda: self.now_s)
 
     def look(self, *answers):
         self.host.answers += answers
@@ -85,7 +85,7 @@ def stage(working_folder):
         signal.signal(number, handler)
 
 
-def pulse(**changes):
+def heartbeat(**changes):
     fields = {
         "pid": 77,
         "beats": 1,
@@ -98,7 +98,7 @@ def pulse(**changes):
         "memory_bytes": 300,
         "open_files": 9,
     }
-    return PulseRecord(**{**fields, **changes})
+    return HeartbeatRecord(**{**fields, **changes})
 
 
 @pytest.mark.parametrize(
@@ -146,9 +146,9 @@ def test_a_file_with_the_name_of_a_place_elsewhere_stays_in_the_folder_of_the_ru
 
 def test_its_pulse_counts_as_that_of_this_process(stage):
     began_s = elapsed_s()
-    stage.look(HostReport("far", None, pulse=pulse(work=3, worked_s=4.0)))
+    stage.look(HostReport("far", None, heartbeat=heartbeat(work=3, worked_s=4.0)))
 
-    shown = stage.lifeline.pulse.record()
+    shown = stage.stop_signal.heartbeat.record()
 
     assert (shown.pid, shown.work, shown.activity) == (os.getpid(), 3, "learns from 200 steps")
     assert shown.worked_s >= began_s
@@ -167,11 +167,11 @@ def test_a_lost_node_ends_this_process_and_is_nobodys_fault(stage):
 
 
 def test_a_trainer_that_is_silent_although_its_node_answers_is_given_up(stage):
-    stage.look(HostReport("far", None, pulse=pulse()))
+    stage.look(HostReport("far", None, heartbeat=heartbeat()))
     stage.now_s = SILENT_S + 1.0
 
     with pytest.raises(SystemExit):
-        stage.look(HostReport("far", None, pulse=pulse()))
+        stage.look(HostReport("far", None, heartbeat=heartbeat()))
 
     assert not WorkerExit.read(stage.job.folder, "trainer").lost
 

@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.records.job import WorkerExit
-from drcli.run.seen_pulses import SeenPulses
+from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.stall_watch import StallWatch
 from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
@@ -14,9 +14,9 @@ class Stage:
 
     def __init__(self, folder, workers=1, minutes=10):
         self.run = WatchedRun(folder, workers)
-        self.pulses = SeenPulses(folder, self.run.clock)
+        self.heartbeats = HeartbeatMonitor(folder, self.run.clock)
         board = WarningsBoard(folder, "start")
-        self.watch = StallWatch(minutes, self.pulses, board)
+        self.watch = StallWatch(minutes, self.heartbeats, board)
         self.watch.start(self.run.running)
 
     def pass_time(self, minutes, working=(), turning=()):
@@ -24,7 +24,7 @@ class Stage:
         for _ in range(int(minutes * 6)):
             self.run.now_s += 10.0
             self.run.write_pulses(working, turning)
-            self.pulses.look(self.run.children)
+            self.heartbeats.look(self.run.children)
             if outcome := self.watch.check():
                 return outcome
             for child in self.run.children:

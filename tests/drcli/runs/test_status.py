@@ -16,9 +16,9 @@ from drcli.records.heartbeat import WatchRecord, open_pulse_file
 from drcli.records.run_record import Lease, StorageRecord, WorkerRecord, run_folder
 from drcli.records.scores import EvaluationResult, SecondEvaluation
 from drcli.records.training_record import RunOutcome
-from drcli.run.seen_pulses import WorkerHealth
+from drcli.run.heartbeat_monitor import WorkerHealth
 from drcli.run.status import inspect
-from drcli.workers.pulse import Pulse
+from drcli.workers.heartbeat import Heartbeat
 from memory_bucket import MemoryBucket
 from own_run import own_run
 
@@ -110,10 +110,10 @@ def test_a_worker_has_its_progress_and_memory_and_the_watches_their_say(racer, r
     here = replace(running, workers=[WorkerRecord("sim-0", os.getpid(), 1)])
     here.write(folder)
     WatchRecord("one", ["sim-0 grows steadily."]).write(folder)
-    pulse = Pulse()
-    pulse.step_done()
+    heartbeat = Heartbeat()
+    heartbeat.step_done()
     descriptor = open_pulse_file(folder, "sim-0")
-    os.pwrite(descriptor, pulse.record().file_content(), 0)
+    os.pwrite(descriptor, heartbeat.record().file_content(), 0)
     os.close(descriptor)
 
     report = inspect(racer.settings().run)
@@ -130,16 +130,16 @@ def test_a_worker_has_its_progress_and_memory_and_the_watches_their_say(racer, r
 @pytest.mark.parametrize("pid", [1, None])
 def test_the_pulse_of_another_process_says_nothing(tmp_path, pid):
     descriptor = open_pulse_file(tmp_path, "sim-0")
-    os.pwrite(descriptor, Pulse().record().file_content(), 0)
+    os.pwrite(descriptor, Heartbeat().record().file_content(), 0)
     os.close(descriptor)
 
     assert WorkerHealth.of(tmp_path, "sim-0", pid) is None
 
 
 def test_a_pulse_from_before_the_last_boot_says_nothing(tmp_path):
-    pulse = replace(Pulse().record(), written_s=elapsed_s() + 9000.0)
+    heartbeat = replace(Heartbeat().record(), written_s=elapsed_s() + 9000.0)
     descriptor = open_pulse_file(tmp_path, "sim-0")
-    os.pwrite(descriptor, pulse.file_content(), 0)
+    os.pwrite(descriptor, heartbeat.file_content(), 0)
     os.close(descriptor)
 
     assert WorkerHealth.of(tmp_path, "sim-0", os.getpid()) is None

@@ -22,10 +22,10 @@ from drcli.model import keys, lease
 from drcli.model.model_store import ModelStore
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import RunRecord, log_file
-from drcli.run import run_ending, seen_pulses, stall_watch, supervisor
+from drcli.run import heartbeat_monitor, run_ending, stall_watch, supervisor
 from drcli.run.duty import Duty
+from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.interruption_watch import Renewal
-from drcli.run.seen_pulses import SeenPulses
 from drcli.run.stall_watch import FrozenWatch
 from drcli.run.supervisor import Supervisor
 from drcli.run.warnings_board import WarningsBoard
@@ -237,7 +237,7 @@ def test_what_would_only_repeat_ends_the_run_at_once(stage):
 def test_a_training_that_lost_its_model_ends_at_once_and_leaves_the_bucket_alone(
     stage, monkeypatch
 ):
-    monkeypatch.setattr(supervisor, "LOOK_S", 0.05)
+    monkeypatch.setattr(supervisor, "POLL_S", 0.05)
     stage.scripts = {"trainer": [STAYS], "sim-0": [STAYS]}
     start = stage.start_process
 
@@ -392,15 +392,15 @@ def test_a_run_goes_on_without_a_worker_that_a_duty_leaves_out(stage):
 
 def test_a_worker_that_somebody_stops_is_replaced(stage, monkeypatch):
     monkeypatch.setattr(stall_watch, "STARTING_S", 0.3)
-    monkeypatch.setattr(seen_pulses, "LOOK_S", 0.02)
-    monkeypatch.setattr(seen_pulses, "QUIET_S", 0.1)
+    monkeypatch.setattr(heartbeat_monitor, "POLL_S", 0.02)
+    monkeypatch.setattr(heartbeat_monitor, "QUIET_S", 0.1)
     ends = stage.job.folder / "end"
     waits = f"import os, time\nwhile not os.path.exists({str(ends)!r}): time.sleep(0.01)"
     stops = "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)"
     second = f"open({str(ends)!r}, 'w').close(); import time; time.sleep(60)"
     stage.scripts = {"trainer": [waits, ENDS], "sim-0": [stops, second]}
-    pulses = SeenPulses(stage.job.folder)
-    stage.duties = [FrozenWatch(pulses, WarningsBoard(stage.job.folder, "start"))]
+    heartbeats = HeartbeatMonitor(stage.job.folder)
+    stage.duties = [FrozenWatch(heartbeats, WarningsBoard(stage.job.folder, "start"))]
 
     assert stage.run() == 0
 

@@ -18,13 +18,13 @@ from drcli.view.saliency import explain_model as saliency_page
 from drcli.view.saliency.explained_episode import explain_episode
 from drcli.view.saliency.explanation_pictures import decision, lidar_finding, still
 from drcli.view.saliency.maps import ExplainedPolicy, saliency_maps
-from drcli.view.saliency.question import Question
+from drcli.view.saliency.saliency_options import SaliencyOptions
 from memory_bucket import MemoryBucket
 from reference_model import LAST, reference_model
 from small_model import put_small_model
 from small_policies import metadata_json, small_metadata, small_network
 
-QUICK = Question(pictures=3, spacing=20)
+QUICK = SaliencyOptions(pictures=3, spacing=20)
 
 
 @pytest.fixture(scope="module")
@@ -111,11 +111,11 @@ def test_the_report_tells_what_was_found_and_where_it_was_written(answer, tmp_pa
 def test_steps_are_counted_as_in_a_trace(home, answer):
     last = answer[0].episode.rows[-1].steps
 
-    explained, _ = explain(home, Question(steps=[2, 1, 2], methods=["hires-cam"]))
+    explained, _ = explain(home, SaliencyOptions(steps=[2, 1, 2], methods=["hires-cam"]))
 
     assert [explained.episode.rows[step].steps for step in explained.chosen] == [1, 2]
     with pytest.raises(SettingsError, match=rf"no step {last + 1}: Off track after step {last}"):
-        explain(home, Question(steps=[last + 1], methods=["hires-cam"]))
+        explain(home, SaliencyOptions(steps=[last + 1], methods=["hires-cam"]))
 
 
 def test_a_frozen_graph_has_maps_but_no_critic(home, tmp_path):
@@ -141,11 +141,11 @@ def test_a_frozen_graph_has_maps_but_no_critic(home, tmp_path):
         explained.saliency.maps["hires-cam"], ours.maps["hires-cam"], atol=1e-4
     )
     with pytest.raises(SettingsError, match=r"policy\.pb cannot be explained"):
-        explain_model.explain_file(settings, path, None, Question(target="value"))
+        explain_model.explain_file(settings, path, None, SaliencyOptions(target="value"))
 
 
 def test_a_model_drives_alone_in_a_race_between_two(home):
-    question = Question(pictures=1, methods=["hires-cam"])
+    question = SaliencyOptions(pictures=1, methods=["hires-cam"])
 
     explained, _ = explain(home, question, DR_RACE_TYPE="HEAD_TO_MODEL")
 

@@ -15,10 +15,10 @@ from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.records.evaluation_task import RaceRecording, RecordedObjects
 from drcli.view.video import encode, overlay
-from drcli.view.video.make_video import Wish, chosen_laps, frames_of, refuse_file
+from drcli.view.video.make_video import VideoOptions, chosen_laps, frames_of, refuse_file
 from drcli.view.video.recorded_lap import find_world, read_laps
 from drcli.view.video.trace_source import trace_of_evaluation, trace_of_file, trace_of_iteration
-from drcli.view.video.video_job import CAMERAS, Defaults, PolicyWish, make_video, put_videos
+from drcli.view.video.video_job import CAMERAS, Defaults, PolicyOptions, make_video, put_videos
 from drsim.track.worlds import load_track
 from drsim.viewing.world_view import WorldView
 from memory_bucket import MemoryBucket
@@ -212,7 +212,7 @@ def test_a_file_becomes_a_film_with_ghosts_and_boxes(tmp_path, defaults):
     out = tmp_path / "lap.gif"
 
     report = make_video(
-        defaults, no_bucket, trace_of_file(path), Wish(ghosts=1, color=""), [("film", out)]
+        defaults, no_bucket, trace_of_file(path), VideoOptions(ghosts=1, color=""), [("film", out)]
     )
 
     assert (report.world, report.frames, report.fps) == ("reinvent_base", 6, 10)
@@ -237,7 +237,9 @@ def test_the_title_of_a_filmed_file_tells_no_folders_of_this_machine(
 
     monkeypatch.setattr(overlay.Overlay, "draw", noted)
 
-    make_video(defaults, no_bucket, trace_of_file(path), Wish(), [("film", tmp_path / "lap.gif")])
+    make_video(
+        defaults, no_bucket, trace_of_file(path), VideoOptions(), [("film", tmp_path / "lap.gif")]
+    )
 
     assert set(shown) == {"evaluation-20260102030405-0"}
 
@@ -265,7 +267,11 @@ def test_each_car_of_a_race_of_two_models_has_its_own_colour(tmp_path, defaults,
     monkeypatch.setattr(WorldView, "frame", frame)
 
     make_video(
-        defaults, no_bucket, trace_of_file(path), Wish(color=""), [("film", tmp_path / "lap.gif")]
+        defaults,
+        no_bucket,
+        trace_of_file(path),
+        VideoOptions(color=""),
+        [("film", tmp_path / "lap.gif")],
     )
 
     assert colors == {(shell_color("Orange"), shell_color("Blue"))}
@@ -286,7 +292,7 @@ def test_nothing_is_filmed_for_a_gif_that_takes_no_more(tmp_path, defaults, monk
         defaults,
         no_bucket,
         trace_of_file(path),
-        Wish(episode="all", fps=10, color=""),
+        VideoOptions(episode="all", fps=10, color=""),
         [("film", tmp_path / "lap.gif")],
     )
 
@@ -299,7 +305,7 @@ def test_a_film_ends_at_its_limit_and_says_so(tmp_path, defaults, monkeypatch, m
     path = tmp_path / "0-iteration.csv"
     path.write_bytes(trace_csv(*(trace_rows(TRACK, episode=n, rows=16) for n in range(3))))
     monkeypatch.setattr(WorldView, "frame", lambda *_: np.zeros((480, 640, 3), "u1"))
-    wish = Wish(episode="all", fps=10, color="", most_seconds=most)
+    wish = VideoOptions(episode="all", fps=10, color="", most_seconds=most)
     trace = trace_of_file(path)
 
     report = make_video(defaults, no_bucket, trace, wish, [("film", tmp_path / "lap.gif")])
@@ -319,9 +325,9 @@ def test_an_explanation_needs_a_policy(bucket, defaults, tmp_path):
             defaults,
             lambda: bucket,
             trace,
-            Wish(explain=True),
+            VideoOptions(explain=True),
             [("film", tmp_path / "a.gif")],
-            policy=PolicyWish("none"),
+            policy=PolicyOptions("none"),
         )
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import WorkerDied
-from drcli.web import apart
+from drcli.web import subprocess_work
 
 SOON_S = 30.0
 
@@ -32,7 +32,9 @@ def started(folder, *, heavy):
 
     def run():
         try:
-            outcome.append(apart.run_apart(lambda _: begun.set(), work, folder, heavy=heavy))
+            outcome.append(
+                subprocess_work.in_subprocess(lambda _: begun.set(), work, folder, heavy=heavy)
+            )
         except WorkerDied as error:
             outcome.append(error)
 
@@ -46,7 +48,7 @@ def started(folder, *, heavy):
 def test_what_computes_ends_with_the_console_and_what_changes_things_goes_on(tmp_path, heavy):
     thread, outcome = started(tmp_path, heavy=heavy)
 
-    apart.end_heavy()
+    subprocess_work.end_heavy()
     if heavy:
         thread.join(SOON_S)
     (tmp_path / "go").write_text("")

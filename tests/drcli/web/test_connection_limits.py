@@ -19,7 +19,7 @@ HEAD = "GET /app.js HTTP/1.1\r\nHost: 127.0.0.1\r\n"
 @pytest.fixture
 def impatient(monkeypatch):
     """Limits of a tenth of a second."""
-    for name in ("REQUEST_S", "STALLED_S", "LOOK_S", "FAREWELL_S"):
+    for name in ("REQUEST_S", "STALLED_S", "POLL_S", "FAREWELL_S"):
         monkeypatch.setattr(connection_limits, name, 0.1)
     monkeypatch.setattr(socket_route, "SEND_S", 0.2)
     monkeypatch.setattr(serve, "IDLE_S", 1)

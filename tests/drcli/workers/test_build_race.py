@@ -10,7 +10,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.config.loading import load_settings
-from drcli.config.run_config import RaceConfig
+from drcli.config.run_config import DriveConfig
 from drcli.config.settings import catalogue
 from drcli.drive import build_race
 from drcli.drive.build_race import (
@@ -39,7 +39,7 @@ METADATA = ModelMetadata.from_bytes(
 
 @pytest.fixture
 def settings(tmp_path):
-    def load(*lines: str) -> RaceConfig:
+    def load(*lines: str) -> DriveConfig:
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
         return load_settings(tmp_path, environ={}).race

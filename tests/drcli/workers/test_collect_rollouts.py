@@ -19,7 +19,7 @@ from memory_bucket import MemoryBucket
 
 PREFIX = "model"
 
-LOOK_S = 1.0
+POLL_S = 1.0
 """Longest pause between two looks for rollouts."""
 
 
@@ -106,7 +106,7 @@ def test_a_dead_worker_is_waited_for_once_and_then_no_more(bucket, reader, clock
     assert collector.collect(1, ["1_Step-9.ckpt"], TWO, lambda: False) is not None
 
     # A slow start shall not leave the first trace of a worker out.
-    assert first_s == pytest.approx(STARTING_PATIENCE_S, abs=LOOK_S)
+    assert first_s == pytest.approx(STARTING_PATIENCE_S, abs=POLL_S)
     assert clock.now_s == first_s
 
 
@@ -139,7 +139,7 @@ def test_a_worker_that_comes_back_counts_again(bucket, reader, clock):
     collector.collect(2, ["2_Step-9.ckpt"], TWO, lambda: False)
 
     assert len(got.progress) == 4
-    assert clock.now_s - before_s == pytest.approx(LEAST_PATIENCE_S, abs=LOOK_S)
+    assert clock.now_s - before_s == pytest.approx(LEAST_PATIENCE_S, abs=POLL_S)
 
 
 def test_a_slow_worker_gets_as_long_again_as_the_first_one_took(bucket, reader, clock):
@@ -147,7 +147,7 @@ def test_a_slow_worker_gets_as_long_again_as_the_first_one_took(bucket, reader, 
 
     Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], TWO, lambda: False)
 
-    assert clock.now_s == pytest.approx(190.0, abs=LOOK_S)
+    assert clock.now_s == pytest.approx(190.0, abs=POLL_S)
 
 
 def test_a_stop_ends_the_wait_without_rollouts(reader):
@@ -192,7 +192,7 @@ def test_the_learner_waits_less_for_a_worker_that_has_joined(bucket, reader, clo
 
     got = Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], JOINED, lambda: False)
 
-    assert clock.now_s == pytest.approx(JOINED_PATIENCE_S, abs=LOOK_S)
+    assert clock.now_s == pytest.approx(JOINED_PATIENCE_S, abs=POLL_S)
     assert got.late == (1,)
     assert got.speeds == {0: 5 / 0.5}
 
@@ -264,7 +264,7 @@ def test_a_worker_of_the_training_is_never_given_up(bucket, reader, clock):
 
     Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], TWO, lambda: False, fail)
 
-    assert clock.now_s == pytest.approx(STARTING_PATIENCE_S, abs=LOOK_S)
+    assert clock.now_s == pytest.approx(STARTING_PATIENCE_S, abs=POLL_S)
 
 
 def test_a_joined_worker_that_came_late_is_waited_for_when_it_has_a_share_again(bucket, reader):
@@ -299,7 +299,7 @@ def test_who_may_have_begun_before_the_wait_gets_twice_the_time(bucket, reader, 
 
     collector.collect(1, ["1_Step-9.ckpt"], JOINED, lambda: False)
 
-    assert clock.now_s - before_s == pytest.approx(200.0, abs=LOOK_S)
+    assert clock.now_s - before_s == pytest.approx(200.0, abs=POLL_S)
 
 
 def test_a_worker_that_was_late_once_does_not_take_the_place_of_another(bucket, reader):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.train.share_keeper import divide
+from drcli.train.episode_allocator import divide
 
 
 @pytest.mark.parametrize(

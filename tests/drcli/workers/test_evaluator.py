@@ -142,10 +142,10 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     monkeypatch.setattr("drcli.drive.evaluator.open_bucket", lambda *_, **__: racer.bucket)
     config = racer.settings().run
     entry = entries(config, "20260102030405", ["0_Step-0.ckpt"])[0]
-    lifeline = SimpleNamespace(should_stop=lambda: False, step_done=lambda: False)
+    stop_signal = SimpleNamespace(should_stop=lambda: False, step_done=lambda: False)
     job = Job(config, "s", 3, None, tmp_path / "job", launcher_pid=1)
 
-    found = evaluate(job, lifeline, [entry], threads=1)
+    found = evaluate(job, stop_signal, [entry], threads=1)
 
     rows = list(csv.DictReader(racer.bucket.get(entry.trace).decode().splitlines()))
     rewards = {float(row["reward"]) for row in rows if float(row["steps"]) > 1.0}
@@ -156,8 +156,8 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     recorded = RaceRecording.decode(racer.bucket.get(entry.recording))
     assert [len(each.poses[0]) for each in recorded.episodes] == [2] * 4
 
-    fresh = evaluate(job, lifeline, [entry], threads=1, fresh_laps=3)
-    others = evaluate(replace(job, seed=4), lifeline, [entry], threads=1, fresh_laps=3)
+    fresh = evaluate(job, stop_signal, [entry], threads=1, fresh_laps=3)
+    others = evaluate(replace(job, seed=4), stop_signal, [entry], threads=1, fresh_laps=3)
 
     assert [len(trials) for trials in fresh.racers] == [3]
     starts = [trial.start_position for trial in fresh.racers[0]]

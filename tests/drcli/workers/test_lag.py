@@ -68,9 +68,9 @@ class Worker:
 @contextmanager
 def driving(training: TrainingInMemory, monkeypatch) -> Iterator[Worker]:
     """A worker that has a first checkpoint, until the test has seen enough."""
-    worker, lifeline = Worker(training), UntilFailure()
+    worker, stop_signal = Worker(training), UntilFailure()
     worker.publish(0)
-    sim = SimWorker(worker.job, lifeline, 0)
+    sim = SimWorker(worker.job, stop_signal, 0)
     monkeypatch.setattr(sim._activity, "wait", worker.waits.put)
     monkeypatch.setattr(sim._waiter, "_say", worker.waits.put)
 
@@ -83,7 +83,7 @@ def driving(training: TrainingInMemory, monkeypatch) -> Iterator[Worker]:
     try:
         yield worker
     finally:
-        lifeline.failures.append(StopRequested())
+        stop_signal.failures.append(StopRequested())
         thread.join(60.0)
 
 

@@ -16,8 +16,8 @@ from training_in_memory import PREFIX, TrainingInMemory, UntilFailure
 class Place:
     """The place of a worker in a training that goes on without it, or does not."""
 
-    def __init__(self, lifeline: UntilFailure, *, over: bool) -> None:
-        self._lifeline = lifeline
+    def __init__(self, stop_signal: UntilFailure, *, over: bool) -> None:
+        self._stop_signal = stop_signal
         self._over = over
         self.seen: list[int] = []
         self.driven: list[int] = []
@@ -25,7 +25,7 @@ class Place:
     def is_ready(self, checkpoint: int) -> None:
         self.seen.append(checkpoint)
         if checkpoint >= 0:  # it has done with it what it could
-            self._lifeline.failures.append(StopRequested())
+            self._stop_signal.failures.append(StopRequested())
 
     def shares_of(self, iteration: int) -> Shares:
         return Shares(1, iteration, iteration, (WorkerShare(0, "far", 0, 2),))
@@ -52,11 +52,11 @@ def test_a_worker_that_nobody_waits_for_goes_on_to_the_next_checkpoint(
     training.train()
     training.write("run.env", (working_folder / "run.env").read_text() + "DR_WORKERS=0\n")
     job = training.planned(resume=True)
-    lifeline = UntilFailure()
-    place = Place(lifeline, over=over)
+    stop_signal = UntilFailure()
+    place = Place(stop_signal, over=over)
 
     with pytest.raises(StopRequested):
-        SimWorker(job, lifeline, 0, membership=place).run()
+        SimWorker(job, stop_signal, 0, membership=place).run()
 
     assert place.seen == [-1, 1]
     assert place.driven == [1, -1]

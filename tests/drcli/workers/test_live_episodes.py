@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.live.live_moment import Rider
 from drcli.live.live_scene import REMEMBERED, Drive, LiveEpisodes
+from drcli.live.step_snapshot import Rider
 from drcli.records.trace import STEP_S, Episode, Row
 
 DRIVE = Drive("oval", 3, "3_Step-9.ckpt")

@@ -13,10 +13,10 @@ from PIL import Image
 from drcli.base.framing import receive
 from drcli.learn.policy import PolicySpec
 from drcli.live import live_server, live_view
-from drcli.live.live_moment import Moment, _said, with_policy
 from drcli.live.live_record import HOST, LiveMessage, LiveRequest, LiveView, ShownCar, enter, send
 from drcli.live.live_scene import BLIND
 from drcli.live.live_view import LiveShow
+from drcli.live.step_snapshot import StepSnapshot, _said, with_policy
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.sensing.sensors import Sensors
 from live_worker import NETWORK, SOON_S, SmallDrive, shown, until
@@ -353,7 +353,7 @@ def test_there_is_room_for_a_few_viewers_and_the_others_are_refused_at_once(tmp_
 @pytest.mark.parametrize("continuous", [False, True])
 def test_what_the_networks_said_is_what_asking_them_again_gives(tmp_path, continuous):
     drive = SmallDrive(spec=PolicySpec(2 if continuous else 3, continuous, NETWORK))
-    moments: list[Moment] = []
+    moments: list[StepSnapshot] = []
     with shown(tmp_path) as (show, address):
         watcher = Watcher(address, "scene")
         seen(drive, show, watcher, "scene")

@@ -29,11 +29,11 @@ class Away:
         self.age_s = 0.0
         self.bucket = MemoryBucket()
         write_lease(ModelStore(self.bucket, PREFIX), LEASE)
-        self.lifeline = JoinedLifeline(os.getppid())
+        self.stop_signal = JoinedLifeline(os.getppid())
         self.written = threading.Event()
         watched = self.bucket.fenced(self._note)
         self.membership = Membership(
-            ModelStore(watched, PREFIX), "now", NAME, self.lifeline, pause=lambda _: None
+            ModelStore(watched, PREFIX), "now", NAME, self.stop_signal, pause=lambda _: None
         )
 
     def _note(self, key: str) -> None:
@@ -153,8 +153,8 @@ def test_it_ends_with_the_training(away, lease, reason):
     with pytest.raises(StopRequested):
         away.membership.wait_for_number()
 
-    assert away.lifeline.ended == reason
-    assert away.lifeline.should_stop()
+    assert away.stop_signal.ended == reason
+    assert away.stop_signal.should_stop()
 
 
 def test_it_notices_that_the_machine_of_the_training_is_gone(away, monkeypatch):
@@ -164,7 +164,7 @@ def test_it_notices_that_the_machine_of_the_training_is_gone(away, monkeypatch):
     with pytest.raises(StopRequested):
         away.membership.wait_for_number()
 
-    assert away.lifeline.ended == "its machine was not heard from for 61 s"
+    assert away.stop_signal.ended == "its machine was not heard from for 61 s"
 
 
 def test_a_lost_lease_ends_it_too(away):
@@ -176,7 +176,7 @@ def test_a_lost_lease_ends_it_too(away):
     with pytest.raises(StopRequested):
         away.membership.wait_for_number()
 
-    assert away.lifeline.ended
+    assert away.stop_signal.ended
 
 
 def test_a_worker_that_hangs_no_longer_renews_its_record(away, monkeypatch):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.workers.pulse import memory_shortage
+from drcli.workers.heartbeat import memory_shortage
 from drsim.errors import RewardError
 
 

@@ -1,4 +1,4 @@
-"""The pulse that a worker writes."""
+"""The heartbeat that a worker writes."""
 
 import os
 import shutil
@@ -7,16 +7,16 @@ import sys
 import time
 
 from drcli.base.clock import elapsed_s, wait_until
-from drcli.records.heartbeat import PulseRecord
-from drcli.workers.pulse import STACKS_SIGNAL, Pulse
+from drcli.records.heartbeat import HeartbeatRecord
+from drcli.workers.heartbeat import STACKS_SIGNAL, Heartbeat
 
 STUCK = """
 import sys, time
 from pathlib import Path
-from drcli.workers import pulse
+from drcli.workers import heartbeat
 
-pulse.BEAT_S = 0.02
-beat = pulse.Pulse()
+heartbeat.BEAT_S = 0.02
+beat = heartbeat.Heartbeat()
 beat.start(Path(sys.argv[1]), "sim-0")
 
 def reward_function(params):
@@ -27,13 +27,13 @@ reward_function({})
 
 
 def test_progress_and_activity_are_in_the_pulse():
-    pulse = Pulse()
+    heartbeat = Heartbeat()
     before_s = elapsed_s()
-    pulse.say("drives iteration 7", waits=False)
-    pulse.step_done()
-    pulse.step_done()
+    heartbeat.say("drives iteration 7", waits=False)
+    heartbeat.step_done()
+    heartbeat.step_done()
 
-    record = pulse.record()
+    record = heartbeat.record()
 
     assert (record.activity, record.waits, record.work) == ("drives iteration 7", False, 2)
     assert before_s <= record.worked_s <= record.written_s
@@ -43,23 +43,23 @@ def test_progress_and_activity_are_in_the_pulse():
 
 
 def test_waiting_is_no_progress():
-    pulse = Pulse()
-    pulse.say("waits for the trainer", waits=True)
-    pulse.turn()
+    heartbeat = Heartbeat()
+    heartbeat.say("waits for the trainer", waits=True)
+    heartbeat.turn()
 
-    record = pulse.record()
+    record = heartbeat.record()
 
     assert (record.waits, record.work, record.worked_s) == (True, 0, None)
 
 
 def test_nobody_can_change_the_times_by_setting_the_clock(monkeypatch):
-    pulse = Pulse()
-    pulse.step_done()
-    first = pulse.record()
+    heartbeat = Heartbeat()
+    heartbeat.step_done()
+    first = heartbeat.record()
     monkeypatch.setattr(time, "time", lambda: 1.0)
-    pulse.step_done()
+    heartbeat.step_done()
 
-    assert 0.0 <= pulse.record().worked_s - first.worked_s < 60.0
+    assert 0.0 <= heartbeat.record().worked_s - first.worked_s < 60.0
 
 
 def test_a_worker_inside_one_call_has_a_pulse_and_shows_its_stacks_when_it_is_asked(tmp_path):
@@ -68,7 +68,7 @@ def test_a_worker_inside_one_call_has_a_pulse_and_shows_its_stacks_when_it_is_as
         process = subprocess.Popen([sys.executable, "-c", STUCK, str(tmp_path)], stderr=file)
     try:
         deadline = time.monotonic() + 60.0
-        while not (record := PulseRecord.read(tmp_path, "sim-0")) or record.beats < 3:
+        while not (record := HeartbeatRecord.read(tmp_path, "sim-0")) or record.beats < 3:
             assert time.monotonic() < deadline
             time.sleep(0.01)
         os.kill(process.pid, STACKS_SIGNAL)
@@ -83,17 +83,19 @@ def test_a_worker_inside_one_call_has_a_pulse_and_shows_its_stacks_when_it_is_as
 
 def test_a_pulse_costs_next_to_nothing():
     """A step of the simulation takes milliseconds."""
-    pulse = Pulse()
+    heartbeat = Heartbeat()
     begin = time.process_time()
     for _ in range(10_000):
-        pulse.step_done()
+        heartbeat.step_done()
 
     assert (time.process_time() - begin) / 10_000 < 20e-6
 
 
 def test_a_pulse_whose_file_is_removed_comes_back(tmp_path, monkeypatch):
-    monkeypatch.setattr("drcli.workers.pulse.BEAT_S", 0.01)
-    Pulse().start(tmp_path / "0", "sim-0")
+    monkeypatch.setattr("drcli.workers.heartbeat.BEAT_S", 0.01)
+    Heartbeat().start(tmp_path / "0", "sim-0")
     shutil.rmtree(tmp_path / "0")
 
-    assert wait_until(lambda: PulseRecord.read(tmp_path / "0", "sim-0") is not None, patience_s=30)
+    assert wait_until(
+        lambda: HeartbeatRecord.read(tmp_path / "0", "sim-0") is not None, patience_s=30
+    )

@@ -15,7 +15,7 @@ from small_policies import metadata_json, small_metadata, small_network
 
 
 class Untold:
-    """A lifeline that asks nobody to stop before so many steps."""
+    """A stop_signal that asks nobody to stop before so many steps."""
 
     def __init__(self, steps=10**9):
         self._left = steps
@@ -39,10 +39,12 @@ def drive(racer, tmp_path):
     racer.store("model-1").save(0, 0, tensors, optimizer=b"")
     config = racer.settings().run
 
-    def drive(*cells, lifeline=None):
+    def drive(*cells, stop_signal=None):
         job = Job(config, "s", 3, None, tmp_path, launcher_pid=1)
         [entry] = entries(config, "20260102030405", ["0_Step-0.ckpt"])
-        return drive_cells(job, lifeline or Untold(), racer.bucket, entry, config, cells, threads=1)
+        return drive_cells(
+            job, stop_signal or Untold(), racer.bucket, entry, config, cells, threads=1
+        )
 
     return drive
 
@@ -69,7 +71,7 @@ def test_each_disturbance_changes_the_drive_and_the_same_seed_repeats_it(drive):
 
 def test_a_grid_stops_when_it_is_told_to(drive):
     with pytest.raises(StopRequested):
-        drive(*CELLS, lifeline=Untold(3))
+        drive(*CELLS, stop_signal=Untold(3))
 
 
 def test_a_start_off_the_road_is_moved_and_said(racer):

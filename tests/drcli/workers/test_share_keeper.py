@@ -11,15 +11,15 @@ from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import FORGOTTEN_S, GONE_S, MISSED_S, RENEWED_S, read_shares
 from drcli.records.job import MemberRecord, SharesRecord, WorkerShare
-from drcli.train.episode_share import AssignedShare, Share
-from drcli.train.share_keeper import (
+from drcli.train.episode_allocator import (
     FRUGAL_LOOK_S,
     KNOWN_AFTER,
     LATE_PAUSE_S,
     PUNCTUAL,
     TRIED_AGAIN_S,
-    ShareKeeper,
+    EpisodeAllocator,
 )
+from drcli.train.episode_share import AssignedShare, Share
 from memory_bucket import MemoryBucket
 
 PREFIX, SESSION = "model", "now"
@@ -58,14 +58,14 @@ class Machines:
     def _put(self, name: str) -> None:
         self.bucket.put(keys.member(PREFIX, name), self.records[name].encode())
 
-    def keeper(self, workers: int, episodes: int = 8, **options: object) -> ShareKeeper:
-        keeper = ShareKeeper(
+    def keeper(self, workers: int, episodes: int = 8, **options: object) -> EpisodeAllocator:
+        keeper = EpisodeAllocator(
             ModelStore(self.bucket, PREFIX), SESSION, workers, clock=self.clock, **options
         )
         keeper.begin_stage(episodes, 0)
         return keeper
 
-    def let_pass(self, seconds: float, keeper: ShareKeeper) -> None:
+    def let_pass(self, seconds: float, keeper: EpisodeAllocator) -> None:
         """Time passes, in which workers renew and the trainer looks."""
         end_s = self.now_s + seconds
         while self.now_s < end_s:
@@ -81,7 +81,7 @@ def machines() -> Machines:
     return Machines()
 
 
-def who(keeper: ShareKeeper, checkpoint: int) -> list[tuple[int, str, int]]:
+def who(keeper: EpisodeAllocator, checkpoint: int) -> list[tuple[int, str, int]]:
     return [(share.worker, share.member, share.count) for share in keeper.at(checkpoint)]
 
 
@@ -232,7 +232,7 @@ def test_the_pause_of_a_worker_doubles_until_it_is_in_time_again(machines):
     assert pauses == [10.0, 20.0, 10.0]
 
 
-def with_two(machines: Machines, episodes: int = 8) -> tuple[ShareKeeper, WorkerShare]:
+def with_two(machines: Machines, episodes: int = 8) -> tuple[EpisodeAllocator, WorkerShare]:
     """A trainer with one worker of its own and one that has joined, and the share of the latter."""
     keeper = machines.keeper(1, episodes)
     machines.join("far")

@@ -18,7 +18,7 @@ import sys
 from drcli.base.log import plain, traces
 from drcli.workers import print_limit, worker_process
 
-def main(job, lifeline):
+def main(job, stop_signal):
     plain.info("Policy training> x")
     traces.info("SIM_TRACE_LOG:0,1")
     print("our own")

@@ -33,7 +33,7 @@ from drcli.workers import worker_process as process
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import checked_reward
 
-def main(job, lifeline):
+def main(job, stop_signal):
     drsim.episode.reward_deadline.PATIENCE_S = drsim.episode.reward_deadline.REPEAT_S = 0.05
     checked_reward(load_reward_function(job.folder / "reward_function.py"), {}, 0.1)
 
@@ -41,7 +41,7 @@ process.run("sim-0", main)
 """
 
 
-class Lifeline:
+class StopSignal:
     """Of a worker that nobody asks to stop."""
 
     def should_stop(self) -> bool:
@@ -51,7 +51,7 @@ class Lifeline:
 FAILING = """
 from drcli.workers import worker_process as process
 
-def main(job, lifeline):
+def main(job, stop_signal):
     raise %s("why")
 
 process.run("sim-0", main)
@@ -92,7 +92,7 @@ def test_a_worker_waits_longer_for_a_bucket_that_nobody_here_can_restart(
     )
     storage = replace(job.config.storage, cloud=cloud)
     job = replace(job, config=replace(job.config, storage=storage))
-    bucket = worker_process.open_own_bucket(job, Lifeline())
+    bucket = worker_process.open_own_bucket(job, StopSignal())
 
     with pytest.raises(NoAnswer):
         bucket.get("k")
@@ -151,7 +151,7 @@ LIMITED = """
 import resource
 from drcli.workers import worker_process as process
 
-def main(job, lifeline):
+def main(job, stop_signal):
     pages = int(open("/proc/self/statm").read().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, ((pages << 12) + (256 << 20),) * 2)
     bytearray(1 << 30)
@@ -171,19 +171,19 @@ def test_a_worker_without_memory_says_so_and_is_no_bug(job):
 
 
 def test_a_worker_has_a_pulse_from_its_start(job):
-    from drcli.records.heartbeat import PulseRecord
+    from drcli.records.heartbeat import HeartbeatRecord
 
     script = """
 import time
 from drcli.workers import worker_process as process
 
-def main(job, lifeline):
+def main(job, stop_signal):
     time.sleep(0.3)
 
 process.run("sim-0", main)
 """
     assert ended(job, script)[0] == 0
 
-    pulse = PulseRecord.read(job.folder, "sim-0")
-    assert pulse is not None
-    assert (pulse.activity, pulse.work) == ("starting", 0)
+    heartbeat = HeartbeatRecord.read(job.folder, "sim-0")
+    assert heartbeat is not None
+    assert (heartbeat.activity, heartbeat.work) == ("starting", 0)

@@ -11,7 +11,7 @@ from drsim.race.race import Race, race_of_name
 from drsim.race.solids import SHAPES
 from drsim.track.track import Track
 from drsim.viewing.car_eye import FollowingCamera, lens_above
-from drsim.viewing.placed_things import Thing
+from drsim.viewing.placed_objects import PlacedObject
 from drsim.viewing.rendering import Viewer
 from drsim.viewing.world_view import WorldView
 
@@ -83,8 +83,8 @@ def test_from_behind_the_car_is_in_the_lower_middle_and_its_wheels_turn(driven, 
     assert math.radians(10) < steering_rad < math.radians(31)
     assert rolled_m == pytest.approx(6 / 15 * 0.5, rel=0.5)
     car = SHAPES["race_car"]
-    straight = empty.frame(lens, [Thing(car, (x, y, yaw), rolled_m=rolled_m)])
-    turned = empty.frame(lens, [Thing(car, (x, y, yaw), None, steering_rad, rolled_m)])
+    straight = empty.frame(lens, [PlacedObject(car, (x, y, yaw), rolled_m=rolled_m)])
+    turned = empty.frame(lens, [PlacedObject(car, (x, y, yaw), None, steering_rad, rolled_m)])
     np.testing.assert_array_equal(picture, turned)
     assert (picture != straight).any()
 
@@ -105,7 +105,10 @@ def test_another_racer_is_orange(square, empty):
 
     (x, y, yaw), (ahead_x, ahead_y, ahead_yaw) = racers.poses[::-1].tolist()
     car = SHAPES["race_car"]
-    mine, other = Thing(car, (x, y, yaw)), Thing(car, (ahead_x, ahead_y, ahead_yaw), ORANGE)
+    mine, other = (
+        PlacedObject(car, (x, y, yaw)),
+        PlacedObject(car, (ahead_x, ahead_y, ahead_yaw), ORANGE),
+    )
     lens = FollowingCamera().lens((x, y, yaw))
     np.testing.assert_array_equal(picture, empty.frame(lens, [mine, other]))
     orange = (np.abs(picture.astype(int) - (200, 120, 10)) < 60).all(axis=2)
@@ -120,6 +123,6 @@ def test_boxes_are_seen_from_above(square, empty):
 
     lens = lens_above(square, (480, 640))
     pose = tuple(simulation.poses[0].tolist())
-    alone = empty.frame(lens, [Thing(SHAPES["race_car"], pose)])
+    alone = empty.frame(lens, [PlacedObject(SHAPES["race_car"], pose)])
     assert (picture != alone).any(axis=2).sum() > 6 * 100
     simulation.close()

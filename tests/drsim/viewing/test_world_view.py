@@ -10,7 +10,7 @@ from drsim.race.solids import SHAPES
 from drsim.track.worlds import load_track
 from drsim.viewing.car_eye import FollowingCamera, lens_above
 from drsim.viewing.meshes import has_wheels, mesh_of, wheel
-from drsim.viewing.placed_things import Thing
+from drsim.viewing.placed_objects import PlacedObject
 from drsim.viewing.world_view import WorldView
 
 TRACK = load_track("reinvent_base")
@@ -55,7 +55,10 @@ def test_road_and_field_have_the_colours_of_the_world(view, above):
 
 
 def test_threads_change_nothing(view, above):
-    things = [Thing(RACE_CAR, pose(0.2), BLUE), Thing(SHAPES["box_obstacle"], pose(0.4))]
+    things = [
+        PlacedObject(RACE_CAR, pose(0.2), BLUE),
+        PlacedObject(SHAPES["box_obstacle"], pose(0.4)),
+    ]
     alone = WorldView(TRACK, columns=COLUMNS, rows=ROWS, threads=1)
 
     np.testing.assert_array_equal(view.frame(above, things), alone.frame(above, things))
@@ -66,7 +69,7 @@ def test_a_car_is_where_its_pose_says_in_its_colour(view):
     lens = camera.lens(pose(0.3))
 
     empty = view.frame(lens, []).astype(int)
-    frame = view.frame(lens, [Thing(RACE_CAR, pose(0.3), BLUE)]).astype(int)
+    frame = view.frame(lens, [PlacedObject(RACE_CAR, pose(0.3), BLUE)]).astype(int)
 
     changed = (frame != empty).any(axis=2)
     rows, columns = np.nonzero(changed)
@@ -80,9 +83,9 @@ def test_a_ghost_lets_the_ground_shine_through(view):
     lens = FollowingCamera().lens(pose(0.3))
     empty = view.frame(lens, []).astype(int)
 
-    solid = np.abs(view.frame(lens, [Thing(RACE_CAR, pose(0.3), BLUE)]).astype(int) - empty)
+    solid = np.abs(view.frame(lens, [PlacedObject(RACE_CAR, pose(0.3), BLUE)]).astype(int) - empty)
     ghost = np.abs(
-        view.frame(lens, [Thing(RACE_CAR, pose(0.3), BLUE, ghost=True)]).astype(int) - empty
+        view.frame(lens, [PlacedObject(RACE_CAR, pose(0.3), BLUE, ghost=True)]).astype(int) - empty
     )
 
     assert 0.2 * solid.sum() < ghost.sum() < 0.6 * solid.sum()
@@ -92,8 +95,10 @@ def test_what_stands_nearer_hides_what_is_behind(view):
     lens = FollowingCamera().lens(pose(0.3))
     box = replace(SHAPES["box_obstacle"], boxes=SHAPES["box_obstacle"].boxes)
     ahead = TRACK.pose_at(np.array([0.3 * TRACK.length_m + 0.9]))[0]
-    hidden = Thing(SHAPES["bot_car"], tuple(ahead.tolist()))
-    crate = Thing(box, tuple(ahead - [0.35 * math.cos(ahead[2]), 0.35 * math.sin(ahead[2]), 0]))
+    hidden = PlacedObject(SHAPES["bot_car"], tuple(ahead.tolist()))
+    crate = PlacedObject(
+        box, tuple(ahead - [0.35 * math.cos(ahead[2]), 0.35 * math.sin(ahead[2]), 0])
+    )
 
     with_car = view.frame(lens, [crate, hidden])
     without = view.frame(lens, [crate])
@@ -106,7 +111,7 @@ def test_what_stands_nearer_hides_what_is_behind(view):
 def test_things_cast_shadows(view):
     lens = FollowingCamera().lens(pose(0.3))
     nothing_to_see = replace(SHAPES["box_obstacle"], name="box")
-    frame = view.frame(lens, [Thing(nothing_to_see, pose(0.35))]).astype(int)
+    frame = view.frame(lens, [PlacedObject(nothing_to_see, pose(0.35))]).astype(int)
     empty = view.frame(lens, []).astype(int)
 
     darker = (frame < 0.75 * empty).all(axis=2) & (empty.sum(axis=2) > 60)
@@ -124,7 +129,7 @@ def test_the_horizon_is_level_and_the_sky_above_it(view):
 
 @pytest.mark.parametrize("place", [(1e4, 0.0, 0.0), (0.0, 0.0, 0.0), (3.0, -40.0, 1.0)])
 def test_a_car_far_off_the_track_is_filmed_too(view, place):
-    frame = view.frame(FollowingCamera().lens(place), [Thing(RACE_CAR, place, BLUE)])
+    frame = view.frame(FollowingCamera().lens(place), [PlacedObject(RACE_CAR, place, BLUE)])
 
     assert frame.std() > 5
 

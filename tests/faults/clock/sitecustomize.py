@@ -9,18 +9,18 @@ import time
 from pathlib import Path
 
 _FILE = Path(os.environ.get("FAULT_CLOCK", ""))
-_LOOK_S = 0.2
+_POLL_S = 0.2
 
 _real = time.time
 _monotonic = time.monotonic
 _ahead_s = 0.0
-_looked_s = -_LOOK_S
+_looked_s = -_POLL_S
 
 
 def _jumping() -> float:
     global _ahead_s, _looked_s
     now_s = _monotonic()
-    if now_s - _looked_s >= _LOOK_S:
+    if now_s - _looked_s >= _POLL_S:
         _looked_s = now_s
         try:
             _ahead_s = float(_FILE.read_text())

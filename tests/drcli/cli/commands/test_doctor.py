@@ -124,7 +124,7 @@ def test_wrong_settings_are_listed_and_the_bucket_is_left_alone(dr, working_fold
 
 
 def test_a_page_for_people_fits_a_terminal_of_80_columns(dr, remote, capsys, monkeypatch):
-    monkeypatch.setattr("drcli.cli.console.columns", lambda: 80)
+    monkeypatch.setattr("drcli.cli.terminal.columns", lambda: 80)
 
     assert dr("doctor") == 0
 

@@ -13,7 +13,7 @@ from report_keys import REPORTS, keys_of
 from rich.cells import cell_len
 
 from drcli.base.errors import SettingsError
-from drcli.cli import console
+from drcli.cli import terminal
 from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS
 
@@ -230,9 +230,9 @@ def environment(monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(sys, "stdout", Terminal(attached=True))
             patch.setattr(sys, "stderr", Terminal(attached=True))
-            consoles = {"out": console.fresh(), "err": console.fresh(stderr=True)}
+            consoles = {"out": terminal.fresh(), "err": terminal.fresh(stderr=True)}
         for name, made in consoles.items():
-            monkeypatch.setattr(console, name, made)
+            monkeypatch.setattr(terminal, name, made)
 
     return put
 

@@ -1,4 +1,4 @@
-"""Writes the pulse of this worker, by which its supervisor sees that it lives.
+"""Writes the heartbeat of this worker, by which its supervisor sees that it lives.
 
 A thread writes it to a file, also during one long call of the main thread.
 """
@@ -18,7 +18,7 @@ from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
 from drcli.base.log import get_logger
 from drcli.base.system_calls import open_files
-from drcli.records.heartbeat import PulseRecord, open_pulse_file, pulse_file, short_activity
+from drcli.records.heartbeat import HeartbeatRecord, open_pulse_file, pulse_file, short_activity
 from drcli.records.job import WorkerExit
 
 with lazy_imports():
@@ -36,7 +36,7 @@ companions: set[int] = set()
 _logger = get_logger(__name__)
 
 
-class Pulse:
+class Heartbeat:
     """Only the main thread calls `turn`, `step_done` and `say`."""
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class Pulse:
         self._worked_s: float | None = None
         self._turned_s = elapsed_s()
         self._beats = 0
-        self._relayed: PulseRecord | None = None
+        self._relayed: HeartbeatRecord | None = None
         self._pid = os.getpid()
 
     def turn(self) -> None:
@@ -59,8 +59,8 @@ class Pulse:
     def say(self, activity: str, *, waits: bool) -> None:
         self._activity, self._waits = activity, waits
 
-    def relay(self, record: PulseRecord) -> None:
-        """Note the pulse of a worker on another machine, for which this process stands.
+    def relay(self, record: HeartbeatRecord) -> None:
+        """Note the heartbeat of a worker on another machine, for which this process stands.
 
         Its times are of the clock there, so only their changes count.
         """
@@ -77,21 +77,21 @@ class Pulse:
         return self._activity, self._waits
 
     def start(self, folder: Path, name: str) -> None:
-        """On a full disk, the worker goes on without a pulse."""
+        """On a full disk, the worker goes on without a heartbeat."""
         if STACKS_SIGNAL is not None:
             faulthandler.register(STACKS_SIGNAL, file=sys.__stderr__ or 2, all_threads=True)
         try:
             descriptor = open_pulse_file(folder, name)
         except OSError as error:
-            _logger.warning("The pulse of this worker cannot be written: %s", error)
+            _logger.warning("The heartbeat of this worker cannot be written: %s", error)
             return
         threading.Thread(
-            target=self._beat, args=(folder, name, descriptor), name="pulse", daemon=True
+            target=self._beat, args=(folder, name, descriptor), name="heartbeat", daemon=True
         ).start()
 
-    def record(self) -> PulseRecord:
+    def record(self) -> HeartbeatRecord:
         relayed = self._relayed
-        return PulseRecord(
+        return HeartbeatRecord(
             pid=self._pid,
             beats=self._beats,
             written_s=elapsed_s(),

@@ -22,7 +22,7 @@ MOST_PICTURES = 200
 
 
 @dataclass(frozen=True)
-class Question:
+class SaliencyOptions:
     """What is asked about a policy.
 
     Attributes:

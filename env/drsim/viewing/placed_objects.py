@@ -19,7 +19,7 @@ OPPONENT_COLOR: RGB = (255.0, 159.9, 9.9)
 
 
 @dataclass(frozen=True)
-class Thing:
+class PlacedObject:
     """A car or a box in a picture.
 
     Attributes:
@@ -111,7 +111,7 @@ class _Parts:
         return triangles, np.repeat(np.arange(len(self.meshes)), counts)
 
 
-def placed(things: Sequence[Thing]) -> tuple[Floats, Floats]:
+def placed(things: Sequence[PlacedObject]) -> tuple[Floats, Floats]:
     turns: list[Floats] = []
     shifts: list[Floats] = []
     for thing in things:

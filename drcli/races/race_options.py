@@ -21,7 +21,7 @@ SENSORS = ("FRONT_FACING_CAMERA", "STEREO_CAMERAS", *LIDARS)
 
 
 @dataclass(frozen=True)
-class RaceWish:
+class RaceOptions:
     """A wanted race. None: the setting, else the default.
 
     Attributes:
@@ -52,7 +52,7 @@ class RaceWish:
     settings: tuple[tuple[str, str], ...] = ()
 
 
-def rules_of(settings: Settings, wish: RaceWish, now_s: float) -> RaceRules:
+def rules_of(settings: Settings, wish: RaceOptions, now_s: float) -> RaceRules:
     """Raises SettingsError for a wrong rule."""
     name = checked_name(wish.name, "the race")
     race_type = wish.race_type or "TIME_TRIAL"

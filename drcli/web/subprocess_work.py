@@ -36,7 +36,7 @@ class WorkFailed(DrError):
         self.code = code  # type: ignore[misc]  # that of the first error
 
 
-def run_apart(progress: Progress, work: Work, *arguments: Any, heavy: bool = True) -> Any:
+def in_subprocess(progress: Progress, work: Work, *arguments: Any, heavy: bool = True) -> Any:
     """Run a function in another process, and return its plain data or raise its error.
 
     A `heavy` one gets a low priority and ends with the console, as would a training that it starts.

@@ -64,7 +64,7 @@ def divide(episodes: int, speeds: Sequence[float | None], most: int) -> list[int
 
 _logger = get_logger(__name__)
 
-LOOK_S, FRUGAL_LOOK_S, STARTING_LOOK_S = 5.0, 10.0, 1.0
+POLL_S, FRUGAL_LOOK_S, STARTING_LOOK_S = 5.0, 10.0, 1.0
 """In any case, where looks cost money, while nobody drives or one is starting."""
 
 KEPT_SHARES = 4
@@ -96,7 +96,7 @@ class _Punctuality:
     in_time: int = 0
 
 
-class ShareKeeper:
+class EpisodeAllocator:
     """The shares of a training; the trainer is their only writer.
 
     `equal`: shares stay so. `frugal`: each look costs money. `failure` is that of the last
@@ -285,7 +285,7 @@ class ShareKeeper:
             self._look = None
 
     def _begin_look(self, *, often: bool) -> None:
-        usual_s = FRUGAL_LOOK_S if self._frugal else LOOK_S
+        usual_s = FRUGAL_LOOK_S if self._frugal else POLL_S
         newest = self._record.newest[-1].workers if self._record.newest else ()
         driving = {share.member for share in newest}
         drives = self._workers or any(map(self._is_alive, driving))

@@ -1,4 +1,4 @@
-"""What a supervisor sees of its workers' pulses, on its own clock."""
+"""What a supervisor sees of its workers' heartbeats, on its own clock."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,20 +8,20 @@ from typing import Annotated
 import psutil
 
 from drcli.base.clock import AwakeClock, duration, elapsed_s
-from drcli.records.heartbeat import PulseRecord
+from drcli.records.heartbeat import HeartbeatRecord
 from drcli.run.worker_processes import TRAINER, Child
 
-LOOK_S = 2.0
+POLL_S = 2.0
 QUIET_S = 10.0
-"""Without a pulse; a frozen worker uses no processor time from then on."""
+"""Without a heartbeat; a frozen worker uses no processor time from then on."""
 
 
 @dataclass
-class Seen:
-    """A worker process; times are those of `SeenPulses.now_s`.
+class WorkerHeartbeat:
+    """A worker process; times are those of `HeartbeatMonitor.now_s`.
 
     `turn_s`: when its main thread came by. `quiet_cpu_s`: processor time used `QUIET_S` after
-    its last pulse.
+    its last heartbeat.
     """
 
     pid: int
@@ -30,21 +30,21 @@ class Seen:
     turn_s: float
     work_s: float | None = None
     quiet_cpu_s: float | None = None
-    record: PulseRecord | None = None
+    record: HeartbeatRecord | None = None
 
 
-class SeenPulses:
+class HeartbeatMonitor:
     def __init__(self, folder: Path, clock: Callable[[], float] | None = None) -> None:
         self._folder = folder
         self._clock = clock or AwakeClock()
-        self._workers: dict[str, Seen] = {}
-        self._looked_s = -LOOK_S
+        self._workers: dict[str, WorkerHeartbeat] = {}
+        self._looked_s = -POLL_S
         self.now_s = 0.0
         """Seconds in which this supervisor ran, at the last look."""
 
     def look(self, children: Sequence[Child]) -> bool:
         self.now_s = self._clock()
-        if self.now_s - self._looked_s < LOOK_S:
+        if self.now_s - self._looked_s < POLL_S:
             return False
         self._looked_s = self.now_s
         for child in children:
@@ -54,10 +54,10 @@ class SeenPulses:
                 self._workers.pop(child.name, None)
         return True
 
-    def of(self, name: str) -> Seen | None:
+    def of(self, name: str) -> WorkerHeartbeat | None:
         return self._workers.get(name)
 
-    def silent_s(self, seen: Seen) -> float:
+    def silent_s(self, seen: WorkerHeartbeat) -> float:
         return self.now_s - seen.beat_s
 
     def describe(self, name: str) -> str:
@@ -74,8 +74,8 @@ class SeenPulses:
     def _look_at(self, name: str, pid: int) -> None:
         now_s, seen = self.now_s, self._workers.get(name)
         if seen is None or seen.pid != pid:
-            seen = self._workers[name] = Seen(pid, now_s, now_s, now_s)
-        record = PulseRecord.read(self._folder, name)
+            seen = self._workers[name] = WorkerHeartbeat(pid, now_s, now_s, now_s)
+        record = HeartbeatRecord.read(self._folder, name)
         before = seen.record
         if record is not None and record.pid == pid and record != before:
             seen.beat_s, seen.quiet_cpu_s = now_s, None
@@ -96,7 +96,7 @@ def cpu_s(pid: int) -> float | None:
     return float(times.user + times.system)
 
 
-# What a worker's pulse says to other programs here.
+# What a worker's heartbeat says to other programs here.
 
 
 SILENT_S = 10.0
@@ -112,24 +112,26 @@ class WorkerHealth:
     progress_age_s: Annotated[
         float | None, "How long ago the last of them was finished; null before the first."
     ]
-    pulse_age_s: Annotated[float, "How long ago it wrote its pulse; it does so every two seconds."]
+    pulse_age_s: Annotated[
+        float, "How long ago it wrote its heartbeat; it does so every two seconds."
+    ]
     memory_mb: Annotated[float, "Memory of its process (resident set), in millions of bytes."]
     open_files: Annotated[int, "Number of its open files; 0 if unknown."]
 
     @staticmethod
     def of(folder: Path, name: str, pid: int | None) -> "WorkerHealth | None":
-        """The health of a worker process; None if it has no pulse, or one of another boot."""
-        pulse = PulseRecord.read(folder, name)
+        """The health of a worker process; None if it has no heartbeat, or one of another boot."""
+        heartbeat = HeartbeatRecord.read(folder, name)
         now_s = elapsed_s()
-        if pulse is None or pulse.pid != pid or pulse.written_s > now_s:
+        if heartbeat is None or heartbeat.pid != pid or heartbeat.written_s > now_s:
             return None
-        worked_s = pulse.worked_s
+        worked_s = heartbeat.worked_s
         return WorkerHealth(
-            steps=pulse.work,
+            steps=heartbeat.work,
             progress_age_s=None if worked_s is None else round(max(0.0, now_s - worked_s), 1),
-            pulse_age_s=round(now_s - pulse.written_s, 1),
-            memory_mb=round(pulse.memory_bytes / 1e6, 1),
-            open_files=pulse.open_files,
+            pulse_age_s=round(now_s - heartbeat.written_s, 1),
+            memory_mb=round(heartbeat.memory_bytes / 1e6, 1),
+            open_files=heartbeat.open_files,
         )
 
     def words(self, name: str) -> str:

@@ -56,7 +56,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class StepSnapshot:
     """All cars after a step. Nothing in it changes later, but for the rows and the weights.
 
     Attributes:
@@ -90,7 +90,7 @@ class Moment:
         return None
 
 
-class Onlooker(Protocol):
+class LiveObserver(Protocol):
     """Somebody who may look at the driving.
 
     The driving loop asks after every step whether the next one is `wanted`.
@@ -98,7 +98,7 @@ class Onlooker(Protocol):
 
     wanted: bool
 
-    def see(self, moment: Moment) -> None:
+    def see(self, moment: StepSnapshot) -> None:
         """Take a step; returns at once."""
 
     def ended(self, episode: Episode, racer: int, world: str) -> None:
