@@ -28,7 +28,7 @@ from drcli.drive.reward_access import SCRATCH, freedoms_told
 from drcli.records.job import LOG_ENCODING
 from drcli.records.reward import MOST_BYTES, CallFailure, Calls, Load, RewardResponse
 from drcli.workers import print_limit
-from drcli.workers.heartbeat import companions
+from drcli.workers.heartbeat_thread import companions
 from drsim.episode.reward import OnRewardError, Rewarded, RewardHost, RewardParams
 from drsim.episode.reward_deadline import STUCK
 from drsim.errors import RewardError, RewardErrorKind

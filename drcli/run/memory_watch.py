@@ -17,7 +17,7 @@ from drcli.run.outcome import Outcome
 from drcli.run.smaller_run import SmallerRun
 from drcli.run.warnings_board import WarningsBoard
 from drcli.run.worker_processes import TRAINER, Child
-from drcli.workers.heartbeat import REMEDY
+from drcli.workers.heartbeat_thread import REMEDY
 
 POLL_S = 3.0
 LEAST_S = 60.0

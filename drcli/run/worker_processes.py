@@ -26,7 +26,7 @@ from drcli.records.job import Job
 from drcli.records.run_record import RunRecord, log_file, run_folder, running_evaluations
 from drcli.records.trace import STEP_S, read_csv
 from drcli.run.read_logs import text_tail
-from drcli.workers.heartbeat import STACKS_SIGNAL
+from drcli.workers.heartbeat_thread import STACKS_SIGNAL
 
 TRAINER = "trainer"
 

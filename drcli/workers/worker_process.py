@@ -28,7 +28,7 @@ from drcli.model.model_store import ModelStore
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import ActivityRecord, json_log, log_file, reward_log
 from drcli.workers import print_limit
-from drcli.workers.heartbeat import Heartbeat, memory_shortage
+from drcli.workers.heartbeat_thread import Heartbeat, memory_shortage
 
 with lazy_imports():
     from drcli.workers import reward_failures

@@ -36,7 +36,7 @@ from drcli.run.plan import StartOptions, prepare
 from drcli.train.sim import SimWorker
 from drcli.train.trainer import learn
 from drcli.train.training_simulation import TrainingSimulation
-from drcli.workers.heartbeat import Heartbeat
+from drcli.workers.heartbeat_thread import Heartbeat
 from drcli.workers.worker_process import StopRequested
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))

@@ -16,7 +16,7 @@ from drcli.records.job import Job
 from drcli.run.plan import StartOptions, prepare
 from drcli.train.sim import SimWorker
 from drcli.train.trainer import learn
-from drcli.workers.heartbeat import Heartbeat
+from drcli.workers.heartbeat_thread import Heartbeat
 from drcli.workers.worker_process import StopRequested
 from memory_bucket import MemoryBucket
 

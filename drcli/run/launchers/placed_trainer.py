@@ -34,7 +34,7 @@ from drcli.run.worker_processes import TRAINER, start_process
 from drcli.train.ray_cluster import NodeLost, PlacedActor, connected, keys_for_nodes
 from drcli.workers import worker_process
 from drcli.workers.cores import with_known_overlap
-from drcli.workers.heartbeat import STACKS_SIGNAL
+from drcli.workers.heartbeat_thread import STACKS_SIGNAL
 from drcli.workers.worker_process import Activity, StopRequested, StopSignal
 
 with lazy_imports():

@@ -14,7 +14,7 @@ from drcli.base import clock, processes, system_calls
 from drcli.base.errors import NotAvailable
 from drcli.checks.doctor import surroundings
 from drcli.run.memory_watch import open_files_limit
-from drcli.workers import heartbeat
+from drcli.workers import heartbeat_thread
 
 ROOT = Path(__file__).resolve().parents[3]
 OTHER_SYSTEM = ROOT / "tests" / "support" / "other_system"
@@ -131,7 +131,7 @@ def test_cores_open_files_and_clock_have_another_source_elsewhere(monkeypatch, t
 
 def test_processes_are_recognised_without_proc(monkeypatch, tmp_path):
     monkeypatch.setattr(processes, "_PROC", tmp_path / "absent")
-    monkeypatch.setattr(heartbeat, "_PROC", tmp_path / "absent")
+    monkeypatch.setattr(heartbeat_thread, "_PROC", tmp_path / "absent")
     processes.this_machine.cache_clear()
     try:
         name = processes.this_machine()
@@ -143,7 +143,7 @@ def test_processes_are_recognised_without_proc(monkeypatch, tmp_path):
     assert began_s is not None
     assert processes.is_alive(os.getpid(), began_s)
     assert not processes.is_alive(os.getpid(), began_s - 100.0)
-    assert heartbeat.own_memory_bytes() > 1 << 20
+    assert heartbeat_thread.own_memory_bytes() > 1 << 20
 
 
 @pytest.mark.parametrize("linux", [True, False])

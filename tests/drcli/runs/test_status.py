@@ -18,7 +18,7 @@ from drcli.records.scores import EvaluationResult, SecondEvaluation
 from drcli.records.training_record import RunOutcome
 from drcli.run.heartbeat_monitor import WorkerHealth
 from drcli.run.status import inspect
-from drcli.workers.heartbeat import Heartbeat
+from drcli.workers.heartbeat_thread import Heartbeat
 from memory_bucket import MemoryBucket
 from own_run import own_run
 

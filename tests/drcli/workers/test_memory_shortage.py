@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.workers.heartbeat import memory_shortage
+from drcli.workers.heartbeat_thread import memory_shortage
 from drsim.errors import RewardError
 
 

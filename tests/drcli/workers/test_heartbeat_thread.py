@@ -8,15 +8,15 @@ import time
 
 from drcli.base.clock import elapsed_s, wait_until
 from drcli.records.heartbeat import HeartbeatRecord
-from drcli.workers.heartbeat import STACKS_SIGNAL, Heartbeat
+from drcli.workers.heartbeat_thread import STACKS_SIGNAL, Heartbeat
 
 STUCK = """
 import sys, time
 from pathlib import Path
-from drcli.workers import heartbeat
+from drcli.workers import heartbeat_thread
 
-heartbeat.BEAT_S = 0.02
-beat = heartbeat.Heartbeat()
+heartbeat_thread.BEAT_S = 0.02
+beat = heartbeat_thread.Heartbeat()
 beat.start(Path(sys.argv[1]), "sim-0")
 
 def reward_function(params):
@@ -92,7 +92,7 @@ def test_a_pulse_costs_next_to_nothing():
 
 
 def test_a_pulse_whose_file_is_removed_comes_back(tmp_path, monkeypatch):
-    monkeypatch.setattr("drcli.workers.heartbeat.BEAT_S", 0.01)
+    monkeypatch.setattr("drcli.workers.heartbeat_thread.BEAT_S", 0.01)
     Heartbeat().start(tmp_path / "0", "sim-0")
     shutil.rmtree(tmp_path / "0")
 
