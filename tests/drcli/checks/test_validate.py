@@ -323,8 +323,8 @@ def test_people_read_rule_place_value_and_remedy_of_each_group(folder, dr, capsy
     assert capsys.readouterr().out.splitlines() == [
         "Errors",
         "  V-41  custom_files/hyperparameters.json line 2",
-        "        lr=1 is above 0.001.",
-        '        Try: Write 0.001 or less, as in "lr": 0.0003.',
+        "    lr=1 is above 0.001.",
+        '    Try: Write 0.001 or less, as in "lr": 0.0003.',
         "1 error, 0 warnings. A training would not start.",
     ]
 

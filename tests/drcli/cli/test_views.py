@@ -193,8 +193,8 @@ def test_an_evaluation_is_a_table_and_a_sentence(evaluation_report):
 
 
 def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
-    lost = evaluation_report.__class__(
-        "model", "reinvent_base", "1_Step-9.ckpt", evaluation_report.trials[2:], "", ""
+    lost = replace(
+        evaluation_report, checkpoint="1_Step-9.ckpt", trials=evaluation_report.trials[2:]
     )
 
     assert "0 of 1 lap clean; checkpoint 1_Step-9.ckpt" in screen(drawn(lost))

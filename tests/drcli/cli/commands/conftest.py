@@ -597,7 +597,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     )
     chosen = SimpleNamespace(file_name="model", url=URL, chosen=SimpleNamespace(line="c"))
     answer("transfer.export_model.read_export_source", chosen)
-    answer("transfer.export_car.export_car", None)
+    answer("checks.compare_on_drive.export_car", None)
     answer("transfer.export_car.plan_car_upload", SimpleNamespace(url=URL))
     answer("transfer.export_car.upload_names", files)
     answer("transfer.export_car.write_archive", archive)

@@ -261,13 +261,13 @@ def test_a_copy_is_followed_until_the_log_appears_here(dr, log, uploaded, capsys
 def test_a_copy_is_followed_as_it_grows(dr, uploaded, capsys, meanwhile, monkeypatch):
     from drcli.cli.commands import logs
 
-    monkeypatch.setattr(logs, "POLL_S", 0.0001)
+    monkeypatch.setattr(logs, "UPLOAD_POLL_S", 0.0001)
     key = "model/logs/sagemaker/trainer.log"
     uploaded(key, "old\n")
 
     def grow():
         uploaded(key, "old\nnew\n")
-        look = time.monotonic() + logs.POLL_S
+        look = time.monotonic() + logs.UPLOAD_POLL_S
         while time.monotonic() < look:
             pass  # the next wait would be Ctrl-C: the pause must be over
 
