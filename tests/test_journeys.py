@@ -71,7 +71,11 @@ def test_marked_tests_are_left_out_unless_all_are_wanted_or_files_are_named(
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments.split()],
         cwd=tmp_path,
-        env={**os.environ, "DRCLI_TEST_RUN": "inner", "PYTEST_ADDOPTS": "--basetemp=temporary"},
+        env={
+            **os.environ,
+            "DRCLI_TEST_RUN": str(tmp_path),
+            "PYTEST_ADDOPTS": "--basetemp=temporary",
+        },
         capture_output=True,
         text=True,
         timeout=120,

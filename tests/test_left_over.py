@@ -34,7 +34,11 @@ def test_a_run_that_leaves_processes_fails_and_ends_them(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-W", "ignore"],
         cwd=tmp_path,
-        env={**os.environ, "DRCLI_TEST_RUN": "inner", "PYTEST_ADDOPTS": "--basetemp=temporary"},
+        env={
+            **os.environ,
+            "DRCLI_TEST_RUN": str(tmp_path),
+            "PYTEST_ADDOPTS": "--basetemp=temporary",
+        },
         stdout=subprocess.PIPE,
         text=True,
         timeout=120,
