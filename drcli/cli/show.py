@@ -24,17 +24,17 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def show(report: Any, *, folded: bool = True, **wishes: Any) -> None:
+def show(report: Any, *, folded: bool = True, **options: Any) -> None:
     """Print a report, or with --json one JSON object on the last line of stdout.
 
-    Without `folded`, an address stays in one piece. The view gets the `wishes`.
+    Without `folded`, an address stays in one piece. The view gets the `options`.
     """
-    rendered = None if terminal.as_json else drawn(report, **wishes)
+    rendered = None if terminal.as_json else drawn(report, **options)
     terminal.emit(report, rendered, folded=folded)
 
 
-def drawn(report: Any, **wishes: Any) -> RenderableType:
-    return group(report.view(**wishes) if hasattr(report, "view") else [str(report)])
+def drawn(report: Any, **options: Any) -> RenderableType:
+    return group(report.view(**options) if hasattr(report, "view") else [str(report)])
 
 
 def part(found: Any) -> RenderableType:

@@ -62,7 +62,7 @@ class LiveFeed:
         on_message: OnMessage,
         on_gone: Callable[[int, str], None] = lambda run_id, worker: None,
         *,
-        look_s: float = POLL_S,
+        poll_s: float = POLL_S,
     ) -> None:
         """Begin to look for workers.
 
@@ -71,7 +71,7 @@ class LiveFeed:
         self._runs = directory / "data" / "runs"
         self._on_message = on_message
         self._on_gone = on_gone
-        self._look_s = look_s
+        self._poll_s = poll_s
         self._lock = threading.Lock()
         self._wanted: dict[WorkerKey, LiveRequest] = {}
         self._links: dict[WorkerKey, _Link] = {}
@@ -148,8 +148,8 @@ class LiveFeed:
                 missing = self._wanted.keys() - self._links.keys()
             if missing:
                 self._connect(missing)
-            # Without a wish there is nothing to look for.
-            self._wake.wait(self._look_s if self._wanted else None)
+            # Without a wanted worker there is nothing to look for.
+            self._wake.wait(self._poll_s if self._wanted else None)
             self._wake.clear()
 
     def _connect(self, missing: Iterable[WorkerKey]) -> None:

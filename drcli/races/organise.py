@@ -45,11 +45,11 @@ class DeletedRace:
 
 
 def create_race(
-    settings: Settings, bucket: Bucket, wish: RaceOptions, *, now_s: float | None = None
+    settings: Settings, bucket: Bucket, options: RaceOptions, *, now_s: float | None = None
 ) -> RaceReport:
     """Raises SettingsError for a wrong rule, a missing track, or an existing race."""
     now = time.time() if now_s is None else now_s
-    rules = rules_of(settings, wish, now)
+    rules = rules_of(settings, options, now)
     check_track(settings_of_rules(settings, rules))
     race = race_id(rules.name) or f"race-{secrets.token_hex(3)}"
     if bucket.list(race_keys.folder(race)):
@@ -167,7 +167,7 @@ def delete_race(bucket: Bucket, race: str, *, dry_run: bool = False) -> DeletedR
 # Changes a race's rules before anybody has driven.
 
 
-def wish_of(rules: RaceRules) -> RaceOptions:
+def options_of(rules: RaceRules) -> RaceOptions:
     """Without derived rules, and settings, which `change_rules` keeps."""
     average = usual_average(rules.max_laps)
     least = least_laps(rules.ranking, rules.max_laps, rules.average_laps)
@@ -192,9 +192,14 @@ def wish_of(rules: RaceRules) -> RaceOptions:
 
 
 def change_rules(
-    settings: Settings, bucket: Bucket, race: str, wish: RaceOptions, *, now_s: float | None = None
+    settings: Settings,
+    bucket: Bucket,
+    race: str,
+    options: RaceOptions,
+    *,
+    now_s: float | None = None,
 ) -> RaceReport:
-    """Give a race other rules, from `wish_of`; its id stays.
+    """Give a race other rules, from `options_of`; its id stays.
 
     Raises:
         SettingsError: No such race, somebody has driven, or rules or submissions do not fit.
@@ -203,13 +208,13 @@ def change_rules(
     stored = read_race(bucket, race)
     _refuse_driven(stored)
     before = stored.rules
-    new = rules_of(settings, wish, now)
+    new = rules_of(settings, options, now)
     # What was frozen stays, even if run.env is different now; other kinds need other objects.
     frozen = before.settings if new.race_type == before.race_type else new.settings
     rules = replace(
         new,
         created_at=before.created_at,
-        settings={**frozen, **dict(wish.settings)},
+        settings={**frozen, **dict(options.settings)},
         changes=before.changes + 1,
     )
     check_track(settings_of_rules(settings, rules))

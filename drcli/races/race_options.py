@@ -52,68 +52,70 @@ class RaceOptions:
     settings: tuple[tuple[str, str], ...] = ()
 
 
-def rules_of(settings: Settings, wish: RaceOptions, now_s: float) -> RaceRules:
+def rules_of(settings: Settings, options: RaceOptions, now_s: float) -> RaceRules:
     """Raises SettingsError for a wrong rule."""
-    name = checked_name(wish.name, "the race")
-    race_type = wish.race_type or "TIME_TRIAL"
-    _check_number("--laps", wish.max_laps, 1, MOST_LAPS)
-    average = usual_average(wish.max_laps) if wish.average_laps is None else wish.average_laps
-    _check_number("--average-laps", average, 1, wish.max_laps)
-    usual = least_laps(wish.ranking, wish.max_laps, average)
-    least = usual if wish.min_laps is None else wish.min_laps
-    _check_number("--min-laps", least, 1, wish.max_laps)
-    if wish.ranking == "best-average" and least < average:
+    name = checked_name(options.name, "the race")
+    race_type = options.race_type or "TIME_TRIAL"
+    _check_number("--laps", options.max_laps, 1, MOST_LAPS)
+    average = (
+        usual_average(options.max_laps) if options.average_laps is None else options.average_laps
+    )
+    _check_number("--average-laps", average, 1, options.max_laps)
+    usual = least_laps(options.ranking, options.max_laps, average)
+    least = usual if options.min_laps is None else options.min_laps
+    _check_number("--min-laps", least, 1, options.max_laps)
+    if options.ranking == "best-average" and least < average:
         raise SettingsError(
             f"--min-laps {least} is less than the {average} laps in a row that best-average needs.",
             remedy="Leave --min-laps out, or lower --average-laps.",
         )
-    if wish.ranking == "total-time" and least != wish.max_laps:
+    if options.ranking == "total-time" and least != options.max_laps:
         raise SettingsError(
-            f"--min-laps {least} does not fit total-time, which needs all {wish.max_laps} laps.",
+            f"--min-laps {least} does not fit total-time, which needs all {options.max_laps} laps.",
             remedy="Leave --min-laps out.",
         )
     penalties = {
-        "--off-track-penalty": (wish.off_track_penalty_s, settings.eval_off_track_penalty),
-        "--collision-penalty": (wish.collision_penalty_s, settings.eval_collision_penalty),
+        "--off-track-penalty": (options.off_track_penalty_s, settings.eval_off_track_penalty),
+        "--collision-penalty": (options.collision_penalty_s, settings.eval_collision_penalty),
     }
     seconds = [own if given is None else given for given, own in penalties.values()]
     for option, value in zip(penalties, seconds, strict=True):
         _check_number(option, value, 0, MOST_PENALTY_S)
-    most = wish.max_submissions
+    most = options.max_submissions
     if most is None:
         most = int(race_type == "HEAD_TO_MODEL")
     _check_number("--max-submissions", most, 0, 1000)
-    if wish.closes_at is not None and wish.closes_at <= (wish.opens_at or now_s):
+    if options.closes_at is not None and options.closes_at <= (options.opens_at or now_s):
         raise SettingsError(
-            f"The race would close at {moment(wish.closes_at)}, before it opens.",
+            f"The race would close at {moment(options.closes_at)}, before it opens.",
             remedy="Choose a later time with --closes.",
         )
-    for sensor in wish.sensors:
+    for sensor in options.sensors:
         if sensor not in SENSORS:
             raise SettingsError(
                 f"--sensor {shown(sensor)} is not a sensor.", remedy=one_of(SENSORS, sensor)
             )
-    seed = secrets.randbelow(2**31) if wish.seed is None else wish.seed
+    seed = secrets.randbelow(2**31) if options.seed is None else options.seed
     _check_number("--seed", seed, 0, 2**32 - 1)
     rules = RaceRules(
         name=name,
         created_at=now_s,
-        world=wish.world or settings.world_name,
-        reverse=wish.reverse,
+        world=options.world or settings.world_name,
+        reverse=options.reverse,
         race_type=race_type,
-        ranking=wish.ranking,
-        max_laps=wish.max_laps,
+        ranking=options.ranking,
+        max_laps=options.max_laps,
         min_laps=least,
         average_laps=average,
         off_track_penalty_s=seconds[0],
         collision_penalty_s=seconds[1],
         max_submissions=most,
-        opens_at=wish.opens_at,
-        closes_at=wish.closes_at,
+        opens_at=options.opens_at,
+        closes_at=options.closes_at,
         seed=seed,
-        pairing=wish.pairing,
-        sensors=list(wish.sensors),
-        settings={**frozen_settings(settings, race_type), **dict(wish.settings)},
+        pairing=options.pairing,
+        sensors=list(options.sensors),
+        settings={**frozen_settings(settings, race_type), **dict(options.settings)},
     )
     settings_of_rules(settings, rules)  # refuses a wrong value before anything is written
     return rules

@@ -57,11 +57,11 @@ def _film(plan: EvaluationPlan, bucket: Bucket, report: EvaluationReport, path: 
     trace = trace_source.trace_of_key(
         ModelStore(bucket, report.prefix), report.simtrace, origin, ""
     )
-    wish = make_video.VideoOptions(
+    options = make_video.VideoOptions(
         episode="all", size=config.evaluation.eval_video_size, racer="", color=""
     )
     defaults = video_job.Defaults.of(config.model, config.race())
-    return video_job.make_video(defaults, lambda: bucket, trace, wish, [("film", path)]).notes
+    return video_job.make_video(defaults, lambda: bucket, trace, options, [("film", path)]).notes
 
 
 Say = Callable[[str], None]

@@ -50,7 +50,7 @@ class HeartbeatRecord(JsonRecord):
     def read(folder: Path, name: str) -> "HeartbeatRecord | None":
         """None if missing or being written."""
         try:
-            content = pulse_file(folder, name).read_bytes().rstrip()
+            content = heartbeat_file(folder, name).read_bytes().rstrip()
             told, data = content[: _SUM_BYTES - 1], content[_SUM_BYTES:]
             if told != b"%08x" % zlib.crc32(data):
                 return None
@@ -59,7 +59,7 @@ class HeartbeatRecord(JsonRecord):
             return None
 
 
-def pulse_file(folder: Path, name: str) -> Path:
+def heartbeat_file(folder: Path, name: str) -> Path:
     return folder / f"{name}.heartbeat"
 
 
@@ -69,10 +69,10 @@ def short_activity(text: str) -> str:
     return ascii_text[:_ACTIVITY_CHARACTERS]
 
 
-def open_pulse_file(folder: Path, name: str) -> int:
+def open_heartbeat_file(folder: Path, name: str) -> int:
     """A descriptor of a new file; raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = pulse_file(folder, name)
+    path = heartbeat_file(folder, name)
     path.unlink(missing_ok=True)  # an earlier process may still have it open
     return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
 

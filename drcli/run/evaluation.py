@@ -106,17 +106,17 @@ def _with_videos(
             trace = trace_source.trace_of_key(
                 ModelStore(bucket, report.prefix), simtrace, f"evaluation {plan.stamp}", ""
             )
-            wish = make_video.VideoOptions(
+            options = make_video.VideoOptions(
                 episode="all", size=config.evaluation.eval_video_size, racer="", color=""
             )
             on_progress(
-                f"Filming {make_video.frames_of(trace, wish)} frames for {len(files)} videos ..."
+                f"Filming {make_video.frames_of(trace, options)} frames for {len(files)} videos ..."
             )
             found = video_job.make_video(
                 video_job.Defaults.of(config.model, config.race()),
                 lambda: bucket,
                 trace,
-                wish,
+                options,
                 list(files.items()),
             )
             put = video_job.put_videos(ModelStore(bucket, folder), stamp, files)

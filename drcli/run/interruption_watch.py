@@ -133,7 +133,7 @@ def chosen_source(
 # Renews the lease of a training, and notices when another one has taken it.
 
 
-NOTICE_POLL_S = 4.0
+LEASE_POLL_S = 4.0
 """Who loses a lease must end within 15 seconds, which its workers need."""
 
 RENEW_S = 10.0

@@ -16,7 +16,7 @@ from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import RunRecord, State, StopRequest, WorkerRecord, log_file
 from drcli.rewards.source import exit_of_stuck
 from drcli.run.duty import Duty, RunningTraining, attempt
-from drcli.run.interruption_watch import NOTICE_POLL_S, Renewal
+from drcli.run.interruption_watch import LEASE_POLL_S, Renewal
 from drcli.run.journal import Journal
 from drcli.run.outcome import CTRL_C, TERMINATED, Outcome, interrupted
 from drcli.run.periodic import Periodic
@@ -56,7 +56,7 @@ class Supervisor:
         self._renewal = renewal
         # Each has its own thread, so that neither of them nor the loop waits for another.
         self._server = Periodic("server", revive_server, SERVER_CHECK_S)
-        self._lease = Periodic("lease", renewal.step, NOTICE_POLL_S)
+        self._lease = Periodic("lease", renewal.step, LEASE_POLL_S)
         gpus = job.config.train.sagemaker_cuda_devices
         trainer = "drcli.run.launchers.placed_trainer" if job.ray_trainer else "drcli.train.trainer"
         self._children = [Child(TRAINER, trainer, [], gpus)]

@@ -31,7 +31,7 @@ STUCK_S = 120.0
 """Then a worker with an idle main thread no longer renews its record."""
 
 
-class JoinedLifeline(StopSignal):
+class JoinedStopSignal(StopSignal):
     """Also ends a worker when its training has; `ended` says why."""
 
     def __init__(self, launcher_pid: int) -> None:
@@ -65,7 +65,7 @@ class Membership:
         model: ModelStore,
         session: str,
         member: str,
-        stop_signal: JoinedLifeline,
+        stop_signal: JoinedStopSignal,
         pause: Callable[[float], object] = time.sleep,
     ) -> None:
         self._model = model

@@ -120,7 +120,7 @@ def action_routes(
 
     def film(_: Request, body: dict[str, Any]) -> Any:
         prefix, stamp = _existing(reader, body), text_of(body, "stamp")
-        wish = film_wish(body)
+        options = video_options_of(body)
         keep = body.get("download") is True
 
         def work(progress: Progress) -> Any:
@@ -128,7 +128,7 @@ def action_routes(
             if keep:
                 path = downloads.new_folder() / f"{safe_name(prefix)}-{safe_name(stamp)}.mp4"
             made = in_subprocess(
-                progress, model_work.make_lap_video, directory, prefix, stamp, wish, path
+                progress, model_work.make_lap_video, directory, prefix, stamp, options, path
             )
             return made if path is None else downloads.offer(path, made["report"])
 
@@ -215,7 +215,7 @@ def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
         raise BadRequest(f"The checkpoint {error.reason}. {error.remedy}") from None
 
 
-def film_wish(body: dict[str, Any]) -> dict[str, Any]:
+def video_options_of(body: dict[str, Any]) -> dict[str, Any]:
     """BadRequest if it cannot be so."""
     episode = text_of(body, "episode", "best")
     if episode not in _EPISODES and not (episode.isdecimal() and len(episode) < 7):

@@ -268,12 +268,12 @@ def make_lap_video(
     directory: Path,
     prefix: str,
     stamp: str,
-    wish: dict[str, Any],
+    video_options: dict[str, Any],
     path: Path | None,
 ) -> dict[str, Any]:
     """Film an evaluation as dr-video does, and put the film beside its trace.
 
-    `wish` has fields of `make_video.VideoOptions`; `path`: a film to download instead.
+    `video_options` has fields of `make_video.VideoOptions`; `path`: a film to download instead.
     """
     require_encoder()
     settings = settings_for(directory, prefix)
@@ -283,7 +283,7 @@ def make_lap_video(
 
     def film(target: Path) -> Any:
         wanted = make_video.VideoOptions(
-            **{"racer": "", "color": "", "most_seconds": make_video.USUAL_SECONDS, **wish}
+            **{"racer": "", "color": "", "most_seconds": make_video.USUAL_SECONDS, **video_options}
         )
         progress(f"Filming {make_video.frames_of(trace, wanted)} frames ...")
         return video_job.make_video(defaults, lambda: bucket, trace, wanted, [("film", target)])

@@ -21,7 +21,7 @@ from drcli.races.organise import (
     create_race,
     delete_race,
     open_race,
-    wish_of,
+    options_of,
 )
 from drcli.races.race_export import csv_of, race_page, videos_of
 from drcli.races.race_options import SENSORS, RaceOptions, object_settings, parse_time, rules_of
@@ -42,7 +42,7 @@ from drcli.web.topics import Snapshot
 MOST_SENSORS = 20
 
 
-def wish_of_form(body: dict[str, Any], now_s: float) -> RaceOptions:
+def options_of_form(body: dict[str, Any], now_s: float) -> RaceOptions:
     """Null or missing: the usual value.
 
     Raises:
@@ -164,7 +164,7 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
     def check(_: Request, body: dict[str, Any]) -> Any:
         settings = reader.folder.settings()
-        rules = rules_of(settings, wish_of_form(body, reader.clock()), reader.clock())
+        rules = rules_of(settings, options_of_form(body, reader.clock()), reader.clock())
         return {
             "race": race_id(rules.name),
             "rules": rules,
@@ -174,9 +174,9 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
     def create(_: Request, body: dict[str, Any]) -> Any:
         now = reader.clock()
-        wish = wish_of_form(body, now)
+        options = options_of_form(body, now)
         settings, bucket = reader.open()
-        return {"race": create_race(settings, bucket, wish, now_s=now).race}
+        return {"race": create_race(settings, bucket, options, now_s=now).race}
 
     def models(_: Request) -> Any:
         settings = reader.folder.settings()
@@ -292,7 +292,7 @@ def _close(reader: RaceReader, race: str, _: dict[str, Any]) -> None:
 def _change_rules(reader: RaceReader, race: str, body: dict[str, Any]) -> None:
     now = reader.clock()
     settings, bucket = reader.open()
-    change_rules(settings, bucket, race, wish_of_form(body, now), now_s=now)
+    change_rules(settings, bucket, race, options_of_form(body, now), now_s=now)
 
 
 _CHANGES: dict[str, Callable[[RaceReader, str, dict[str, Any]], None]] = {
@@ -315,7 +315,7 @@ def _rules(reader: RaceReader, request: Request) -> Any:
         else None,
         "bots": conditions.h2b_number_of_bot_cars if rules.race_type == "HEAD_TO_BOT" else None,
     }
-    return {"wish": wish_of(rules), **objects}
+    return {"wish": options_of(rules), **objects}
 
 
 def _file_routes(reader: RaceReader) -> Sequence[BaseRoute]:

@@ -72,7 +72,7 @@ class SharedFeed:
         self.ask((run_id, worker))
 
     def ask(self, key: WorkerKey) -> None:
-        # In one block: a wish must not overtake a later one. `watch` only sends some bytes.
+        # In one block: a request must not overtake a later one. `watch` only sends some bytes.
         feed = self._opened()
         with self._lock:
             views = {view for part in self._parts for view in part.wanted(key)}

@@ -18,7 +18,12 @@ from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
 from drcli.base.log import get_logger
 from drcli.base.system_calls import open_files
-from drcli.records.heartbeat import HeartbeatRecord, open_pulse_file, pulse_file, short_activity
+from drcli.records.heartbeat import (
+    HeartbeatRecord,
+    heartbeat_file,
+    open_heartbeat_file,
+    short_activity,
+)
 from drcli.records.job import WorkerExit
 
 with lazy_imports():
@@ -81,7 +86,7 @@ class Heartbeat:
         if STACKS_SIGNAL is not None:
             faulthandler.register(STACKS_SIGNAL, file=sys.__stderr__ or 2, all_threads=True)
         try:
-            descriptor = open_pulse_file(folder, name)
+            descriptor = open_heartbeat_file(folder, name)
         except OSError as error:
             _logger.warning("The heartbeat of this worker cannot be written: %s", error)
             return
@@ -108,8 +113,8 @@ class Heartbeat:
         while True:
             self._beats += 1
             with suppress(OSError):
-                if not pulse_file(folder, name).exists():  # somebody has removed the folder
-                    fresh = open_pulse_file(folder, name)
+                if not heartbeat_file(folder, name).exists():  # somebody has removed the folder
+                    fresh = open_heartbeat_file(folder, name)
                     os.close(descriptor)
                     descriptor = fresh
                 os.pwrite(descriptor, self.record().file_content(), 0)

@@ -167,7 +167,7 @@ def open_own_bucket(job: Job, stop_signal: StopSignal, *, far: bool = False) -> 
 def run(
     name: str,
     main: Callable[[Job, StopSignal], None],
-    lifeline_of: Callable[[int], StopSignal] = StopSignal,
+    stop_signal_of: Callable[[int], StopSignal] = StopSignal,
 ) -> None:
     """Run a worker's loop as the main function of a process.
 
@@ -177,7 +177,7 @@ def run(
     """
     search_as_usual()
     job = Job.received_or_exit()
-    stop_signal = lifeline_of(job.launcher_pid)
+    stop_signal = stop_signal_of(job.launcher_pid)
     WorkerExit.delete(job.folder, name)
     path = os.environ.get(log_files.VARIABLE)
     logs = WorkerLogs(job, name, Path(path) if path else None)

@@ -71,8 +71,8 @@ class Home:
 
     def race(self, **rules: Any) -> str:
         """Make a race of two laps."""
-        wish = RaceOptions("Cup", **{"max_laps": 2, "seed": 1, **rules})
-        return create_race(self.settings, self.bucket, wish).race
+        wanted = RaceOptions("Cup", **{"max_laps": 2, "seed": 1, **rules})
+        return create_race(self.settings, self.bucket, wanted).race
 
     def submit(self, model: str, racer: str = "", **options: Any) -> str:
         """Submit a model by a racer who is called like it."""

@@ -157,30 +157,30 @@ def _act(
     size = len(k)
     most = max(abs(a) for a, _ in plan.actions) if plan.actions else plan.high[0]
     if plan.style == "driver":
-        wish = need + _smooth(rng.standard_normal(size), 3) * 5 + rng.normal(0, 4, size)
+        options = need + _smooth(rng.standard_normal(size), 3) * 5 + rng.normal(0, 4, size)
         dice = rng.random(size) < random
     else:
-        wish = rng.normal(0, most / 2.2, size)
+        options = rng.normal(0, most / 2.2, size)
         dice = rng.random(size) < 0.6
-    wish = np.where(dice, rng.uniform(-most * 1.15, most * 1.15, size), wish)
+    options = np.where(dice, rng.uniform(-most * 1.15, most * 1.15, size), options)
     if plan.swing is not None:
         size_deg, period = plan.swing
         phase = rng.random(int(episode.max()) + 1)[episode]
         beat = np.sign(np.sin(2 * np.pi * (k / period + phase) + 1e-6))
-        wish = 0.4 * wish + np.minimum(size_deg, most) * beat
+        options = 0.4 * options + np.minimum(size_deg, most) * beat
     if plan.side:
         keep = rng.random(size) < rng.uniform(0.94, 1.0)
-        wish = np.where(keep, plan.side * np.abs(wish), wish)
+        options = np.where(keep, plan.side * np.abs(options), options)
     if plan.low is not None and plan.high is not None:
         haste = rng.normal(0.5 + 0.1 * part, 0.28 * (0.4 + random), size).clip(0, 1)
         haste = haste * (1 - 0.12 * plan.slowing * part)
         speed = plan.low[1] + (plan.high[1] - plan.low[1]) * haste
-        return np.clip(wish, plan.low[0], plan.high[0]), speed, np.full(size, -1)
+        return np.clip(options, plan.low[0], plan.high[0]), speed, np.full(size, -1)
     pairs = np.array(plan.actions)
     alive = np.array([n for n in range(len(pairs)) if n not in plan.dead])
     angles = np.unique(pairs[:, 0])
     width = max(4.0, float(np.median(np.diff(angles))) * 0.6) if len(angles) > 1 else 10.0
-    score = -(((pairs[None, alive, 0] - wish[:, None]) / width) ** 2)
+    score = -(((pairs[None, alive, 0] - options[:, None]) / width) ** 2)
     haste = (pairs[alive, 1] - pairs[:, 1].mean()) / max(0.1, np.ptp(pairs[:, 1]))
     score += haste[None, :] * (0.4 * part - plan.slowing * 1.3 * part)[:, None]
     weight = np.exp(score - score.max(axis=1, keepdims=True)) + 0.01

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.config.loading import load_settings
-from drcli.records.heartbeat import HeartbeatRecord, WatchRecord, open_pulse_file
+from drcli.records.heartbeat import HeartbeatRecord, WatchRecord, open_heartbeat_file
 from drcli.records.job import Job
 from drcli.run.duty import RunningTraining
 from drcli.run.journal import Journal
@@ -108,7 +108,7 @@ class WatchedRun:
             if name in turning:
                 heartbeat = replace(heartbeat, turned_s=self.now_s)
             worker.heartbeat = heartbeat
-            descriptor = open_pulse_file(self.folder, name)
+            descriptor = open_heartbeat_file(self.folder, name)
             os.pwrite(descriptor, heartbeat.file_content(), 0)
             os.close(descriptor)
 

@@ -203,7 +203,7 @@ def create(
     """
     now = time.time()
     objects = object_settings(race_type, obstacles, bots)
-    wish = race_options.RaceOptions(
+    wanted = race_options.RaceOptions(
         name=name,
         world=world,
         reverse=reverse,
@@ -223,8 +223,8 @@ def create(
         settings=tuple(objects.items()),
     )
     loaded = settings()
-    bring_tracks(settings_of_rules(loaded, race_options.rules_of(loaded, wish, now)))
-    report = organise.create_race(loaded, open_races(loaded), wish, now_s=now)
+    bring_tracks(settings_of_rules(loaded, race_options.rules_of(loaded, wanted, now)))
+    report = organise.create_race(loaded, open_races(loaded), wanted, now_s=now)
     print_race(report)
     terminal.suggest(
         [
@@ -284,8 +284,8 @@ def edit(
         raise typer.BadParameter("Say what to change, such as --laps 5.")
     loaded = settings()
     bucket, found = found_race(loaded, race)
-    wish = replace(organise.wish_of(read_rules(bucket, found)), **changes)
-    print_race(organise.change_rules(loaded, bucket, found, wish))
+    wanted = replace(organise.options_of(read_rules(bucket, found)), **changes)
+    print_race(organise.change_rules(loaded, bucket, found, wanted))
 
 
 _Submission = Annotated[

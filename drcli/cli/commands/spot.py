@@ -214,7 +214,7 @@ def create(
             shared = need_stack(ours, base, "base")
             bucket = bucket or os.environ.get(_BUCKET_VARIABLE) or shared.bucket
             topic = shared.outputs.get("Topic", "")
-        wishes = creation.Wishes(
+        stack_options = creation.StackOptions(
             stack,
             bucket or _usual_bucket(before),
             tuple(named),
@@ -229,12 +229,12 @@ def create(
             image,
             tuple(subnets or ()),
         )
-        creation.check_wishes(wishes)
-        loaded = _checked(folder, ours, wishes.bucket, stack, before)
+        creation.check_options(stack_options)
+        loaded = _checked(folder, ours, stack_options.bucket, stack, before)
         with terminal.waiting("Preparing what the machine installs ..."):
             source = find_source(install)
         with terminal.waiting(f"Asking Amazon for quotas and prices in {ours.region} ..."):
-            plan = creation.prepare(ours, loaded, wishes, source)
+            plan = creation.prepare(ours, loaded, stack_options, source)
         if show_template:
             terminal.write(json.dumps(plan.template, indent=2) + "\n")
             return

@@ -241,7 +241,7 @@ def video(
         evaluation = _drive(loaded, str(chosen), what)
     trace = _trace(loaded, bucket, what, evaluation, iteration, worker)
     path = out or _free_name(trace.stem + ending)
-    wish = make_video.VideoOptions(
+    video_options = make_video.VideoOptions(
         episode=episode,
         size=size,
         fps=min(fps, GIF_FPS) if is_gif else fps,
@@ -253,14 +253,14 @@ def video(
         most_seconds=(make_video.USUAL_SECONDS if seconds is None else seconds) or None,
     )
     make_video.refuse_file(path, force=force)
-    doing = f"Filming {make_video.frames_of(trace, wish)} frames of {trace.origin} ..."
+    doing = f"Filming {make_video.frames_of(trace, video_options)} frames of {trace.origin} ..."
     stopped = until_sigterm("The video was stopped; no file was written.", "Run it again.")
     with stopped, terminal.waiting(doing):
         report = video_job.make_video(
             video_job.Defaults.of(loaded.model, loaded.race),
             bucket,
             trace,
-            wish,
+            video_options,
             [("film", path)],
             world=world,
             policy=video_job.PolicyOptions(policy, metadata, iteration),

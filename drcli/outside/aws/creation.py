@@ -72,7 +72,7 @@ LEAST_MINUTES, MOST_MINUTES = 15, 10_080
 
 
 @dataclass(frozen=True)
-class Wishes:
+class StackOptions:
     """What a racer asks for.
 
     Attributes:
@@ -99,21 +99,21 @@ class Wishes:
     subnets: tuple[str, ...] = ()
 
 
-def check_wishes(wishes: Wishes) -> None:
+def check_options(options: StackOptions) -> None:
     """Check what needs no question to Amazon.
 
     Raises:
-        SettingsError: A wish is impossible.
+        SettingsError: An option is impossible.
     """
-    minutes = wishes.ttl_minutes
+    minutes = options.ttl_minutes
     if minutes and not LEAST_MINUTES <= minutes <= MOST_MINUTES:
         raise SettingsError(
             f"{minutes} minutes cannot be the time of a stack.",
             remedy=f"Choose {LEAST_MINUTES} to {MOST_MINUTES} minutes; 0 means no limit.",
         )
-    if wishes.most_usd is not None and not wishes.most_usd > 0:
+    if options.most_usd is not None and not options.most_usd > 0:
         raise SettingsError(
-            f"{wishes.most_usd} USD cannot be the highest price per hour.",
+            f"{options.most_usd} USD cannot be the highest price per hour.",
             remedy="Choose a price above 0, or leave --max-price out.",
         )
 
@@ -263,10 +263,10 @@ def known_prices(
     return [*spot, *ordinary.values()], ordinary, notes
 
 
-def estimate(prices: list[float], wishes: Wishes) -> Estimate:
+def estimate(prices: list[float], options: StackOptions) -> Estimate:
     """Raises StorageError if no machine is as cheap as wanted."""
-    cap = wishes.most_usd
-    if cap is not None and wishes.market == "spot":
+    cap = options.most_usd
+    if cap is not None and options.market == "spot":
         prices = [price for price in prices if price <= cap]
         if not prices:
             raise StorageError(
@@ -276,8 +276,8 @@ def estimate(prices: list[float], wishes: Wishes) -> Estimate:
     return Estimate(
         min(prices, default=None),
         max(prices, default=None),
-        wishes.disk_gb * DISK_USD_PER_GB_HOUR + ADDRESS_USD_PER_HOUR,
-        wishes.ttl_minutes / 60 if wishes.ttl_minutes else None,
+        options.disk_gb * DISK_USD_PER_GB_HOUR + ADDRESS_USD_PER_HOUR,
+        options.ttl_minutes / 60 if options.ttl_minutes else None,
     )
 
 
@@ -294,7 +294,7 @@ class StackPlan:
         install: What the machine reads first.
     """
 
-    wishes: Wishes
+    options: StackOptions
     settings: Settings
     source: InstallSource
     types: tuple[InstanceType, ...]
@@ -358,17 +358,17 @@ class Planned(_NewStack):
     @staticmethod
     def of(plan: StackPlan, region: str) -> "Planned":
         """The plan."""
-        wishes, money = plan.wishes, plan.estimate
+        options, money = plan.options, plan.estimate
         return Planned(
-            wishes.stack,
+            options.stack,
             region,
-            wishes.bucket,
+            options.bucket,
             plan.settings.model_prefix,
             tuple(each.name for each in plan.types),
-            wishes.market,
+            options.market,
             plan.resumes,
             plan.zones,
-            wishes.ttl_minutes,
+            options.ttl_minutes,
             money.least,
             money.most,
             money.extra,
@@ -401,48 +401,48 @@ class Planned(_NewStack):
 
 
 def prepare(
-    account: Account, settings: Settings, wishes: Wishes, source: InstallSource
+    account: Account, settings: Settings, options: StackOptions, source: InstallSource
 ) -> StackPlan:
     """Check everything, and estimate the cost; changes nothing.
 
     Raises:
         DrError: The training cannot start.
     """
-    check_wishes(wishes)
-    refuse_existing(account, wishes.stack)
-    bucket = check_bucket(account, wishes.bucket)
+    check_options(options)
+    refuse_existing(account, options.stack)
+    bucket = check_bucket(account, options.bucket)
     resumes, notes = model_state(bucket, settings.model_prefix)
-    named = bool(wishes.types)
-    names = wishes.types or default_types(wishes.processor)
-    network = find_network(account, wishes.subnets)
+    named = bool(options.types)
+    names = options.types or default_types(options.processor)
+    network = find_network(account, options.subnets)
     types = find_types(account, names, named=named)
-    types, left_out = check_quotas(account, types, spot=wishes.market != "on-demand")
+    types, left_out = check_quotas(account, types, spot=options.market != "on-demand")
     notes += left_out
-    if wishes.market == "spot-or-on-demand":
+    if options.market == "spot-or-on-demand":
         notes += check_quotas(account, types, spot=False)[1]
     graphics = [each.name for each in types if each.graphics]
     if graphics:
         notes.append(
             f"{', '.join(graphics)} costs more for a graphics card that drcli does not use there."
         )
-    prices, ordinary, unknown = known_prices(account, types, wishes.market)
+    prices, ordinary, unknown = known_prices(account, types, options.market)
     notes += unknown
-    images = find_images(account, [each.architecture for each in types], wishes.image)
+    images = find_images(account, [each.architecture for each in types], options.image)
     now = time.time()
-    ends = float(int(now + 60 * wishes.ttl_minutes)) if wishes.ttl_minutes else 0.0
+    ends = float(int(now + 60 * options.ttl_minutes)) if options.ttl_minutes else 0.0
     group = Group(
         types={each.name: each.architecture for each in types},
         images=images,
         subnets=network.subnets,
         network=network.id,
-        market=wishes.market,
-        most_usd=wishes.most_usd,
+        market=options.market,
+        most_usd=options.most_usd,
         ends=ends,
-        disk_gb=wishes.disk_gb,
-        key_name=wishes.key_name,
+        disk_gb=options.disk_gb,
+        key_name=options.key_name,
     )
-    places = _places(account, settings, wishes)
-    template = training_template(wishes.stack, settings.model_prefix, group, places, wishes.topic)
+    places = _places(account, settings, options)
+    template = training_template(options.stack, settings.model_prefix, group, places, options.topic)
     if len(json.dumps(template)) > MOST_TEMPLATE_BYTES:
         raise SettingsError(
             f"{len(types)} types make a template that is too large for CloudFormation.",
@@ -450,17 +450,17 @@ def prepare(
         )
     files = files_to_send(settings)
     return StackPlan(
-        wishes,
+        options,
         settings,
         source,
         tuple(types),
         network.zones,
-        estimate(prices, wishes),
+        estimate(prices, options),
         resumes,
         ends,
         tuple(notes),
         template,
-        _install(account, settings, wishes, source, files, ordinary),
+        _install(account, settings, options, source, files, ordinary),
         files,
     )
 
@@ -471,8 +471,8 @@ def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> C
     Raises:
         StorageError: The bucket or Amazon failed.
     """
-    wishes, name = plan.wishes, plan.wishes.stack
-    bucket = account.bucket(wishes.bucket)
+    options, name = plan.options, plan.options.stack
+    bucket = account.bucket(options.bucket)
     try:
         # Files of an earlier stack of this name: its machines and logs are not this one's.
         forget_files(bucket, name)
@@ -486,7 +486,7 @@ def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> C
             STACK_TAG: name,
             MODEL_TAG: plan.settings.model_prefix[:256],
             KIND_TAG: "training",
-            BUCKET_TAG: wishes.bucket,
+            BUCKET_TAG: options.bucket,
             ENDS_TAG: f"{plan.ends:.0f}",
         }
         stack = create_stack(account, name, plan.template, tags, roles=True, pause=pause)
@@ -494,15 +494,15 @@ def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> C
         with suppress(DrError):
             forget_files(bucket, name)
         raise
-    if wishes.email:
-        subscribe(account, stack.outputs["Topic"], wishes.email)
+    if options.email:
+        subscribe(account, stack.outputs["Topic"], options.email)
     return CreatedStack(
         name,
         account.region,
-        wishes.bucket,
+        options.bucket,
         plan.settings.model_prefix,
         tuple(each.name for each in plan.types),
-        wishes.market,
+        options.market,
         plan.estimate.least,
         plan.estimate.total,
         stack.ends,
@@ -516,7 +516,7 @@ def forget_files(bucket: S3Bucket, stack: str) -> int:
     return len(found)
 
 
-def _places(account: Account, settings: Settings, wishes: Wishes) -> Places:
+def _places(account: Account, settings: Settings, options: StackOptions) -> Places:
     own_files = {
         key.rpartition("/")[0]
         for key in (settings.reward_key, settings.hyperparameters_key, settings.model_metadata_key)
@@ -525,21 +525,21 @@ def _places(account: Account, settings: Settings, wishes: Wishes) -> Places:
         *run_folders(settings.model_prefix),
         settings.metrics_prefix,
         settings.custom_files_prefix,
-        stack_folder(wishes.stack).rstrip("/"),
+        stack_folder(options.stack).rstrip("/"),
         *(folder for folder in own_files if folder),
     }
     upload = settings.upload_s3_bucket
-    elsewhere = upload not in ("not-defined", "", wishes.bucket)
+    elsewhere = upload not in ("not-defined", "", options.bucket)
     if not elsewhere:
         folders.add(settings.upload_s3_prefix)
     reads = (settings.pretrained_prefix,) if settings.pretrained else ()
     return Places(
-        wishes.bucket,
+        options.bucket,
         tuple(sorted(folders)),
         reads,
         upload if elsewhere else "",
         settings.upload_s3_prefix if elsewhere else "",
-        key_of(account, wishes.bucket),
+        key_of(account, options.bucket),
         settings.cloud_watch_log_group if settings.cloud_watch_enable else "",
     )
 
@@ -547,7 +547,7 @@ def _places(account: Account, settings: Settings, wishes: Wishes) -> Places:
 def _install(
     account: Account,
     settings: Settings,
-    wishes: Wishes,
+    options: StackOptions,
     source: InstallSource,
     files: Mapping[str, bytes],
     ordinary: Mapping[str, float],
@@ -561,7 +561,7 @@ def _install(
         "torch": torch_requirement(),
         "packages": list(source.packages),
         "files": sorted(files),
-        "environment": environment(wishes.bucket, account.region, wishes.stack, upload),
+        "environment": environment(options.bucket, account.region, options.stack, upload),
         "given": ["DR_SPOT_PRICE"] if priced else [],
         "on_demand_usd": dict(ordinary),
         "continues": settings.continue_on_spot_interruption,

@@ -247,7 +247,7 @@ class PlacedTrainer:
         self._stopped = False
         self._asked_for_stacks = 0
         self._heartbeat: HeartbeatRecord | None = None
-        self._pulsed_s = clock()
+        self._heard_s = clock()
         self.node = ""
 
     def move(self, host: PlacedActor[HostReport]) -> None:
@@ -283,13 +283,13 @@ class PlacedTrainer:
             _logger.error("%s %s", report.refusal.message, report.refusal.remedy)
             return report.refusal.code
         if not self.node:
-            self.node, self._pulsed_s = report.node, self._clock()
+            self.node, self._heard_s = report.node, self._clock()
             _logger.info("The trainer runs on %s.", self.node)
         self._copies.take(report)
         if report.heartbeat is not None and report.heartbeat != self._heartbeat:
-            self._heartbeat, self._pulsed_s = report.heartbeat, self._clock()
+            self._heartbeat, self._heard_s = report.heartbeat, self._clock()
             self._stop_signal.heartbeat.relay(report.heartbeat)
-        if report.code is None and self._clock() - self._pulsed_s > SILENT_S:
+        if report.code is None and self._clock() - self._heard_s > SILENT_S:
             self._give_up(f"The trainer{self._where()} gave no sign for {SILENT_S:.0f} s.")
         return report.code
 

@@ -125,7 +125,7 @@ class VideoOptions:
 def film_trace(
     trace: FoundTrace,
     track: Track,
-    wish: VideoOptions,
+    options: VideoOptions,
     files: Sequence[tuple[View, Path]],
     *,
     subject: "ExplainedPolicy | None" = None,
@@ -140,14 +140,14 @@ def film_trace(
         NotAvailable: A library is missing.
         SettingsError: The episode does not exist, or a file cannot be written.
     """
-    laps = chosen_laps(trace.laps, wish.episode, trace.origin)
+    laps = chosen_laps(trace.laps, options.episode, trace.origin)
     for _, path in files:
         if path.suffix.lower() == ".mp4":
             encode.require_encoder()
     shapes = _shapes(trace)
-    rows, columns = SIZES[wish.size]
-    renderer = _renderer(wish, track, (rows, columns))
-    film = Film(track, renderer, wish.fps)
+    rows, columns = SIZES[options.size]
+    renderer = _renderer(options, track, (rows, columns))
+    film = Film(track, renderer, options.fps)
     eye = CarEye(track, shapes)
     total = 0
     filmed: list[FilmedEpisode] = []
@@ -155,16 +155,16 @@ def film_trace(
     def scenes() -> Iterator[Scene]:
         for lap in laps:
             filmed.append(_filmed(lap))
-            ghosts = _ghosts(trace, lap, wish.ghosts, others)
-            yield _scene(trace, track, lap, wish, eye, shapes, subject, driver, ghosts)
+            ghosts = _ghosts(trace, lap, options.ghosts, others)
+            yield _scene(trace, track, lap, options, eye, shapes, subject, driver, ghosts)
 
     try:
         with contextlib.ExitStack() as stack:
             writers = [
                 stack.enter_context(
-                    encode.gif(path, wish.fps)
+                    encode.gif(path, options.fps)
                     if path.suffix.lower() == ".gif"
-                    else encode.mp4(path, (rows, columns), wish.fps)
+                    else encode.mp4(path, (rows, columns), options.fps)
                 )
                 for _, path in files
             ]
@@ -173,11 +173,11 @@ def film_trace(
                 for writer, frame in zip(writers, frames, strict=True):
                     writer.add(frame)
                 total += 1
-                if total >= wish.most_frames or all(writer.full for writer in writers):
+                if total >= options.most_frames or all(writer.full for writer in writers):
                     break
     finally:
         renderer.close()
-    form = encode.form_of(files[0][1], encode.Form(columns, rows, wish.fps, total))
+    form = encode.form_of(files[0][1], encode.Form(columns, rows, options.fps, total))
     return VideoReport(
         file=str(files[0][1]),
         seconds=form.frames / form.fps,
@@ -189,28 +189,28 @@ def film_trace(
         trace=trace.origin,
         model=trace.model,
         checkpoint=driver if subject is not None else "",
-        renderer=wish.renderer,
+        renderer=options.renderer,
         episodes=filmed,
-        notes=[*trace.notes, *_cut(laps, wish)],
+        notes=[*trace.notes, *_cut(laps, options)],
     )
 
 
-def frames_of(trace: FoundTrace, wish: VideoOptions) -> int:
-    laps = chosen_laps(trace.laps, wish.episode, trace.origin)
-    return int(min(_frames(laps, wish), wish.most_frames))
+def frames_of(trace: FoundTrace, options: VideoOptions) -> int:
+    laps = chosen_laps(trace.laps, options.episode, trace.origin)
+    return int(min(_frames(laps, options), options.most_frames))
 
 
-def _frames(laps: Sequence[RecordedLap], wish: VideoOptions) -> int:
-    return sum(frame_count(lap, wish.fps) for lap in laps)
+def _frames(laps: Sequence[RecordedLap], options: VideoOptions) -> int:
+    return sum(frame_count(lap, options.fps) for lap in laps)
 
 
-def _cut(laps: Sequence[RecordedLap], wish: VideoOptions) -> list[str]:
-    frames = _frames(laps, wish)
-    if frames <= wish.most_frames:
+def _cut(laps: Sequence[RecordedLap], options: VideoOptions) -> list[str]:
+    frames = _frames(laps, options)
+    if frames <= options.most_frames:
         return []
     what = "the episode takes" if len(laps) == 1 else "the episodes take"
     return [
-        f"The film ends after {wish.most_seconds} s; {what} {math.ceil(frames / wish.fps)} s "
+        f"The film ends after {options.most_seconds} s; {what} {math.ceil(frames / options.fps)} s "
         "(`dr-video --seconds` moves the end)."
     ]
 
@@ -247,8 +247,8 @@ def rank_of(lap: RecordedLap) -> tuple[bool, int, float]:
     return True, 0, -float(lap.progress[-1])
 
 
-def _renderer(wish: VideoOptions, track: Track, size: tuple[int, int]) -> Renderer:
-    if wish.renderer == "mujoco":
+def _renderer(options: VideoOptions, track: Track, size: tuple[int, int]) -> Renderer:
+    if options.renderer == "mujoco":
         try:
             view = MujocoView(track, columns=size[1], rows=size[0])
             view.frame(lens_above(track, size), [])
@@ -289,7 +289,7 @@ def _scene(
     trace: FoundTrace,
     track: Track,
     lap: RecordedLap,
-    wish: VideoOptions,
+    options: VideoOptions,
     eye: CarEye,
     shapes: tuple[Shape, ...],
     subject: "ExplainedPolicy | None",
@@ -300,12 +300,12 @@ def _scene(
     if subject is None:
         seen = None, eye.frames(lap.poses, lap.objects)[:, 0], ()
     else:
-        seen = policy_insight.look_through(subject, eye, lap, explain=wish.explain)
+        seen = policy_insight.look_through(subject, eye, lap, explain=options.explain)
     insight, camera, actions = seen
     other_color = "" if trace.recording is None else trace.recording.other_color
     where = f"{track.name} · episode {lap.number}"
     titles = Titles(
-        wish.racer or "DeepRacer",
+        options.racer or "DeepRacer",
         driver or trace.origin,
         where,
         actions,
@@ -314,7 +314,7 @@ def _scene(
     return Scene(
         lap,
         titles,
-        shell_color(wish.color),
+        shell_color(options.color),
         shapes,
         camera,
         insight,

@@ -61,7 +61,7 @@ def make_video(
     defaults: Defaults,
     bucket: Callable[[], Bucket],
     trace: FoundTrace,
-    wish: VideoOptions,
+    options: VideoOptions,
     files: Sequence[tuple[View, Path]],
     *,
     world: str | None = None,
@@ -85,18 +85,18 @@ def make_video(
     else:
         track = find_world(trace.laps, defaults.world, folder, trace.origin)
     subject, driver, notes = _policy(defaults, bucket, trace, policy or PolicyOptions())
-    if wish.explain and subject is None:
+    if options.explain and subject is None:
         raise SettingsError(
             "No policy is known whose pixels could be explained.",
             remedy="Name a checkpoint or a file with --policy, or leave out --explain.",
         )
     others = [_ghost(bucket, trace, name) for name in ghosts]
-    racer = wish.racer or (recording.racer if recording is not None else defaults.racer)
-    color = wish.color or (recording.color if recording is not None else defaults.color)
+    racer = options.racer or (recording.racer if recording is not None else defaults.racer)
+    color = options.color or (recording.color if recording is not None else defaults.color)
     report = film_trace(
         trace,
         track,
-        replace(wish, racer=racer, color=color),
+        replace(options, racer=racer, color=color),
         files,
         subject=subject,
         driver=driver or _driver(trace),
@@ -123,23 +123,23 @@ def _policy(
     defaults: Defaults,
     bucket: Callable[[], Bucket],
     trace: FoundTrace,
-    wish: PolicyOptions,
+    options: PolicyOptions,
 ) -> tuple["ExplainedPolicy | None", str, list[str]]:
-    if wish.name == NO_POLICY:
+    if options.name == NO_POLICY:
         return None, "", []
-    if wish.name is not None and Path(wish.name).suffix.lower() in _POLICY_FILES:
-        path = Path(wish.name).expanduser()
-        return policy_outputs.open_policy_file(path, wish.metadata), path.name, []
-    if wish.name is not None:
+    if options.name is not None and Path(options.name).suffix.lower() in _POLICY_FILES:
+        path = Path(options.name).expanduser()
+        return policy_outputs.open_policy_file(path, options.metadata), path.name, []
+    if options.name is not None:
         if not trace.model:
             raise SettingsError(
-                f"{trace.origin} names no model, so --policy {wish.name:.40} cannot be found.",
+                f"{trace.origin} names no model, so --policy {options.name:.40} cannot be found.",
                 remedy="Name a file with --policy, such as model_0.pb.",
             )
-        return _checkpoint(defaults, bucket(), trace.model, wish.name)
+        return _checkpoint(defaults, bucket(), trace.model, options.name)
     recording = trace.recording
     recorded = "" if recording is None else recording.checkpoint
-    name = recorded or ("" if wish.iteration is None else str(wish.iteration))
+    name = recorded or ("" if options.iteration is None else str(options.iteration))
     if not trace.model or not name:
         return None, "", []
     try:

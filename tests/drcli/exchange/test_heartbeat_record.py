@@ -7,8 +7,8 @@ import pytest
 from drcli.records.heartbeat import (
     FILE_BYTES,
     HeartbeatRecord,
-    open_pulse_file,
-    pulse_file,
+    heartbeat_file,
+    open_heartbeat_file,
     short_activity,
 )
 
@@ -16,7 +16,7 @@ PULSE = HeartbeatRecord(4711, 3, 12.5, "drives iteration 7", False, 41, 12.0, 12
 
 
 def written(folder, content: bytes) -> None:
-    descriptor = open_pulse_file(folder, "sim-0")
+    descriptor = open_heartbeat_file(folder, "sim-0")
     os.pwrite(descriptor, content, 0)
     os.close(descriptor)
 
@@ -29,14 +29,14 @@ def test_a_pulse_is_read_as_it_was_written(tmp_path):
 
 
 def test_every_pulse_takes_the_same_room(tmp_path):
-    descriptor = open_pulse_file(tmp_path, "sim-0")
+    descriptor = open_heartbeat_file(tmp_path, "sim-0")
     for beats in (9, 10**9):
         os.pwrite(
             descriptor, HeartbeatRecord(1, beats, 1.0, "", True, 0, None, 1.0).file_content(), 0
         )
     os.close(descriptor)
 
-    assert pulse_file(tmp_path, "sim-0").stat().st_size == FILE_BYTES
+    assert heartbeat_file(tmp_path, "sim-0").stat().st_size == FILE_BYTES
     assert HeartbeatRecord.read(tmp_path, "sim-0").beats == 10**9
 
 
@@ -62,7 +62,7 @@ def test_the_longest_activity_fits():
 
 
 def test_a_new_process_does_not_write_over_the_pulse_of_an_earlier_one(tmp_path):
-    earlier = open_pulse_file(tmp_path, "sim-0")
+    earlier = open_heartbeat_file(tmp_path, "sim-0")
     written(tmp_path, PULSE.file_content())
     os.pwrite(earlier, HeartbeatRecord(1, 1, 1.0, "", True, 0, None, 1.0).file_content(), 0)
     os.close(earlier)

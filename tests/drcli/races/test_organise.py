@@ -56,7 +56,7 @@ def test_objects_are_frozen_for_races_that_have_them(home):
 
 
 @pytest.mark.parametrize(
-    ("wish", "why"),
+    ("options", "why"),
     [
         ({"name": " "}, "The name of the race, ' ', is empty"),
         ({"name": "x" * 65}, "is too long"),
@@ -85,9 +85,11 @@ def test_objects_are_frozen_for_races_that_have_them(home):
         ({"settings": (("DR_OA_NUMBER_OF_OBSTACLES", "many"),)}, "DR_OA_NUMBER_OF_OBSTACLES=many"),
     ],
 )
-def test_wrong_rules_are_refused_in_a_sentence_and_nothing_is_written(home, wish, why):
+def test_wrong_rules_are_refused_in_a_sentence_and_nothing_is_written(home, options, why):
     with pytest.raises(SettingsError) as refused:
-        create_race(home.settings, home.bucket, RaceOptions(**{"name": "Cup", **wish}), now_s=10.0)
+        create_race(
+            home.settings, home.bucket, RaceOptions(**{"name": "Cup", **options}), now_s=10.0
+        )
 
     assert why in str(refused.value)
     assert refused.value.remedy

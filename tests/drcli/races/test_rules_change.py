@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.races.organise import change_rules, wish_of
+from drcli.races.organise import change_rules, options_of
 from drcli.races.race_options import RaceOptions, rules_of
 from drcli.races.stored_race import read_rules
 
@@ -13,19 +13,19 @@ from .conftest import RACE
 
 
 @pytest.mark.parametrize("ranking", ["best-lap", "best-average", "total-time"])
-def test_a_wish_made_of_rules_leads_to_the_same_rules(home, ranking):
-    wish = RaceOptions(
+def test_options_made_of_rules_leads_to_the_same_rules(home, ranking):
+    options = RaceOptions(
         "Cup", ranking=ranking, max_laps=4, closes_at=99.0, sensors=("LIDAR",), seed=2
     )
-    rules = rules_of(home.settings, wish, 1.0)
+    rules = rules_of(home.settings, options, 1.0)
 
-    assert rules_of(home.settings, wish_of(rules), 1.0) == rules
+    assert rules_of(home.settings, options_of(rules), 1.0) == rules
 
 
 def test_what_follows_from_other_rules_follows_again(home):
     home.race(ranking="total-time")
-    wish = replace(wish_of(read_rules(home.bucket, RACE)), max_laps=6)
-    rules = change_rules(home.settings, home.bucket, RACE, wish).rules
+    options = replace(options_of(read_rules(home.bucket, RACE)), max_laps=6)
+    rules = change_rules(home.settings, home.bucket, RACE, options).rules
 
     assert (rules.min_laps, rules.average_laps) == (6, 3)
 
@@ -34,10 +34,12 @@ def test_another_kind_of_race_has_its_own_settings_and_a_wrong_rule_changes_noth
     home.race(race_type="HEAD_TO_MODEL")
     before = read_rules(home.bucket, RACE)
     assert not any("_START_" in name for name in before.settings)
-    wish = wish_of(before)
+    options = options_of(before)
     with pytest.raises(SettingsError, match="--laps 0"):
-        change_rules(home.settings, home.bucket, RACE, replace(wish, max_laps=0))
+        change_rules(home.settings, home.bucket, RACE, replace(options, max_laps=0))
     assert read_rules(home.bucket, RACE) == before
 
-    changed = change_rules(home.settings, home.bucket, RACE, replace(wish, race_type="TIME_TRIAL"))
+    changed = change_rules(
+        home.settings, home.bucket, RACE, replace(options, race_type="TIME_TRIAL")
+    )
     assert any("_START_" in name for name in changed.rules.settings)

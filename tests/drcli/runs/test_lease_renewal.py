@@ -14,7 +14,7 @@ from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.records.iteration import IterationRecord
 from drcli.records.rollout import Driving, Manifest, session_of_worker
-from drcli.run.interruption_watch import NOTICE_POLL_S, RENEW_S, Renewal
+from drcli.run.interruption_watch import LEASE_POLL_S, RENEW_S, Renewal
 from drcli.train.rollouts import RolloutReader, RolloutWriter
 from memory_bucket import MemoryBucket
 
@@ -48,13 +48,13 @@ def test_a_renewed_lease_stays_fresh_and_is_not_written_more_often_than_needed(s
     renewal = server.renewal("ours")
     ages = []
     for _ in range(20):
-        server.now_s += NOTICE_POLL_S
+        server.now_s += LEASE_POLL_S
         renewal.step()
         ages.append(lease.holder(ModelStore(server.bucket, PREFIX)).age_s)
 
     assert renewal.lost is None
     assert max(ages) <= RENEW_S
-    assert ages.count(0.0) <= 20 * NOTICE_POLL_S / RENEW_S + 1
+    assert ages.count(0.0) <= 20 * LEASE_POLL_S / RENEW_S + 1
 
 
 def test_the_owner_never_writes_over_the_lease_of_another(server):
@@ -83,7 +83,7 @@ def test_an_owner_that_slept_while_another_trained_and_ended_goes_no_further(ser
 
 def test_a_lease_that_is_lost_by_accident_is_written_again(server):
     renewal = server.renewal("ours")
-    server.now_s += NOTICE_POLL_S
+    server.now_s += LEASE_POLL_S
     server.bucket.delete([keys.lease(PREFIX)])
 
     renewal.step()
@@ -108,7 +108,7 @@ def test_the_late_writing_of_an_owner_from_before_is_put_right(server):
     renewal, ownership = server.renewal("ours"), server.ownership("ours")
     ownership.check("key")
     write_lease(ModelStore(server.bucket, PREFIX), before)
-    server.now_s += NOTICE_POLL_S
+    server.now_s += LEASE_POLL_S
 
     ownership.check("key")
     renewal.step()
@@ -224,7 +224,7 @@ class Training:
             if self.world.rng.random() < 0.7:
                 next(self.acts)
             elif self.world.now_s >= self.next_look_s:
-                self.next_look_s = self.world.now_s + NOTICE_POLL_S
+                self.next_look_s = self.world.now_s + LEASE_POLL_S
                 self.renewal.step()
         except OwnershipLost:
             self.ended_s = self.world.now_s

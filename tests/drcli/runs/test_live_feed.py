@@ -23,7 +23,7 @@ def received():
 
 @pytest.fixture
 def feed(tmp_path, received):
-    with LiveFeed(tmp_path, received.take, received.leave, look_s=POLL_S) as feed:
+    with LiveFeed(tmp_path, received.take, received.leave, poll_s=POLL_S) as feed:
         yield feed
 
 
@@ -126,7 +126,7 @@ def test_a_key_of_an_earlier_worker_opens_nothing(tmp_path, feed, received):
 
 def test_a_worker_that_falls_silent_is_given_up(tmp_path, received, monkeypatch):
     monkeypatch.setattr(live_feed, "SILENCE_S", 0.1)
-    with shown(tmp_path), LiveFeed(tmp_path, received.take, received.leave, look_s=POLL_S) as feed:
+    with shown(tmp_path), LiveFeed(tmp_path, received.take, received.leave, poll_s=POLL_S) as feed:
         feed.watch(0, "sim-0", {"state"})
 
         assert received.gone.get(timeout=20.0) == (0, "sim-0")
@@ -134,7 +134,7 @@ def test_a_worker_that_falls_silent_is_given_up(tmp_path, received, monkeypatch)
 
 def test_nothing_is_called_back_after_the_end(tmp_path, received):
     with shown(tmp_path):
-        feed = LiveFeed(tmp_path, received.take, received.leave, look_s=POLL_S)
+        feed = LiveFeed(tmp_path, received.take, received.leave, poll_s=POLL_S)
         feed.watch(0, "sim-0", {"state"})
         received.next("state")
         feed.close()

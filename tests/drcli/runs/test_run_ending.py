@@ -302,7 +302,7 @@ def test_work_at_the_end_is_told_when_it_is_done_and_an_error_when_it_failed(
 
 
 def test_the_lease_is_renewed_until_the_end(run, monkeypatch):
-    monkeypatch.setattr(supervisor, "NOTICE_POLL_S", 0.02)
+    monkeypatch.setattr(supervisor, "LEASE_POLL_S", 0.02)
     monkeypatch.setattr("drcli.run.interruption_watch.RENEW_S", 0.02)
     bucket = SlowBucket()
     ages = []

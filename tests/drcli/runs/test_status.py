@@ -12,7 +12,7 @@ from drcli.model.best_checkpoint import write_evaluation
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 from drcli.records import run_record
-from drcli.records.heartbeat import WatchRecord, open_pulse_file
+from drcli.records.heartbeat import WatchRecord, open_heartbeat_file
 from drcli.records.run_record import Lease, StorageRecord, WorkerRecord, run_folder
 from drcli.records.scores import EvaluationResult, SecondEvaluation
 from drcli.records.training_record import RunOutcome
@@ -112,7 +112,7 @@ def test_a_worker_has_its_progress_and_memory_and_the_watches_their_say(racer, r
     WatchRecord("one", ["sim-0 grows steadily."]).write(folder)
     heartbeat = Heartbeat()
     heartbeat.step_done()
-    descriptor = open_pulse_file(folder, "sim-0")
+    descriptor = open_heartbeat_file(folder, "sim-0")
     os.pwrite(descriptor, heartbeat.record().file_content(), 0)
     os.close(descriptor)
 
@@ -129,7 +129,7 @@ def test_a_worker_has_its_progress_and_memory_and_the_watches_their_say(racer, r
 
 @pytest.mark.parametrize("pid", [1, None])
 def test_the_pulse_of_another_process_says_nothing(tmp_path, pid):
-    descriptor = open_pulse_file(tmp_path, "sim-0")
+    descriptor = open_heartbeat_file(tmp_path, "sim-0")
     os.pwrite(descriptor, Heartbeat().record().file_content(), 0)
     os.close(descriptor)
 
@@ -138,7 +138,7 @@ def test_the_pulse_of_another_process_says_nothing(tmp_path, pid):
 
 def test_a_pulse_from_before_the_last_boot_says_nothing(tmp_path):
     heartbeat = replace(Heartbeat().record(), written_s=elapsed_s() + 9000.0)
-    descriptor = open_pulse_file(tmp_path, "sim-0")
+    descriptor = open_heartbeat_file(tmp_path, "sim-0")
     os.pwrite(descriptor, heartbeat.file_content(), 0)
     os.close(descriptor)
 

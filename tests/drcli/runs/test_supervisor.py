@@ -237,7 +237,7 @@ def test_what_would_only_repeat_ends_the_run_at_once(stage):
 def test_a_training_that_lost_its_model_ends_at_once_and_leaves_the_bucket_alone(
     stage, monkeypatch
 ):
-    monkeypatch.setattr(supervisor, "NOTICE_POLL_S", 0.05)
+    monkeypatch.setattr(supervisor, "LEASE_POLL_S", 0.05)
     stage.scripts = {"trainer": [STAYS], "sim-0": [STAYS]}
     start = stage.start_process
 

@@ -15,7 +15,7 @@ from drcli.model import keys, lease
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.outside.aws import creation, instance_types, stack_end
-from drcli.outside.aws.creation import Wishes
+from drcli.outside.aws.creation import StackOptions
 from drcli.outside.aws.instance_types import InstanceType
 from drcli.outside.aws.machine_marks import MachineMark, read_marks, stack_folder
 from drcli.outside.aws.machines import cost_of, machines_of
@@ -27,7 +27,7 @@ from drcli.records.training_record import RunOutcome
 from drcli.transfer.transfer_buckets import parse_url, source_bucket
 
 WHEEL = InstallSource("", "drcli-9-py3-none-any.whl", b"a wheel")
-WISHES = Wishes("run", "models", types=("c7i.xlarge", "c7g.xlarge"), image="ami-1e749f67")
+OPTIONS = StackOptions("run", "models", types=("c7i.xlarge", "c7g.xlarge"), image="ami-1e749f67")
 RUN_ENV = "DR_WORLD_NAME=reinvent_base\nDR_LOCAL_S3_MODEL_PREFIX=training/race/m-1\n"
 
 
@@ -43,8 +43,8 @@ def one_stack(shared_amazon, tmp_path_factory):
     """A stack that runs; the tests leave it as it is."""
     folder = tmp_path_factory.mktemp("racer")
     (folder / "run.env").write_text(RUN_ENV)
-    wishes = replace(WISHES, types=("c7i.xlarge",))
-    plan = creation.prepare(shared_amazon, load_settings(folder, environ={}), wishes, WHEEL)
+    options = replace(OPTIONS, types=("c7i.xlarge",))
+    plan = creation.prepare(shared_amazon, load_settings(folder, environ={}), options, WHEEL)
     creation.carry_out(shared_amazon, plan)
     return need_stack(shared_amazon, "run")
 
@@ -56,9 +56,9 @@ def stack(amazon, one_stack):
 
 
 @pytest.fixture
-def wishes() -> Wishes:
+def options() -> StackOptions:
     """For another stack."""
-    return replace(WISHES, stack="other", types=("c7i.xlarge", "m7i.xlarge"))
+    return replace(OPTIONS, stack="other", types=("c7i.xlarge", "m7i.xlarge"))
 
 
 def write_mark(amazon, stack, state: str, instance: str) -> None:
@@ -70,8 +70,8 @@ def write_mark(amazon, stack, state: str, instance: str) -> None:
 
 
 @pytest.mark.nightly
-def test_a_stack_is_made_and_removed_and_only_the_model_stays(amazon, settings, wishes):
-    plan = creation.prepare(amazon, settings, wishes, WHEEL)
+def test_a_stack_is_made_and_removed_and_only_the_model_stays(amazon, settings, options):
+    plan = creation.prepare(amazon, settings, options, WHEEL)
     report = creation.carry_out(amazon, plan, pause=lambda seconds: None)
     stack, bucket = need_stack(amazon, "other"), amazon.bucket("models")
     ours = machines_of(amazon, stack, [])
@@ -101,17 +101,17 @@ def test_a_stack_is_made_and_removed_and_only_the_model_stays(amazon, settings, 
     assert done.objects == 4
 
 
-def test_nothing_is_made_while_it_is_planned(amazon, settings, wishes):
-    creation.prepare(amazon, settings, wishes, WHEEL)
+def test_nothing_is_made_while_it_is_planned(amazon, settings, options):
+    creation.prepare(amazon, settings, options, WHEEL)
 
     assert find_stack(amazon, "other") is None
     assert amazon.bucket("models").list("") == []
 
 
-def test_a_name_that_is_taken_is_refused(amazon, settings, wishes, stack):
+def test_a_name_that_is_taken_is_refused(amazon, settings, options, stack):
     assert [each.name for each in our_stacks(amazon)] == ["run"]
     with pytest.raises(SettingsError, match="There is a stack run"):
-        creation.prepare(amazon, settings, replace(wishes, stack="run"), WHEEL)
+        creation.prepare(amazon, settings, replace(options, stack="run"), WHEEL)
 
 
 @pytest.mark.parametrize("name", ["", "1-run", "my_run", "a" * 65, "läufer"])
@@ -134,44 +134,44 @@ def test_names_that_amazon_does_not_take_are_refused(amazon, name):
         ({"types": ("c7g.xlarge",)}, "is for x86_64, not for arm64"),
     ],
 )
-def test_wishes_that_cannot_be_met_are_refused(amazon, settings, wishes, changes, sentence):
+def test_options_that_cannot_be_met_are_refused(amazon, settings, options, changes, sentence):
     with pytest.raises(SettingsError, match=sentence):
-        creation.prepare(amazon, settings, replace(wishes, **changes), WHEEL)
+        creation.prepare(amazon, settings, replace(options, **changes), WHEEL)
 
 
-def test_a_price_that_no_machine_has_is_refused(amazon, settings, wishes):
+def test_a_price_that_no_machine_has_is_refused(amazon, settings, options):
     with pytest.raises(StorageError, match="No spot machine costs at most"):
-        creation.prepare(amazon, settings, replace(wishes, most_usd=0.000001), WHEEL)
+        creation.prepare(amazon, settings, replace(options, most_usd=0.000001), WHEEL)
 
 
-def test_a_model_that_another_machine_trains_is_refused(amazon, settings, wishes):
+def test_a_model_that_another_machine_trains_is_refused(amazon, settings, options):
     owner = Lease("s", "elsewhere", 1, time.time(), machine="other")
     lease.write_lease(ModelStore(amazon.bucket("models"), settings.model_prefix), owner)
 
     with pytest.raises(SettingsError, match="is being trained by process 1 on elsewhere"):
-        creation.prepare(amazon, settings, wishes, WHEEL)
+        creation.prepare(amazon, settings, options, WHEEL)
 
 
-def test_a_prefix_with_other_objects_is_refused(amazon, settings, wishes):
+def test_a_prefix_with_other_objects_is_refused(amazon, settings, options):
     amazon.bucket("models").put("training/race/m-1/notes.txt", b"")
 
     with pytest.raises(SettingsError, match="no checkpoint"):
-        creation.prepare(amazon, settings, wishes, WHEEL)
+        creation.prepare(amazon, settings, options, WHEEL)
 
 
-def test_a_longer_name_of_a_model_is_not_in_the_way(amazon, settings, wishes):
+def test_a_longer_name_of_a_model_is_not_in_the_way(amazon, settings, options):
     amazon.bucket("models").put("training/race/m-10/notes.txt", b"")
 
-    assert creation.prepare(amazon, settings, wishes, WHEEL).resumes == ""
+    assert creation.prepare(amazon, settings, options, WHEEL).resumes == ""
 
 
-def test_a_training_that_was_stopped_is_continued(amazon, settings, wishes, stack, monkeypatch):
+def test_a_training_that_was_stopped_is_continued(amazon, settings, options, stack, monkeypatch):
     bucket, prefix = amazon.bucket("models"), settings.model_prefix
     bucket.put(keys.checkpoint_record(prefix, "3_Step-30.ckpt"), b"{}")
     stopped = RunOutcome("one", "host", 1.0, 2.0, "stopped", code=143, stays_ended=True)
     write_outcome(ModelStore(bucket, prefix), stopped)
 
-    plan = creation.prepare(amazon, settings, wishes, WHEEL)
+    plan = creation.prepare(amazon, settings, options, WHEEL)
     monkeypatch.setattr(creation, "create_stack", lambda *args, **named: stack)
     creation.carry_out(amazon, plan)
 
@@ -179,8 +179,8 @@ def test_a_training_that_was_stopped_is_continued(amazon, settings, wishes, stac
     assert read_outcome(ModelStore(bucket, prefix)) == replace(stopped, stays_ended=False)
 
 
-def test_a_stack_that_cannot_be_made_leaves_no_files(amazon, settings, wishes, monkeypatch):
-    plan = creation.prepare(amazon, settings, wishes, WHEEL)
+def test_a_stack_that_cannot_be_made_leaves_no_files(amazon, settings, options, monkeypatch):
+    plan = creation.prepare(amazon, settings, options, WHEEL)
 
     def fail(*args: object, **named: object) -> None:
         raise StorageError("No.", remedy="")
@@ -208,7 +208,7 @@ def test_an_image_that_does_not_exist_is_refused(amazon):
         instance_types.find_images(amazon, ["x86_64"], "ami-00000000")
 
 
-def test_files_and_tracks_of_an_experiment_are_sent(amazon, tmp_path, wishes):
+def test_files_and_tracks_of_an_experiment_are_sent(amazon, tmp_path, options):
     (tmp_path / "run.env").write_text("DR_WORLD_NAME=reinvent_base\n")
     (tmp_path / "system.env").write_text("DR_EXPERIMENT_NAME=fast\n")
     own = tmp_path / "experiments" / "fast"
@@ -216,7 +216,7 @@ def test_files_and_tracks_of_an_experiment_are_sent(amazon, tmp_path, wishes):
     (own / "run.env").write_text(RUN_ENV)
     (tmp_path / "notes.env").write_text("SECRET=1\n")
 
-    plan = creation.prepare(amazon, load_settings(tmp_path, environ={}), wishes, WHEEL)
+    plan = creation.prepare(amazon, load_settings(tmp_path, environ={}), options, WHEEL)
 
     assert sorted(plan.files) == ["experiments/fast/run.env", "run.env", "system.env"]
 
@@ -306,12 +306,12 @@ def test_a_checkpoint_of_the_reference_is_not_said_to_be_whole(amazon, stack, mo
 
 
 def test_a_policy_in_the_bucket_gets_the_command_that_makes_it_a_model_there(
-    amazon, settings, wishes
+    amazon, settings, options
 ):
     amazon.bucket("models").put(f"{settings.model_prefix}/model_3.pb", b"graph")
 
     with pytest.raises(SettingsError, match="no checkpoint to resume from") as refused:
-        creation.prepare(amazon, settings, wishes, WHEEL)
+        creation.prepare(amazon, settings, options, WHEEL)
 
     [command] = re.findall("`(.*)`", refused.value.remedy)
     *variables, program, flag, url, option, name = command.split()

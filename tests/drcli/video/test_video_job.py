@@ -305,12 +305,12 @@ def test_a_film_ends_at_its_limit_and_says_so(tmp_path, defaults, monkeypatch, m
     path = tmp_path / "0-iteration.csv"
     path.write_bytes(trace_csv(*(trace_rows(TRACK, episode=n, rows=16) for n in range(3))))
     monkeypatch.setattr(WorldView, "frame", lambda *_: np.zeros((480, 640, 3), "u1"))
-    wish = VideoOptions(episode="all", fps=10, color="", most_seconds=most)
+    options = VideoOptions(episode="all", fps=10, color="", most_seconds=most)
     trace = trace_of_file(path)
 
-    report = make_video(defaults, no_bucket, trace, wish, [("film", tmp_path / "lap.gif")])
+    report = make_video(defaults, no_bucket, trace, options, [("film", tmp_path / "lap.gif")])
 
-    assert report.frames == frames_of(trace, wish) == frames
+    assert report.frames == frames_of(trace, options) == frames
     said = [note for note in report.notes if "film ends" in note]
     assert [f"after {most} s; the episodes take 4 s" in note for note in said] == (
         [True] if frames < 36 else []

@@ -127,9 +127,9 @@ def test_rules_can_be_changed_until_somebody_has_driven(home, client):
     home.race()
     home.submit("ann")
     before = read_race(home.bucket, RACE).rules
-    wish = client.get("/api/race/cup/rules").json()["wish"]
+    options = client.get("/api/race/cup/rules").json()["wish"]
 
-    form = {**wish, "max_laps": 5, "opens": "", "closes": "", "settings": None}
+    form = {**options, "max_laps": 5, "opens": "", "closes": "", "settings": None}
     changed = post(client, "race/cup/rules", **form)["race"]["rules"]
     assert (changed["max_laps"], changed["average_laps"], changed["changes"]) == (5, 3, 1)
     assert changed["seed"] == before.seed == 1

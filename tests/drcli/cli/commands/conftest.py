@@ -29,7 +29,7 @@ from drcli.model import race_keys
 from drcli.model.checkpoint_list import CheckpointList, ListedCheckpoint, MilestoneEntry
 from drcli.model.files.custom_files import InputFile, Inputs
 from drcli.model.model_list import CheckpointEntry, ModelEntry, ModelList
-from drcli.outside.aws.creation import CreatedStack, Estimate, Wishes
+from drcli.outside.aws.creation import CreatedStack, Estimate, StackOptions
 from drcli.outside.aws.machines import Machine, MachineCost, StackCost
 from drcli.outside.aws.prices import Offer
 from drcli.outside.aws.stack_end import StoppedStack
@@ -707,7 +707,7 @@ def _answer_as_amazon(
     answer("cli.commands.spot.create_stack", made)
     kinds = ("c7i-flex.12xlarge", "m6id.metal")
     plan = SimpleNamespace(
-        wishes=Wishes("my-run", bucket, kinds),
+        options=StackOptions("my-run", bucket, kinds),
         settings=SimpleNamespace(model_prefix=MODEL),
         source=SimpleNamespace(shown="drcli==1.0.0"),
         types=[SimpleNamespace(name=name) for name in kinds],
