@@ -1,50 +1,36 @@
 """Knows the last and the best checkpoint of a training, for several duties."""
 
-from collections.abc import Callable
 from contextlib import suppress
 
 from drcli.base.errors import DrError
-from drcli.bucket.bucket import Bucket
 from drcli.model.best_checkpoint import read_scores
 from drcli.model.model_store import ModelStore
 from drcli.records.scores import Score
-from drcli.run.periodic import Periodic, within
+from drcli.run.duty import Duty, RunningTraining
+from drcli.run.periodic import within
 
 POLL_S = 20.0
 LAST_LOOK_S = 3.0
 
 
-class CheckpointWatch:
-    """Looks every few seconds in a thread."""
+class CheckpointWatch(Duty):
+    """Looks every few seconds, if another duty needs it."""
 
-    def __init__(self) -> None:
-        self._bucket: Bucket | None = None
-        self._open: Callable[[], Bucket] | None = None
-        self._prefix = ""
-        self._thread: Periodic | None = None
+    name = "checkpoint watch"
+
+    def __init__(self, run: RunningTraining) -> None:
+        super().__init__(run)
         self._has_looked_last = False
         self.last: Score | None = None
         """The newest checkpoint; None before the first look."""
         self.best: Score | None = None
         """The best one, None before the first evaluation."""
 
-    def start(self, open_bucket: Callable[[], Bucket], prefix: str) -> None:
-        if self._thread is not None:
-            return
-        self._open, self._prefix = open_bucket, prefix
-        self._thread = Periodic("checkpoint watch", self.look, POLL_S)
-        self._thread.start()
+    def turn_on(self) -> None:
+        self.every_s = POLL_S
 
-    def stop(self) -> None:
-        if self._thread is not None:
-            self._thread.stop()
-
-    def look(self) -> None:
-        if self._open is None:
-            return
-        if self._bucket is None:
-            self._bucket = self._open()
-        scores = read_scores(ModelStore(self._bucket, self._prefix))
+    def work(self) -> None:
+        scores = read_scores(ModelStore(self.bucket, self.run.job.config.model.prefix))
         if scores is None:
             return
         self.last = scores.last_checkpoint
@@ -58,5 +44,5 @@ class CheckpointWatch:
 
     def _look_last(self) -> None:
         with suppress(DrError):
-            self.look()
+            self.work()
             self._has_looked_last = True

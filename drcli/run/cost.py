@@ -13,12 +13,11 @@ from typing import Annotated, Protocol
 from drcli.base.errors import DrError
 from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.bucket.bucket import ObjectMissing
 from drcli.bucket.request_count import NIGHT_HOURS, RequestCount, read_counts
 from drcli.config.run_config import StorageConfig
 from drcli.model import keys
 from drcli.outside.aws.prices import SpotPrice, own_spot_price
-from drcli.records.job import Job
 from drcli.records.training_record import (
     FOLDER,
     DayBudget,
@@ -31,7 +30,7 @@ from drcli.records.training_record import (
 )
 from drcli.run.duty import Duty, RunningTraining
 from drcli.run.outcome import INTERRUPTED, Ending, Outcome
-from drcli.run.periodic import Periodic, within
+from drcli.run.periodic import within
 
 # Counts what all trainings of a folder use on a day, and ends them at the limit.
 #
@@ -59,20 +58,21 @@ class Meter(Protocol):
 
 class DailyBudget(Duty):
     name = "daily budget"
+    every_s = COUNT_S
 
-    def __init__(self, job: Job, meter: Meter, *, now: Callable[[], float] = time.time) -> None:
-        self._job = job
+    def __init__(
+        self, run: RunningTraining, meter: Meter, *, now: Callable[[], float] = time.time
+    ) -> None:
+        super().__init__(run)
         self._meter = meter
         self._now = now
         self._day = day_of(now())
         self._hours_before = self._usd_before = 0.0
         self._budget: DayBudget | None = None
         self._failed = False
-        self._thread = Periodic("daily budget", self.step, COUNT_S)
 
-    def start(self, run: RunningTraining) -> None:
-        forget_old_days(self._job.directory)
-        self._thread.start()
+    def start(self) -> None:
+        forget_old_days(self.run.job.directory)
 
     def check(self) -> Outcome | None:
         budget = self._budget
@@ -81,19 +81,18 @@ class DailyBudget(Duty):
         return Outcome(INTERRUPTED, budget.used_up, budget.remedy)
 
     def finish(self, ending: Ending) -> None:
-        self._thread.stop()
-        self.step()
+        self.stop()
+        self.work()
 
-    def leave(self, ending: Ending) -> None:
-        self._thread.stop()
-
-    def step(self) -> None:
+    def work(self) -> None:
         self._write()
         today = day_of(self._now())
         if today != self._day:
             self._day = today
             self._hours_before, self._usd_before = self._meter.own_hours, self._meter.own_usd
-        self._budget = budget_of(self._job.directory, self._job.config.unattended, self._now())
+        self._budget = budget_of(
+            self.run.job.directory, self.run.job.config.unattended, self._now()
+        )
 
     def _write(self) -> None:
         spent = DaySpending(
@@ -101,12 +100,12 @@ class DailyBudget(Duty):
             max(0.0, self._meter.own_usd - self._usd_before),
         )
         try:
-            write_day(self._job.directory, self._day, self._job.session, spent)
+            write_day(self.run.job.directory, self._day, self.run.job.session, spent)
         except OSError as error:
             if not self._failed:
                 _logger.warning(
                     "%s cannot be written, so the budget does not count on: %s",
-                    self._job.directory / FOLDER,
+                    self.run.job.directory / FOLDER,
                     error,
                 )
             self._failed = True
@@ -206,18 +205,18 @@ class Cost(Duty):
     """Counts on the monotonic clock, because the wall clock may jump."""
 
     name = "cost"
+    every_s = COUNT_S
 
     def __init__(
         self,
-        job: Job,
+        run: RunningTraining,
         *,
         ask_price: Callable[[str | None], SpotPrice] = own_spot_price,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        settings = job.config.unattended
-        self._job = job
-        storage = job.config.storage
-        self._profile = storage.aws_profile
+        super().__init__(run)
+        settings = run.job.config.unattended
+        self._profile = run.job.config.storage.aws_profile
         self._ask = ask_price
         self._clock = clock
         self._lock = threading.Lock()
@@ -229,18 +228,9 @@ class Cost(Duty):
         self._hours = self._usd = self._unpriced = 0.0
         self._earlier: list[StartSpending] | None = None
         self._damaged: list[str] = []
-        self._bucket: Bucket | None = None
-        self._open_bucket: Callable[[], Bucket] | None = None
-        self._key = keys.spending(job.config.model.prefix, job.term, job.session)
+        self._key = keys.spending(run.job.config.model.prefix, run.job.term, run.job.session)
         self._written_s = self._priced_s = -float("inf")
         self._logged_s = self._began_s
-        self._thread = Periodic("cost", self.step, COUNT_S)
-
-    def start(self, run: RunningTraining) -> None:
-        self._open_bucket = run.open_bucket
-        # The job of the run has the term of the lease.
-        self._key = keys.spending(run.job.config.model.prefix, run.job.term, run.job.session)
-        self._thread.start()
 
     def check(self) -> Outcome | None:
         if not self._max_usd:
@@ -255,15 +245,12 @@ class Cost(Duty):
         )
 
     def finish(self, ending: Ending) -> None:
-        self._thread.stop()
+        self.stop()
         self._count()
         within(min(_PATIENCE_S, ending.left_s(0.2)), self._write, ending.hurried)
         self._write_file()
         for line in self.sentences():
             _logger.info("%s", line)
-
-    def leave(self, ending: Ending) -> None:
-        self._thread.stop()
 
     @property
     def spending(self) -> Spending:
@@ -273,7 +260,7 @@ class Cost(Duty):
         hours = self._hours + sum(each.hours for each in earlier)
         known = self._price is not None or usd > 0.0
         return Spending(
-            session=self._job.session,
+            session=self.run.job.session,
             starts=1 + len(earlier),
             hours=hours,
             usd=usd if known else None,
@@ -282,7 +269,7 @@ class Cost(Duty):
             price_of=self._price_of,
             max_usd=self._max_usd,
             own_hours=self._hours,
-            max_minutes=self._job.max_minutes,
+            max_minutes=self.run.job.max_minutes,
             damaged=list(self._damaged),
         )
 
@@ -317,10 +304,10 @@ class Cost(Duty):
             if spending.unpriced_hours:
                 text += f" (the price of {spending.unpriced_hours:.2f} hours is not known)"
         lines = [f"{text}."]
-        requests = request_report(self._requests(), self._hours, self._job.config.storage)
+        requests = request_report(self._requests(), self._hours, self.run.job.config.storage)
         return lines if requests is None else [*lines, str(requests)]
 
-    def step(self) -> None:
+    def work(self) -> None:
         """Do whatever is due; DrError if the bucket does not answer."""
         self._count()
         now_s = self._clock()
@@ -366,9 +353,8 @@ class Cost(Duty):
         self._price, self._price_of = found.usd_per_hour, f"spot price of {found.place}"
 
     def _read_earlier(self) -> None:
-        bucket = self._opened()
-        found = []
-        for info in bucket.list(keys.spending_folder(self._job.config.model.prefix)):
+        bucket, found = self.bucket, []
+        for info in bucket.list(keys.spending_folder(self.run.job.config.model.prefix)):
             if info.key == self._key:
                 continue
             try:
@@ -385,22 +371,16 @@ class Cost(Duty):
                 )
         self._earlier = found
 
-    def _opened(self) -> Bucket:
-        if self._bucket is None:
-            assert self._open_bucket is not None
-            self._bucket = self._open_bucket()
-        return self._bucket
-
     def _put(self) -> None:
         priced = self._price is not None or self._usd > 0.0
         own = StartSpending(
-            self._job.session,
+            self.run.job.session,
             socket.gethostname(),
             self._hours,
             self._usd if priced else None,
             self._price,
         )
-        self._opened().put(self._key, own.encode())
+        self.bucket.put(self._key, own.encode())
 
     def _write(self) -> None:
         try:
@@ -410,7 +390,7 @@ class Cost(Duty):
 
     def _write_file(self) -> None:
         with suppress(OSError):  # a full disk: `dr-status` shows an older state
-            self.spending.write(self._job.folder)
+            self.spending.write(self.run.job.folder)
 
     def _requests(self) -> RequestCount:
-        return read_counts(self._job.folder, self._job.session)
+        return read_counts(self.run.job.folder, self.run.job.session)

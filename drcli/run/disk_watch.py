@@ -9,11 +9,8 @@ from pathlib import Path
 
 from drcli.base.clock import Trend, duration, elapsed_s
 from drcli.base.errors import DiskFull
-from drcli.records.job import Job
 from drcli.run.duty import Duty, RunningTraining
-from drcli.run.outcome import Ending, Outcome
-from drcli.run.periodic import Periodic
-from drcli.run.warnings_board import WarningsBoard
+from drcli.run.outcome import Outcome
 
 # Finds out what takes the room on a working folder's disk.
 
@@ -115,21 +112,21 @@ class DiskWatch(Duty):
     """Measures in a thread, and reacts in the supervisor's loop."""
 
     name = "disk watch"
+    every_s = POLL_S
 
     def __init__(
         self,
-        job: Job,
-        board: WarningsBoard,
+        run: RunningTraining,
         *,
         clock: Callable[[], float] = elapsed_s,
         measure: Callable[[Path], Disk | None] = measure,
     ) -> None:
-        storage = job.config.storage
+        super().__init__(run)
+        job, storage = run.job, run.job.config.storage
         self._bucket_folder = storage.data_dir if storage.cloud == "local" else None
         self._data = job.directory / "data"
         self._temporary = Path(tempfile.gettempdir())
         self._min_bytes = 1e6 * job.config.unattended.disk_min_mb
-        self._board = board
         self._clock = clock
         self._measure = measure
         self._trends: dict[int, Trend] = {}
@@ -138,16 +135,8 @@ class DiskWatch(Duty):
         self._disks: Sequence[tuple[Disk, float]] = ()
         self._occupied: Sequence[Occupied] = ()
         self._listed_step = 0
-        self._thread = Periodic("disk watch", self.look, POLL_S)
 
-    def start(self, run: RunningTraining) -> None:
-        self._board.begin(run.journal)
-        self._thread.start()
-
-    def leave(self, ending: Ending) -> None:
-        self._thread.stop()
-
-    def look(self) -> None:
+    def work(self) -> None:
         folders = [self._data] if self._bucket_folder is None else [self._bucket_folder, self._data]
         found: dict[int, tuple[Disk, float]] = {}
         for folder in folders:
@@ -209,7 +198,7 @@ class DiskWatch(Duty):
         subject, step = f"disk {disk.device}", self._step_of(disk, lasts_s)
         if step == 0:
             self._warned.pop(disk.device, None)
-            self._board.clear(subject)
+            self.run.board.clear(subject)
         elif step > self._warned.get(disk.device, 0):
             self._warned[disk.device] = step
             what = f"{size(disk.free_bytes)} are left on the disk of {disk.folder}"
@@ -219,7 +208,7 @@ class DiskWatch(Duty):
                 what += f"; at the present rate they last for {duration(lasts_s)}"
             if self._min_bytes:
                 what += f". The training stops at {size(self._limit(disk))} (DR_DISK_MIN_MB)"
-            self._board.warn(
+            self.run.board.warn(
                 subject,
                 f"{what}.{self._largest()} {self._remedy(resume=False)}",
                 folder=str(disk.folder),
@@ -229,11 +218,11 @@ class DiskWatch(Duty):
 
     def _look_at_temporary(self, disk: Disk) -> None:
         if disk.free_bytes >= TEMPORARY_BYTES:
-            self._board.clear("temporary files")
+            self.run.board.clear("temporary files")
             self._temporary_low = False
         elif not self._temporary_low:
             self._temporary_low = True
-            self._board.warn(
+            self.run.board.warn(
                 "temporary files",
                 f"Only {size(disk.free_bytes)} are left in {disk.folder}, the folder for temporary "
                 "files: exports and uploads may fail. Delete files there, or set TMPDIR to another "

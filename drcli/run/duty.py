@@ -1,18 +1,18 @@
 """What a supervisor does besides keeping its workers alive: uploads, watches, messages."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import TypeVar
 
-from drcli.base.errors import DrError
-from drcli.base.log import get_logger
 from drcli.bucket.bucket import Bucket
 from drcli.records.job import Job, WorkerExit
 from drcli.run.journal import Journal
 from drcli.run.outcome import Ending, Outcome
+from drcli.run.periodic import Guard, Periodic
+from drcli.run.warnings_board import WarningsBoard
 from drcli.run.worker_processes import Child
-
-_logger = get_logger(__name__)
 
 T = TypeVar("T")
 
@@ -29,28 +29,50 @@ class RunningTraining:
     open_bucket: Callable[[], Bucket]
     children: Sequence[Child]
     journal: Journal
+    board: WarningsBoard
 
 
 class Duty:
     """Base class of the duties; its methods do nothing.
 
-    The supervisor calls `start` once, `check` every 0.2 s, `finish` when the workers have
-    exited and the run still owns its model, within `ending.left_s()`, and `leave` when the
-    lease is released. `check` must return at once. A failure never ends the run.
+    The `Schedule` calls `start` once, `check` every `check_s` in the supervisor's loop, where it
+    must return at once, and `work` every `every_s` in a thread of its own, unless that is None
+    when all have started. `finish` comes when the workers have exited and the run still owns its
+    model, within `ending.left_s()`, and `leave` when the lease is released. A failure never ends
+    the run.
 
-    Work at the end of a complete training is named by `left`: before `finish` all of it,
+    Work at the end of a complete training is named by `pending`: before `finish` all of it,
     afterwards what was not done. The bucket keeps the names (`RunOutcome.left`), and
     `--resume-or-start` gives them to the duties of the next start as `ending.only`, with
     `start` and `finish` and without workers.
     """
 
     name = "duty"
+    check_s = 0.0
+    every_s: float | None = None
 
-    def start(self, run: RunningTraining) -> None:
+    def __init__(self, run: RunningTraining) -> None:
+        self.run = run
+        self.thread: Periodic | None = None
+
+    @cached_property
+    def bucket(self) -> Bucket:
+        """That of its thread."""
+        return self.run.open_bucket()
+
+    def stop(self) -> None:
+        """End its thread."""
+        if self.thread is not None:
+            self.thread.stop()
+
+    def start(self) -> None:
         """Begin."""
 
     def check(self) -> Outcome | None:
         """Look around; an outcome ends the run."""
+
+    def work(self) -> None:
+        """Do what takes time."""
 
     def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
         """A worker has ended; it is started next, with `child.arguments`, unless `left_out`."""
@@ -68,16 +90,72 @@ class Duty:
         """What became of the work; a code other than 0 becomes the run's."""
         return None
 
-    def left(self, ending: Ending) -> Sequence[str]:
+    def pending(self, ending: Ending) -> Sequence[str]:
         return ()
 
 
-def attempt(duty: Duty, call: Callable[[], T]) -> T | None:
-    """A duty's failure is logged."""
-    try:
-        return call()
-    except DrError as error:
-        _logger.warning("%s: %s %s", duty.name, error, error.remedy)
-    except Exception as error:
-        _logger.error("%s failed: %s", duty.name, error, exc_info=error)
-    return None
+class Schedule:
+    """Calls duties when they are due; at the end in their order."""
+
+    def __init__(self, duties: Sequence[Duty], clock: Callable[[], float] = time.monotonic) -> None:
+        self._duties = [(duty, Guard(duty.name)) for duty in duties]
+        self._clock = clock
+        self._checked_s = [-float("inf")] * len(duties)
+
+    def start(self) -> None:
+        for duty, guard in self._duties:
+            guard.call(duty.start)
+        for duty, _ in self._duties:
+            if duty.every_s is not None:
+                duty.thread = Periodic(duty.name, duty.work, duty.every_s)
+                duty.thread.start()
+
+    def check(self) -> Outcome | None:
+        """The first outcome ends the run."""
+        now_s = self._clock()
+        for k, (duty, guard) in enumerate(self._duties):
+            if now_s - self._checked_s[k] >= duty.check_s:
+                self._checked_s[k] = now_s
+                if outcome := guard.call(duty.check):
+                    return outcome
+        return None
+
+    def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
+        return next(self._results(lambda duty: duty.died(child, code, words)), None)
+
+    def end_facts(self) -> dict[str, object]:
+        return {k: v for facts in self._results(lambda d: d.end_facts()) for k, v in facts.items()}
+
+    def finish(self, ending: Ending) -> None:
+        for duty, guard in self._duties:
+            guard.call(partial(duty.finish, ending))
+            duty.stop()
+
+    def leave(self, ending: Ending) -> None:
+        """`finish` is not called if the model was lost."""
+        for duty, guard in self._duties:
+            guard.call(partial(duty.leave, ending))
+            duty.stop()
+
+    def with_results(self, outcome: Outcome) -> Outcome:
+        """Told only after `finish`, because some of the work may have failed."""
+        for result in self._results(lambda duty: duty.end_result()):
+            outcome = replace(
+                outcome,
+                code=outcome.code or result.code,
+                message=f"{outcome.message} {result.message}".lstrip(),
+                remedy=f"{outcome.remedy} {result.remedy}".strip(),
+                complete=True,
+            )
+        return outcome
+
+    def pending(self, ending: Ending) -> tuple[str, ...]:
+        if ending.outcome.state != "finished":
+            return ()
+        return tuple(name for names in self._results(lambda d: d.pending(ending)) for name in names)
+
+    def _results(self, call: Callable[[Duty], T | None]) -> Iterator[T]:
+        for duty, guard in self._duties:
+            found = guard.call(partial(call, duty))
+            if found is not None:
+                yield found

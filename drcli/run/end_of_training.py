@@ -19,7 +19,6 @@ from drcli.records.job import Job
 from drcli.run.checkpoint_watch import LAST_LOOK_S, CheckpointWatch
 from drcli.run.command_process import CommandEnd, CommandProcess, Start
 from drcli.run.duty import Duty, RunningTraining
-from drcli.run.journal import Journal
 from drcli.run.outcome import Ending, Outcome
 
 _logger = get_logger(__name__)
@@ -46,18 +45,16 @@ def wanted_work(job: Job) -> list[str]:
 class EndOfTraining(Duty):
     name = "end of the training"
 
-    def __init__(self, job: Job, *, start: Start = CommandProcess) -> None:
-        self._job = job
+    def __init__(self, run: RunningTraining, *, start: Start = CommandProcess) -> None:
+        super().__init__(run)
         self._start = start
-        self._journal: Journal | None = None
         self._left: list[str] | None = None
         self._results: list[Outcome] = []
 
-    def start(self, run: RunningTraining) -> None:
+    def start(self) -> None:
         """Say what will not work at the end."""
-        self._journal = run.journal
-        given = self._job.config.given
-        if not self._job.config.unattended.import_model_on_completion:
+        given = self.run.job.config.given
+        if not self.run.job.config.unattended.import_model_on_completion:
             return
         if not given.get(URL_SETTING):
             if _IMPORT in given:
@@ -74,12 +71,12 @@ class EndOfTraining(Duty):
             )
 
     def finish(self, ending: Ending) -> None:
-        self._left = self.left(ending)
+        self._left = self.pending(ending)
         for name in list(self._left):
             within_s = min(PATIENCE_S, ending.left_s(0.8))
             if within_s <= 0.0:
                 break
-            process = self._start(self._job, *self._command(name))
+            process = self._start(self.run.job, *self._command(name))
             if self._note(name, process.wait(within_s, lambda: ending.left_s() <= 0.0)):
                 self._left.remove(name)
         for name in self._left[sum(result.code != 0 for result in self._results) :]:
@@ -96,18 +93,20 @@ class EndOfTraining(Duty):
             " ".join(result.remedy for result in self._results).strip(),
         )
 
-    def left(self, ending: Ending) -> list[str]:
+    def pending(self, ending: Ending) -> list[str]:
         """Before `finish`, all pieces; or those of an earlier start."""
         if self._left is not None:
             return list(self._left)
         if ending.outcome.code != 0:
             return []
-        return [name for name in ending.only or wanted_work(self._job) if name in get_args(EndWork)]
+        return [
+            name for name in ending.only or wanted_work(self.run.job) if name in get_args(EndWork)
+        ]
 
     def _command(self, name: str) -> tuple[str, ...]:
         if name == "upload":
             return "upload-model", "-b", "-f", "--json"
-        prefix = self._job.config.model.prefix
+        prefix = self.run.job.config.model.prefix
         options = ("--model-prefix", prefix, "--model-name", import_name(prefix), "--best")
         return "droa-import-model", *options, "--once", "--json"
 
@@ -126,16 +125,14 @@ class EndOfTraining(Duty):
             self._results.append(Outcome(EndWorkFailed.code, text, self._again(name)))
             text = f"{text} {self._again(name)}"
             _logger.warning("%s", text)
-            if self._journal is not None:
-                self._journal.note("fault", text, event="upload", what=name)
+            self.run.journal.note("fault", text, event="upload", what=name)
             return False
         report = end.report
         place = report.get("target") or f"{report.get('site', '')} ({report.get('model_id', '')})"
         text = f"The {what} is done: {place}."
         self._results.append(Outcome(0, text))
         _logger.info("%s", text)
-        if self._journal is not None:
-            self._journal.note("upload", text, what=name, seconds=round(end.seconds, 1))
+        self.run.journal.note("upload", text, what=name, seconds=round(end.seconds, 1))
         return True
 
 
@@ -161,16 +158,19 @@ class EndCommand(Duty):
     name = "command at the end"
 
     def __init__(
-        self, job: Job, watch: CheckpointWatch, facts: Callable[[], Mapping[str, object]]
+        self,
+        run: RunningTraining,
+        watch: CheckpointWatch,
+        facts: Callable[[], Mapping[str, object]],
     ) -> None:
-        self._job = job
+        super().__init__(run)
         self._watch = watch
         self._facts = facts
-        self._command = job.config.unattended.on_end
+        self._command = run.job.config.unattended.on_end
 
-    def start(self, run: RunningTraining) -> None:
+    def start(self) -> None:
         if self._command:
-            self._watch.start(run.open_bucket, run.job.config.model.prefix)
+            self._watch.turn_on()
 
     def finish(self, ending: Ending) -> None:
         if self._command and ending.left_s() > LAST_LOOK_S:
@@ -187,7 +187,7 @@ class EndCommand(Duty):
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                cwd=self._job.directory,
+                cwd=self.run.job.directory,
                 env=environment,
                 start_new_session=True,
             )
@@ -206,7 +206,7 @@ class EndCommand(Duty):
             _logger.info("The command at the end succeeded.")
 
     def _told(self, ending: Ending) -> dict[str, str]:
-        outcome, config = ending.outcome, self._job.config
+        outcome, config = ending.outcome, self.run.job.config
         last, best = self._watch.last, self._watch.best
         metric = best.avg_eval_metric if best is not None else None
         left_s = ending.left_s()

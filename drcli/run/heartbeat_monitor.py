@@ -11,7 +11,7 @@ from drcli.base.clock import AwakeClock, duration, elapsed_s
 from drcli.records.heartbeat import HeartbeatRecord
 from drcli.run.worker_processes import TRAINER, Child
 
-POLL_S = 2.0
+HEARTBEAT_POLL_S = 2.0
 QUIET_S = 10.0
 """Without a heartbeat; a frozen worker uses no processor time from then on."""
 
@@ -38,21 +38,16 @@ class HeartbeatMonitor:
         self._folder = folder
         self._clock = clock or AwakeClock()
         self._workers: dict[str, WorkerHeartbeat] = {}
-        self._looked_s = -POLL_S
         self.now_s = 0.0
         """Seconds in which this supervisor ran, at the last look."""
 
-    def look(self, children: Sequence[Child]) -> bool:
+    def look(self, children: Sequence[Child]) -> None:
         self.now_s = self._clock()
-        if self.now_s - self._looked_s < POLL_S:
-            return False
-        self._looked_s = self.now_s
         for child in children:
             if child.running and child.process is not None:
                 self._look_at(child.name, child.process.pid)
             else:
                 self._workers.pop(child.name, None)
-        return True
 
     def of(self, name: str) -> WorkerHeartbeat | None:
         return self._workers.get(name)

@@ -18,7 +18,6 @@ from drcli.model.model_store import ModelStore
 from drcli.outside.notices.notice_watch import Announced, NoticeWatch, command_words, soonest
 from drcli.records.run_record import Lease
 from drcli.run.duty import Duty, RunningTraining
-from drcli.run.journal import Journal
 from drcli.run.outcome import Ending, Outcome, interrupted
 
 _logger = get_logger(__name__)
@@ -37,19 +36,14 @@ MARGIN_S = 5.0
 class InterruptionWatch(Duty):
     name = "interruption watch"
 
-    def __init__(self, dmi: Path = DMI_FOLDER) -> None:
+    def __init__(self, run: RunningTraining, dmi: Path = DMI_FOLDER) -> None:
+        super().__init__(run)
         self._dmi = dmi
         self._watch: NoticeWatch | None = None
-        self._journal: Journal | None = None
-        self._stops_on_rebalance = False
-        self._continues = True
         self._noted: set[tuple[str, str, str]] = set()
 
-    def start(self, run: RunningTraining) -> None:
-        settings = run.job.config.unattended
-        self._stops_on_rebalance = settings.on_rebalance == "stop"
-        self._continues = settings.continue_on_spot_interruption
-        self._journal = run.journal
+    def start(self) -> None:
+        settings = self.run.job.config.unattended
         try:
             words = command_words(settings.interruption_command)
         except DrError as error:
@@ -58,7 +52,7 @@ class InterruptionWatch(Duty):
         source = chosen_source(settings, os.environ, self._dmi)
         if source is not None:
             _logger.info("Watching for notices of %s.", source.name)
-        self._watch = NoticeWatch(source, words, run.job.directory)
+        self._watch = NoticeWatch(source, words, self.run.job.directory)
         self._watch.start()
 
     def check(self) -> Outcome | None:
@@ -68,7 +62,8 @@ class InterruptionWatch(Duty):
         announced = self._watch.announced()
         for one in announced:
             self._note(one)
-        first = due(announced, now_s, on_rebalance=self._stops_on_rebalance)
+        rebalance = self.run.job.config.unattended.on_rebalance
+        first = due(announced, now_s, on_rebalance=rebalance == "stop")
         return None if first is None else self._interrupted(first, first.left_s(now_s))
 
     def finish(self, ending: Ending) -> None:
@@ -80,11 +75,11 @@ class InterruptionWatch(Duty):
     def _note(self, one: Announced) -> None:
         notice = one.notice
         name = (notice.source, notice.kind, notice.action)
-        if name in self._noted or self._journal is None:
+        if name in self._noted:
             return
         self._noted.add(name)
         _logger.warning("%s", notice.text)
-        self._journal.note(
+        self.run.journal.note(
             "notice",
             notice.text,
             source=notice.source,
@@ -98,7 +93,7 @@ class InterruptionWatch(Duty):
         return interrupted(
             f"Interrupted: {one.notice.text}",
             max(SHORTEST_S, save_s),
-            continues=self._continues,
+            continues=self.run.job.config.unattended.continue_on_spot_interruption,
         )
 
 

@@ -20,7 +20,7 @@ from drcli.config.track_names import own_route_file
 from drcli.model import keys
 from drcli.model.run_metadata import installed_versions
 from drcli.records.job import Job, JoinRecord
-from drcli.run.duty import Duty, RunningTraining
+from drcli.run.duty import Duty
 from drcli.workers.cores import with_known_overlap
 
 LIBRARIES = ("torch", "mujoco", "numpy")
@@ -120,15 +120,15 @@ LATER_S = 3.0
 class JoinOffer(Duty):
     name = "join offer"
 
-    def start(self, run: RunningTraining) -> None:
-        after_s = LATER_S if run.job.config.train.workers else 0.0
-        Thread(target=self._write, args=(run, after_s), name="join-offer", daemon=True).start()
+    def start(self) -> None:
+        Thread(target=self._write, name="join-offer", daemon=True).start()
 
-    def _write(self, run: RunningTraining, after_s: float) -> None:
-        time.sleep(after_s)
+    def _write(self) -> None:
+        job = self.run.job
+        time.sleep(LATER_S if job.config.train.workers else 0.0)
         try:
-            key = keys.join_record(run.job.config.model.prefix)
-            run.open_bucket().put(key, offer(run.job).encode())
+            key = keys.join_record(job.config.model.prefix)
+            self.bucket.put(key, offer(job).encode())
         except (DrError, OSError) as error:
             _logger.warning("No worker can join this training: %s", error)
 

@@ -19,7 +19,7 @@ from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.model.notes import StoredNote, read_notes
 from drcli.records.run_record import JournalEntry, Kind
-from drcli.run.periodic import Periodic, within
+from drcli.run.periodic import Periodic
 
 _logger = get_logger(__name__)
 
@@ -77,8 +77,7 @@ class Journal:
     def finish(self, patience_s: float, give_up: Callable[[], bool] = lambda: False) -> None:
         thread, self._thread = self._thread, None
         if thread is not None:
-            within(patience_s, lambda: thread.ask(self._write).wait(patience_s), give_up)
-            thread.stop()
+            thread.finish(self._write, patience_s, give_up)
 
     def write(self, bucket: Bucket) -> None:
         try:

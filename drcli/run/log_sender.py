@@ -22,11 +22,9 @@ from drcli.outside.aws.aws_account import Account
 from drcli.records.job import Job
 from drcli.records.run_record import json_log, log_file
 from drcli.run.duty import Duty, RunningTraining
-from drcli.run.journal import Journal
 from drcli.run.outcome import Ending
-from drcli.run.periodic import Periodic, within
+from drcli.run.periodic import Periodic
 from drcli.run.read_logs import UnreadLog
-from drcli.run.warnings_board import WarningsBoard
 
 # Turns lines of a log into events with a time.
 
@@ -133,8 +131,7 @@ class LogSender:
         self._thread.start()
 
     def finish(self, patience_s: float, give_up: Callable[[], bool] = lambda: False) -> None:
-        within(patience_s, lambda: self._thread.ask(self.send_all).wait(patience_s), give_up)
-        self._thread.stop()
+        self._thread.finish(self.send_all, patience_s, give_up)
 
     def send(self) -> None:
         """A failure is reported once, and its lines are tried again."""
@@ -282,27 +279,23 @@ class CloudWatchLogs(Duty):
 
     def __init__(
         self,
-        job: Job,
-        board: WarningsBoard,
+        run: RunningTraining,
         *,
         connect: Callable[[], LogService] | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        self._job = job
-        self._board = board
+        super().__init__(run)
         self._connect = connect
         self._clock = clock
-        self._journal: Journal | None = None
         self._sender: LogSender | None = None
 
-    def start(self, run: RunningTraining) -> None:
-        settings = self._job.config.logs
+    def start(self) -> None:
+        settings = self.run.job.config.logs
         if not settings.cloud_watch_enable:
             return
-        self._journal = run.journal
         self._sender = LogSender(
-            self._job,
-            ["supervisor", *(child.name for child in run.children)],
+            self.run.job,
+            ["supervisor", *(child.name for child in self.run.children)],
             connect=self._connect,
             clock=self._clock,
             on_failure=self._failed,
@@ -314,9 +307,9 @@ class CloudWatchLogs(Duty):
     def check(self) -> None:
         failure = self._sender and self._sender.failure  # the thread may change it meanwhile
         if failure:
-            self._board.show(self.name, failure)
+            self.run.board.show(self.name, failure)
         else:
-            self._board.clear(self.name)
+            self.run.board.clear(self.name)
 
     def leave(self, ending: Ending) -> None:
         if self._sender is None:
@@ -327,8 +320,7 @@ class CloudWatchLogs(Duty):
 
     def _failed(self, error: DrError) -> None:
         _logger.warning("%s %s", error, error.remedy)
-        if self._journal is not None:
-            self._journal.note("fault", str(error))
+        self.run.journal.note("fault", str(error))
 
 
 @contextmanager

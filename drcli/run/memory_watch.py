@@ -6,16 +6,15 @@ from dataclasses import dataclass, field
 
 import psutil
 
-from drcli.base.clock import Growth, Trend, duration
+from drcli.base.clock import AwakeClock, Growth, Trend, duration
 from drcli.base.errors import WorkerDied
 from drcli.base.memory import MemoryState, read_memory
 from drcli.base.system_calls import soft_limit
 from drcli.records.job import WorkerExit
 from drcli.run.duty import Duty, RunningTraining
-from drcli.run.heartbeat_monitor import HeartbeatMonitor
+from drcli.run.heartbeat_monitor import HEARTBEAT_POLL_S, HeartbeatMonitor
 from drcli.run.outcome import Outcome
 from drcli.run.smaller_run import SmallerRun
-from drcli.run.warnings_board import WarningsBoard
 from drcli.run.worker_processes import TRAINER, Child
 from drcli.workers.heartbeat_thread import REMEDY
 
@@ -60,36 +59,29 @@ class MemoryWatch(Duty):
     """Warns of growing workers, and makes the run smaller after a kill for memory."""
 
     name = "memory watch"
+    check_s = POLL_S
 
     def __init__(
         self,
-        board: WarningsBoard,
-        clock: Callable[[], float],
+        run: RunningTraining,
+        clock: Callable[[], float] | None = None,
         read: Callable[[], MemoryState] = read_memory,
         size_of: Callable[[int], int | None] | None = None,
     ) -> None:
-        self._board = board
-        self._clock = clock
+        super().__init__(run)
+        self._clock = clock or AwakeClock()
         self._read = read
         self._size_of = size_of or resident_bytes
         self._workers: dict[str, Watched] = {}
-        self._looked_s = -POLL_S
         self._tight_s: float | None = None
         self._kill_s: float | None = None
         self._state = read()
         self._smaller = SmallerRun()
 
-    def start(self, run: RunningTraining) -> None:
-        self._run = run
-        self._board.begin(run.journal)
-
     def check(self) -> Outcome | None:
         now_s = self._clock()
-        if now_s - self._looked_s < POLL_S:
-            return None
-        self._looked_s = now_s
         self._note_state(now_s)
-        for child in self._run.children:
+        for child in self.run.children:
             if child.running and child.process is not None:
                 self._measure(child, child.process.pid, now_s)
         self._look_for_tightness(now_s)
@@ -97,7 +89,7 @@ class MemoryWatch(Duty):
 
     def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
         watched = self._workers.pop(child.name, None)
-        self._board.clear(f"memory of {child.name}")
+        self.run.board.clear(f"memory of {child.name}")
         if self._smaller.note_left_out(child):
             return None
         told = words is not None and words.memory
@@ -121,11 +113,11 @@ class MemoryWatch(Duty):
             )
         leaked = growth is not None and lived_s >= YOUNG_S
         if leaked or self._restart_leak(self._clock()):
-            self._board.tell("fault", f"{what} It is started again.", worker=child.name)
+            self.run.board.tell("fault", f"{what} It is started again.", worker=child.name)
             return None
-        step = self._smaller.next_step(child, self._run)
+        step = self._smaller.next_step(child, self.run)
         if step is not None:
-            self._board.warn(
+            self.run.board.warn(
                 "memory", f"{what} {step}", "recovery", worker=child.name, reason="memory"
             )
             return None
@@ -149,7 +141,7 @@ class MemoryWatch(Duty):
         if full_s > min(YOUNG_S if young else WARN_S, FORESIGHT * growth.seconds):
             return
         watched.named_bytes = size
-        self._board.warn(
+        self.run.board.warn(
             f"memory of {child.name}",
             f"{child.name} grows steadily: {megabytes(growth.begin)} {duration(growth.seconds)} "
             f"ago, {megabytes(growth.end)} now. If it goes on like this, {self._state.place} is "
@@ -167,14 +159,14 @@ class MemoryWatch(Duty):
         if not is_tight(self._state):
             if self._tight_s is not None and now_s - self._tight_s > TIGHT_S:
                 self._tight_s = None
-                self._board.clear("full memory")
+                self.run.board.clear("full memory")
             return
         first = self._tight_s is None
         self._tight_s = now_s
         if self._restart_leak(now_s) or not first:
             return
         left = megabytes(self._state.available_bytes)
-        self._board.warn(
+        self.run.board.warn(
             "full memory",
             f"Only {left} of {self._state.place} is left. {self._others()} "
             "If it runs out, the kernel kills a process.",
@@ -182,7 +174,7 @@ class MemoryWatch(Duty):
 
     def _restart_leak(self, now_s: float) -> bool:
         """Before the kernel chooses a victim."""
-        for child in self._run.children:
+        for child in self.run.children:
             watched = self._workers.get(child.name)
             if watched is None or child.name == TRAINER or not child.running:
                 continue
@@ -190,7 +182,7 @@ class MemoryWatch(Duty):
             if growth is None or now_s - watched.since_s < YOUNG_S:
                 continue
             if watched.bytes >= LEAK_GROWTH * growth.begin:
-                self._board.tell(
+                self.run.board.tell(
                     "fault",
                     f"{self._state.place} is nearly full, and {child.name} has grown from "
                     f"{megabytes(growth.begin)} to {megabytes(watched.bytes)}; it is restarted. "
@@ -257,33 +249,30 @@ def open_files_limit() -> int:
 
 class OpenFilesWatch(Duty):
     name = "open files watch"
+    check_s = HEARTBEAT_POLL_S
 
     def __init__(
         self,
+        run: RunningTraining,
         heartbeats: HeartbeatMonitor,
-        board: WarningsBoard,
         limit: Callable[[], int] = open_files_limit,
     ) -> None:
+        super().__init__(run)
         self._heartbeats = heartbeats
-        self._board = board
         self._limit = limit()
         self._named: set[int] = set()
 
-    def start(self, run: RunningTraining) -> None:
-        self._run = run
-        self._board.begin(run.journal)
-
     def check(self) -> Outcome | None:
-        for child in self._run.children:
+        for child in self.run.children:
             seen = self._heartbeats.of(child.name)
             subject = f"open files of {child.name}"
             if seen is None or seen.record is None:
                 continue
             if seen.record.open_files <= MOST_OPEN * self._limit or self._limit <= 0:
-                self._board.clear(subject)
+                self.run.board.clear(subject)
             elif seen.pid not in self._named:
                 self._named.add(seen.pid)
-                self._board.warn(
+                self.run.board.warn(
                     subject,
                     f"{child.name} has {seen.record.open_files:,} open files and may have "
                     f"{self._limit:,}. A reward function that opens a file at each step and does "

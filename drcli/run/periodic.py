@@ -4,11 +4,37 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
 from drcli.base.errors import DrError
 from drcli.base.log import get_logger
 
 _logger = get_logger(__name__)
+
+T = TypeVar("T")
+
+
+class Guard:
+    """Calls what must not end its caller; a failure is logged once, until the next success."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._logged = ""
+
+    def call(self, what: Callable[[], T]) -> T | None:
+        try:
+            result = what()
+        except Exception as error:  # the caller must go on after any failure
+            if isinstance(error, DrError):
+                words, bug = f"{error} {error.remedy}".rstrip(), None
+            else:
+                words, bug = f"{type(error).__name__}: {error}", error
+            if words != self._logged:
+                self._logged = words
+                _logger.warning("%s: %s", self._name, words, exc_info=bug)
+            return None
+        self._logged = ""
+        return result
 
 
 class Periodic:
@@ -17,7 +43,7 @@ class Periodic:
     def __init__(self, name: str, what: Callable[[], object], every_s: float) -> None:
         self._what = what
         self._every_s = every_s
-        self._logged = ""
+        self._guard = Guard(name)
         self._ended = False
         self._errands: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -30,6 +56,17 @@ class Periodic:
         self._errands.put(lambda: None)
         if self._thread.is_alive():
             self._thread.join(wait_s)
+
+    def finish(
+        self,
+        errand: Callable[[], object],
+        patience_s: float,
+        give_up: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Do an errand, the last one."""
+        done = self.ask(errand)
+        within(patience_s, lambda: done.wait(patience_s), give_up)
+        self.stop()
 
     def ask(self, errand: Callable[[], object]) -> threading.Event:
         done = threading.Event()
@@ -46,22 +83,11 @@ class Periodic:
     def _run(self) -> None:
         call = self._what
         while not self._ended:
-            self._attempt(call)
+            self._guard.call(call)
             try:
                 call = self._errands.get(timeout=self._every_s)
             except queue.Empty:
                 call = self._what
-
-    def _attempt(self, call: Callable[[], object]) -> None:
-        try:
-            call()
-            self._logged = ""
-        except Exception as error:  # the thread must go on after any failure
-            words = str(error) if isinstance(error, DrError) else f"{type(error).__name__}: {error}"
-            if words != self._logged:
-                self._logged = words
-                bug = None if isinstance(error, DrError) else error
-                _logger.warning("%s: %s", self._thread.name, words, exc_info=bug)
 
 
 def within(

@@ -9,7 +9,6 @@ from dataclasses import replace
 from drcli.base import errors
 from drcli.base.errors import DrError, OwnershipLost
 from drcli.base.log import get_logger
-from drcli.bucket.bucket import Bucket
 from drcli.config.settings import Settings
 from drcli.model.history import HistoryReader
 from drcli.model.model_store import ModelStore
@@ -20,12 +19,10 @@ from drcli.model.training_records import (
     with_spending,
     write_training,
 )
-from drcli.records.job import Job
 from drcli.records.training_record import RunOutcome, StartSpending, TrainingRecord, TrainingStart
 from drcli.run.cost import Cost
 from drcli.run.duty import Duty, RunningTraining
 from drcli.run.outcome import Ending
-from drcli.run.periodic import Periodic, within
 from drcli.transfer.record_training import (
     NewStart,
     known_training,
@@ -81,26 +78,21 @@ class StartRecorder:
 class RecordKeeping(Duty):
     name = "training record"
 
-    def __init__(self, job: Job, cost: Cost) -> None:
-        self._job = job
+    def __init__(self, run: RunningTraining, cost: Cost) -> None:
+        super().__init__(run)
+        self.every_s = UPDATE_S if run.job.training else None
         self._cost = cost
-        self._run: RunningTraining | None = None
-        self._bucket: Bucket | None = None
         self._record: TrainingRecord | None = None
         self._spent: dict[str, StartSpending] = {}
         self._reader = HistoryReader()
-        self._thread = Periodic(self.name, self.update, UPDATE_S)
-
-    def start(self, run: RunningTraining) -> None:
-        if self._job.training:
-            self._run = run
-            self._thread.start()
 
     def finish(self, ending: Ending) -> None:
-        if self._run is None:
+        if self.thread is None:
             return
         outcome = ending.outcome
-        begun = self._job.begun or RunOutcome(self._job.session, socket.gethostname(), 0.0, 0.0)
+        begun = self.run.job.begun or RunOutcome(
+            self.run.job.session, socket.gethostname(), 0.0, 0.0
+        )
         ended = replace(
             begun,
             state=outcome.state,
@@ -109,32 +101,23 @@ class RecordKeeping(Duty):
             ended_at=time.time(),
         )
         patience_s = min(END_PATIENCE_S, ending.left_s(0.2))
-        last = self._thread.ask
-        within(
-            patience_s, lambda: last(lambda: self._write(ended)).wait(patience_s), ending.hurried
-        )
-        self._thread.stop()
+        self.thread.finish(lambda: self._write(ended), patience_s, ending.hurried)
 
-    def leave(self, ending: Ending) -> None:
-        self._thread.stop()
-
-    def update(self) -> None:
+    def work(self) -> None:
         """DrError if the bucket refuses."""
         self._write(None)
 
     def _write(self, ended: RunOutcome | None) -> None:
-        assert self._run is not None
-        self._bucket = self._bucket or self._run.open_bucket()
-        bucket, config = self._bucket, self._job.config.model
+        bucket, config = self.bucket, self.run.job.config.model
         store = ModelStore(bucket, config.prefix)
         model = ModelStore.of(config, bucket, config.prefix)
         if self._record is None:
-            self._record = read_training(store, self._job.training)
+            self._record = read_training(store, self.run.job.training)
             if self._record is None:
                 return  # somebody has deleted it
             self._spent = read_spending(store)
         record = with_results(self._record, model, self._reader)
-        record = with_spending(record, {**self._spent, self._job.session: self._own_spending()})
+        record = with_spending(record, {**self._spent, self.run.job.session: self._own_spending()})
         if ended is not None:
             record = with_end(record, ended)
         write_training(bucket, record)
@@ -145,7 +128,7 @@ class RecordKeeping(Duty):
         usd = self._cost.own_usd
         priced = price is not None or usd > 0.0
         return StartSpending(
-            self._job.session,
+            self.run.job.session,
             socket.gethostname(),
             self._cost.own_hours,
             usd if priced else None,

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 
 from drcli.base.errors import DrError, OwnershipLost, StorageError, WorkerDied
 from drcli.base.installation import installation_error
@@ -23,7 +22,7 @@ from drcli.model.model_store import ModelStore
 from drcli.model.training_state import write_outcome
 from drcli.records.job import Job, WorkerExit
 from drcli.records.training_record import RunOutcome
-from drcli.run.duty import Duty, attempt
+from drcli.run.duty import Schedule
 from drcli.run.journal import Journal
 from drcli.run.outcome import INTERRUPTED, Ending, Outcome
 from drcli.run.periodic import Periodic, within
@@ -52,7 +51,7 @@ class RunEnding:
         *,
         open_bucket: Callable[[], Bucket],
         children: Sequence[Child],
-        duties: Sequence[Duty],
+        schedule: Schedule,
         journal: Journal,
         logs: LogUpload,
         lease_thread: Periodic,
@@ -64,7 +63,7 @@ class RunEnding:
         self._model = ModelStore(self._bucket, self._prefix)
         self._open_bucket = open_bucket
         self._children = children
-        self._duties = duties
+        self._schedule = schedule
         self._journal = journal
         self._logs = logs
         self._lease = lease_thread
@@ -93,7 +92,7 @@ class RunEnding:
         _logger.log(level, "%s", f"{outcome.message} {outcome.remedy}".rstrip())
         if not lost and not self._silent:
             self._save(outcome, ending)
-            outcome = self._with_results(outcome)
+            outcome = self._schedule.with_results(outcome)
             ending = replace(ending, outcome=outcome)
         if not lost:
             self._logs.finish(self._logs_s(deadline_s), self._hurried)
@@ -123,38 +122,15 @@ class RunEnding:
 
     def _save(self, outcome: Outcome, ending: Ending) -> None:
         text = f"{outcome.message} {outcome.remedy}".rstrip()
-        facts: dict[str, object] = {}
-        for duty in self._duties:
-            facts |= attempt(duty, duty.end_facts) or {}
+        facts = self._schedule.end_facts()
         self._journal.note("end", text, state=outcome.state, code=outcome.code, **facts)
-        self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
+        self._record(outcome, self._schedule.pending(ending), RECORD_PATIENCE_S)
         if outcome.state == "finished":
             with suppress(DrError):  # they are deleted with the model at the latest
                 delete_unlearned(self._model)
-        for duty in self._duties:
-            attempt(duty, partial(duty.finish, ending))
-        self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
+        self._schedule.finish(ending)
+        self._record(outcome, self._schedule.pending(ending), RECORD_PATIENCE_S)
         self._journal.finish(RECORD_PATIENCE_S, self._hurried)
-
-    def _with_results(self, outcome: Outcome) -> Outcome:
-        """Told only now, because some of it may have failed."""
-        for duty in self._duties:
-            result = attempt(duty, duty.end_result)
-            if result is not None:
-                outcome = replace(
-                    outcome,
-                    code=outcome.code or result.code,
-                    message=f"{outcome.message} {result.message}".lstrip(),
-                    remedy=f"{outcome.remedy} {result.remedy}".strip(),
-                    complete=True,
-                )
-        return outcome
-
-    def _left(self, ending: Ending) -> tuple[str, ...]:
-        if ending.outcome.state != "finished":
-            return ()
-        found = (attempt(duty, partial(duty.left, ending)) or () for duty in self._duties)
-        return tuple(name for names in found for name in names)
 
     def _record(self, outcome: Outcome, left: tuple[str, ...], wait_s: float) -> None:
         record = self._outcome(outcome, left)

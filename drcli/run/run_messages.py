@@ -10,7 +10,6 @@ from drcli.base.errors import DrError
 from drcli.base.log import get_logger
 from drcli.model.model_list import CheckpointEntry
 from drcli.outside.messages import Channel, Message, open_channels
-from drcli.records.job import Job
 from drcli.records.run_record import JournalEntry
 from drcli.run.checkpoint_watch import LAST_LOOK_S, CheckpointWatch
 from drcli.run.duty import Duty, RunningTraining
@@ -34,7 +33,7 @@ class Messages(Duty):
 
     def __init__(
         self,
-        job: Job,
+        run: RunningTraining,
         watch: CheckpointWatch,
         facts: Callable[[], Mapping[str, object]],
         *,
@@ -42,8 +41,8 @@ class Messages(Duty):
         clock: Callable[[], float] = time.monotonic,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
-        settings, storage = job.config.unattended, job.config.storage
-        self._job = job
+        super().__init__(run)
+        settings, storage = run.job.config.unattended, run.job.config.storage
         self._watch = watch
         self._facts = facts
         self._clock = clock
@@ -57,15 +56,15 @@ class Messages(Duty):
         self._sent_s: list[float] = []
         self._best = ""
         self._best_s = -float("inf")
-        self._thread = threading.Thread(target=self._send_all, name="messages", daemon=True)
+        self._sender = threading.Thread(target=self._send_all, name="messages", daemon=True)
 
-    def start(self, run: RunningTraining) -> None:
+    def start(self) -> None:
         if not self._channels:
             return
-        run.journal.listen(self._hear)
-        self._thread.start()
+        self.run.journal.listen(self._hear)
+        self._sender.start()
         if self._wants("best") or self._wants("start") or self._wants("resume"):
-            self._watch.start(run.open_bucket, run.job.config.model.prefix)
+            self._watch.turn_on()
         threading.Thread(target=self._tell_start, name="first message", daemon=True).start()
 
     def check(self) -> Outcome | None:
@@ -77,7 +76,7 @@ class Messages(Duty):
             self._best = best.name
         elif now_s - self._best_s >= BEST_EVERY_S:
             self._best, self._best_s = best.name, now_s
-            text = CheckpointEntry.of(best, self._job.config.model.metric).text
+            text = CheckpointEntry.of(best, self.run.job.config.model.metric).text
             self.tell("best", f"New best checkpoint {text}.", checkpoint=best.name)
         return None
 
@@ -96,12 +95,12 @@ class Messages(Duty):
                 facts[name] = score.name
         text = f"{outcome.message} {outcome.remedy}".strip()
         if event == "end" and self._watch.best is not None:
-            entry = CheckpointEntry.of(self._watch.best, self._job.config.model.metric)
+            entry = CheckpointEntry.of(self._watch.best, self.run.job.config.model.metric)
             text += f" Best checkpoint {entry.text}."
         self.tell(event, text, **facts, **self._facts())
         self._queue.put(None)
-        if self._thread.is_alive():
-            self._thread.join(min(LEAVE_S, max(1.0, ending.left_s())))
+        if self._sender.is_alive():
+            self._sender.join(min(LEAVE_S, max(1.0, ending.left_s())))
 
     def tell(self, event: str, text: str, **facts: object) -> None:
         if not self._wants(event) or not self._channels:
@@ -113,11 +112,11 @@ class Messages(Duty):
         self._sent_s.append(now_s)
         if len(self._sent_s) == MOST:
             text += f" Further messages of the next {PER_S / 60:.0f} minutes are left out."
-        prefix = self._job.config.model.prefix
+        prefix = self.run.job.config.model.prefix
         identity = {
-            "model": f"s3://{self._job.config.storage.bucket}/{prefix}",
-            "world": self._job.config.race().world_name,
-            "run_id": self._job.config.run_id,
+            "model": f"s3://{self.run.job.config.storage.bucket}/{prefix}",
+            "world": self.run.job.config.race().world_name,
+            "run_id": self.run.job.config.run_id,
             "machine": socket.gethostname(),
         }
         self._queue.put(Message(event, f"{event}: {prefix}", text, {**identity, **facts}))

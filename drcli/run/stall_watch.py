@@ -12,9 +12,13 @@ from drcli.base.clock import duration
 from drcli.base.errors import StorageError, WorkerDied
 from drcli.records.job import WorkerExit
 from drcli.run.duty import Duty, RunningTraining
-from drcli.run.heartbeat_monitor import HeartbeatMonitor, WorkerHeartbeat, cpu_s
+from drcli.run.heartbeat_monitor import (
+    HEARTBEAT_POLL_S,
+    HeartbeatMonitor,
+    WorkerHeartbeat,
+    cpu_s,
+)
 from drcli.run.outcome import Outcome
-from drcli.run.warnings_board import WarningsBoard
 from drcli.run.worker_processes import STACKS_S, TRAINER, Child
 
 TURN_S = 60.0
@@ -26,18 +30,14 @@ MOST_STALLS = 3
 
 class StallWatch(Duty):
     name = "stall watch"
+    check_s = HEARTBEAT_POLL_S
 
-    def __init__(
-        self,
-        minutes: int,
-        heartbeats: HeartbeatMonitor,
-        board: WarningsBoard,
-    ) -> None:
-        self._stall_s = 60.0 * minutes
+    def __init__(self, run: RunningTraining, heartbeats: HeartbeatMonitor) -> None:
+        super().__init__(run)
+        self._stall_s = 60.0 * run.job.config.unattended.stall_minutes
         self._heartbeats = heartbeats
-        self._board = board
-        # When it was looked, when the present quiet time began, and when anybody worked.
-        self._checked_s = self._since_s = self._worked_s = heartbeats.now_s
+        # When the present quiet time began, and when anybody worked.
+        self._since_s = self._worked_s = heartbeats.now_s
         self._update_s = self._excused_s = heartbeats.now_s
         self._told_s = 0.0
         self._restarted = False
@@ -46,16 +46,10 @@ class StallWatch(Duty):
         self._kill_at_s = 0.0
         self._silent_bucket_s: float | None = None
 
-    def start(self, run: RunningTraining) -> None:
-        self._run = run
-        self._board.begin(run.journal)
-        self._checked_s = self._since_s = self._update_s = self._heartbeats.now_s
-
     def check(self) -> Outcome | None:
         now_s = self._heartbeats.now_s
-        if self._stall_s == 0.0 or now_s == self._checked_s:
+        if self._stall_s == 0.0:
             return None
-        self._checked_s = now_s
         if self._stuck:
             if now_s >= self._kill_at_s:
                 self._kill_stuck()
@@ -77,7 +71,7 @@ class StallWatch(Duty):
                 "`dr-logs trainer` and `dr-logs sim`, then continue with "
                 "`dr-start-training --resume`.",
             )
-        self._board.warn("stall", f"{what} The stuck workers are restarted once.", "fault")
+        self.run.board.warn("stall", f"{what} The stuck workers are restarted once.", "fault")
         self._restarted = True
         self._prepare_to_kill(self._blamed())
         return None
@@ -90,7 +84,7 @@ class StallWatch(Duty):
             if self._silent_bucket_s is None:
                 self._silent_bucket_s = now_s
             away = duration(max(60.0, now_s - self._silent_bucket_s))
-            self._board.show(
+            self.run.board.show(
                 "bucket",
                 f"The bucket has failed workers for {away}: {words.message} The training goes on "
                 "when it answers again.",
@@ -104,13 +98,13 @@ class StallWatch(Duty):
             self._since_s = self._worked_s = newest_s
             self._restarted = False
             self._silent_bucket_s = None
-            self._board.clear("stall")
-            self._board.clear("bucket")
+            self.run.board.clear("stall")
+            self.run.board.clear("bucket")
         trainer = self._heartbeats.of(TRAINER)
         if trainer is not None and trainer.work_s is not None and trainer.work_s > self._update_s:
             self._update_s = trainer.work_s
             self._told_s, self._stalls = 0.0, 0
-            self._board.clear("update")
+            self.run.board.clear("update")
         return self._heartbeats.now_s - self._since_s < self._stall_s
 
     def _tell_of_missing_update(self) -> None:
@@ -119,7 +113,7 @@ class StallWatch(Duty):
             return
         self._told_s = quiet_s
         text = f"No update for {duration(quiet_s)}: {self._situation()}."
-        self._board.warn("update", text, "notice")
+        self.run.board.warn("update", text, "notice")
 
     def _restart_single(self) -> None:
         now_s = self._heartbeats.now_s
@@ -127,7 +121,7 @@ class StallWatch(Duty):
             quiet_s = now_s - max(seen.since_s, seen.work_s or 0.0, seen.turn_s, self._excused_s)
             if seen.record is not None and not seen.record.waits and quiet_s >= self._stall_s:
                 activity = seen.record.activity
-                self._board.tell(
+                self.run.board.tell(
                     "fault",
                     f"{child.name} ({activity}) made no progress for {duration(quiet_s)} while "
                     "others did; it is restarted.",
@@ -178,7 +172,7 @@ class StallWatch(Duty):
         self._since_s = self._heartbeats.now_s
 
     def _seen(self) -> list[tuple[Child, WorkerHeartbeat]]:
-        pairs = ((child, self._heartbeats.of(child.name)) for child in self._run.children)
+        pairs = ((child, self._heartbeats.of(child.name)) for child in self.run.children)
         return [(child, seen) for child, seen in pairs if seen is not None]
 
 
@@ -204,21 +198,17 @@ _STATES = {
 
 class FrozenWatch(Duty):
     name = "frozen workers"
+    check_s = HEARTBEAT_POLL_S
 
-    def __init__(self, heartbeats: HeartbeatMonitor, board: WarningsBoard) -> None:
+    def __init__(self, run: RunningTraining, heartbeats: HeartbeatMonitor) -> None:
+        super().__init__(run)
         self._heartbeats = heartbeats
-        self._board = board
         self._killed: dict[int, float] = {}
         self._asked: dict[int, float] = {}
 
-    def start(self, run: RunningTraining) -> None:
-        self._run = run
-        self._board.begin(run.journal)
-
     def check(self) -> Outcome | None:
-        if not self._heartbeats.look(self._run.children):
-            return None
-        for child in self._run.children:
+        self._heartbeats.look(self.run.children)
+        for child in self.run.children:
             seen = self._heartbeats.of(child.name)
             if seen is None or child.process is None:
                 continue
@@ -264,4 +254,4 @@ class FrozenWatch(Duty):
     def _replace(self, child: Child, seen: WorkerHeartbeat, what: str) -> None:
         self._killed[seen.pid] = self._heartbeats.now_s
         child.kill_for("frozen")
-        self._board.tell("fault", f"{child.name} {what}; it is replaced.", worker=child.name)
+        self.run.board.tell("fault", f"{child.name} {what}; it is replaced.", worker=child.name)

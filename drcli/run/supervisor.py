@@ -15,13 +15,14 @@ from drcli.metrics.open_sinks import tensorboard_folder
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import RunRecord, State, StopRequest, WorkerRecord, log_file
 from drcli.rewards.source import exit_of_stuck
-from drcli.run.duty import Duty, RunningTraining, attempt
+from drcli.run.duty import Duty, RunningTraining, Schedule
 from drcli.run.interruption_watch import LEASE_POLL_S, Renewal
 from drcli.run.journal import Journal
 from drcli.run.outcome import CTRL_C, TERMINATED, Outcome, interrupted
 from drcli.run.periodic import Periodic
 from drcli.run.run_ending import RunEnding, died_too_often
 from drcli.run.run_logs import LogUpload
+from drcli.run.warnings_board import WarningsBoard
 from drcli.run.worker_processes import TRAINER, Child, start_process
 
 _logger = get_logger(__name__)
@@ -45,7 +46,7 @@ class Supervisor:
         open_bucket: Callable[[], Bucket],
         revive_server: Callable[[], object],
         restart_server: Callable[[], object],
-        duties: Sequence[Duty] = (),
+        duties: Callable[[RunningTraining], Sequence[Duty]] = lambda run: (),
     ) -> None:
         self._job = job
         self._bucket = bucket
@@ -69,10 +70,11 @@ class Supervisor:
         names = ["supervisor", *(child.name for child in self._children)]
         if job.end_work:
             self._children = []
-        self._duties = duties
         self._open_bucket = open_bucket
         self._journal = Journal(job.config.model.prefix, job.term, job.session, job.noted)
-        self._running = RunningTraining(job, bucket, open_bucket, self._children, self._journal)
+        board = WarningsBoard(job.folder, job.session, self._journal)
+        running = RunningTraining(job, bucket, open_bucket, self._children, self._journal, board)
+        self._schedule = Schedule(duties(running))
         prefix = job.config.model.prefix
         writes_events = job.config.figures.tensorboard
         events = tensorboard_folder(job.directory, prefix) if writes_events else None
@@ -90,8 +92,7 @@ class Supervisor:
             for child in self._children:
                 self._start(child)
             self._publish("running")
-            for duty in self._duties:
-                attempt(duty, partial(duty.start, self._running))
+            self._schedule.start()
             outcome = self._watch()
         except DrError as error:
             outcome = Outcome(error.code, str(error), error.remedy)
@@ -142,10 +143,8 @@ class Supervisor:
                     outcome = self._handle_exit(child)
                     if outcome is not None:
                         return outcome
-            for duty in self._duties:
-                outcome = attempt(duty, duty.check)
-                if outcome is not None:
-                    return outcome
+            if outcome := self._schedule.check():
+                return outcome
             if self._job.end_work:
                 return Outcome(0, self._job.begun.message if self._job.begun else "")
             time.sleep(POLL_S)
@@ -190,9 +189,8 @@ class Supervisor:
         _logger.warning("%s", ended)
         why = words.message if words is not None else ""
         self._journal.note("fault", f"{ended} {why}".rstrip(), worker=child.name, code=code)
-        for duty in self._duties:
-            if outcome := attempt(duty, partial(duty.died, child, code, words)):
-                return outcome
+        if outcome := self._schedule.died(child, code, words):
+            return outcome
         if child.left_out:
             child.process = None
             self._publish("running")
@@ -224,7 +222,7 @@ class Supervisor:
             self._bucket,
             open_bucket=self._open_bucket,
             children=self._children,
-            duties=self._duties,
+            schedule=self._schedule,
             journal=self._journal,
             logs=self._logs,
             lease_thread=self._lease,
@@ -236,8 +234,7 @@ class Supervisor:
             outcome.state, outcome.code, outcome.message, outcome.remedy, time.time()
         )
         self._write_record()
-        for duty in self._duties:
-            attempt(duty, partial(duty.leave, ending))
+        self._schedule.leave(ending)
         return outcome
 
     def _with_workers(self) -> RunRecord:

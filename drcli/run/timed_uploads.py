@@ -19,7 +19,6 @@ from drcli.records.job import Job
 from drcli.run.checkpoint_watch import CheckpointWatch
 from drcli.run.command_process import CommandEnd, CommandProcess, Start
 from drcli.run.duty import Duty, RunningTraining
-from drcli.run.journal import Journal
 from drcli.run.outcome import INTERRUPTED, Ending, Outcome
 
 _logger = get_logger(__name__)
@@ -69,27 +68,25 @@ class TimedUploads(Duty):
 
     def __init__(
         self,
-        job: Job,
+        run: RunningTraining,
         watch: CheckpointWatch,
         *,
         start: Start = CommandProcess,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._job = job
+        super().__init__(run)
         self._watch = watch
         self._start = start
         self._clock = clock
-        self._uploads = wanted_uploads(job)
+        self._uploads = wanted_uploads(run.job)
         self._running: tuple[Upload, CommandProcess] | None = None
-        self._journal: Journal | None = None
 
-    def start(self, run: RunningTraining) -> None:
-        self._journal = run.journal
+    def start(self) -> None:
         now_s = self._clock()
         for upload in self._uploads:
             upload.due_s = now_s + (upload.every_s or 0.0)
         if self._uploads:
-            self._watch.start(run.open_bucket, run.job.config.model.prefix)
+            self._watch.turn_on()
 
     def check(self) -> Outcome | None:
         if self._running is not None:
@@ -108,7 +105,6 @@ class TimedUploads(Duty):
 
     def finish(self, ending: Ending) -> None:
         """Complete trainings: `drcli.run.end_of_training`."""
-        self._watch.stop()
         hurried = ending.outcome.code == INTERRUPTED or ending.deadline_s is not None
         complete = ending.outcome.code == 0
         models_until_s = self._clock() + ending.left_s(MODELS_SHARE)
@@ -129,12 +125,11 @@ class TimedUploads(Duty):
                 within_s = ending.left_s(ARCHIVE_SHARE)
             if within_s <= 0.0 or not self._is_new(upload):
                 continue
-            process = self._start(self._job, *upload.command)
+            process = self._start(self.run.job, *upload.command)
             self._note(upload, process.wait(within_s, lambda: ending.left_s() <= 0.0), ends=True)
 
     def leave(self, ending: Ending) -> None:
         """`finish` is not called if the model was lost."""
-        self._watch.stop()
         if self._running is not None:
             self._running[1].kill()
             self._running = None
@@ -146,7 +141,7 @@ class TimedUploads(Duty):
     def _begin(self, upload: Upload, now_s: float) -> None:
         # Also if it fails: a bucket in trouble is not asked without a pause.
         upload.due_s = now_s + (BEST_EVERY_S if upload.every_s is None else upload.every_s)
-        self._running = upload, self._start(self._job, *upload.command)
+        self._running = upload, self._start(self.run.job, *upload.command)
 
     def _note(self, upload: Upload, end: CommandEnd, *, ends: bool = False) -> None:
         if end.ok:
@@ -155,26 +150,24 @@ class TimedUploads(Duty):
             size = end.report.get("copied_bytes", end.report.get("size_bytes", 0))
             text = f"Uploaded the {upload.name} {upload.done} to {target} in {end.seconds:.0f} s."
             _logger.info("%s", text)
-            if self._journal is not None:
-                if upload.problem:
-                    self._journal.note("recovery", f"The upload of the {upload.name} works again.")
-                self._journal.note(
-                    "upload",
-                    text,
-                    what=upload.name,
-                    checkpoint=upload.done,
-                    target=target,
-                    bytes=size,
-                    seconds=round(end.seconds, 1),
-                )
+            if upload.problem:
+                self.run.journal.note("recovery", f"The upload of the {upload.name} works again.")
+            self.run.journal.note(
+                "upload",
+                text,
+                what=upload.name,
+                checkpoint=upload.done,
+                target=target,
+                bytes=size,
+                seconds=round(end.seconds, 1),
+            )
             upload.problem = ""
             return
         again = "" if end.killed or ends else " It is tried again at its next time."
         text = f"The upload of the {upload.name} failed: {end.reason}{again}"
         if text != upload.problem:
             _logger.warning("%s", text)
-            if self._journal is not None:
-                self._journal.note("fault", text, event="upload", what=upload.name)
+            self.run.journal.note("fault", text, event="upload", what=upload.name)
         upload.problem = text
 
 

@@ -23,17 +23,20 @@ from drcli.records.job import Job
 from drcli.records.run_record import RunRecord, StorageRecord, json_log, log_file
 from drcli.run.checkpoint_watch import CheckpointWatch
 from drcli.run.cost import Cost, DailyBudget
-from drcli.run.duty import Duty
+from drcli.run.disk_watch import DiskWatch
+from drcli.run.duty import Duty, RunningTraining
 from drcli.run.end_of_training import EndCommand, EndOfTraining
+from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.interruption_watch import InterruptionWatch, Renewal
 from drcli.run.join_check import JoinOffer
 from drcli.run.log_sender import CloudWatchLogs
+from drcli.run.memory_watch import MemoryWatch, OpenFilesWatch
 from drcli.run.record_keeping import RecordKeeping
 from drcli.run.run_messages import Messages
+from drcli.run.stall_watch import FrozenWatch, StallWatch
 from drcli.run.supervisor import Supervisor
 from drcli.run.timed_uploads import TimedUploads
-from drcli.run.warnings_board import WarningsBoard
-from drcli.run.watches import ParentWatch, StageWatch, watches
+from drcli.run.watches import FailureWatch, ParentWatch, StageWatch
 from drcli.run.worker_processes import (
     READY_TIMEOUT_S,
     end_process,
@@ -146,30 +149,36 @@ def _supervise(job: Job) -> int:
             open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
             revive_server=lambda: server.ensure_running(storage),
             restart_server=lambda: server.restart(storage),
-            duties=_duties(job),
+            duties=duties,
         ).run()
     finally:
         requests.end()
 
 
-def _duties(job: Job) -> list[Duty]:
+def duties(run: RunningTraining) -> list[Duty]:
     """In the order in which it matters at the end."""
-    watch, cost = CheckpointWatch(), Cost(job)
-    board = WarningsBoard(job.folder, job.session)
+    checkpoints, cost = CheckpointWatch(run), Cost(run)
+    heartbeats = HeartbeatMonitor(run.job.folder)
     return [
-        InterruptionWatch(),
-        ParentWatch(),
-        JoinOffer(),
-        *watches(job, board),
-        StageWatch(job),
-        TimedUploads(job, watch),
-        EndOfTraining(job),
+        InterruptionWatch(run),
+        ParentWatch(run),
+        JoinOffer(run),
+        FrozenWatch(run, heartbeats),  # it looks at the heartbeats for the next ones
+        StallWatch(run, heartbeats),
+        OpenFilesWatch(run, heartbeats),
+        MemoryWatch(run),
+        DiskWatch(run),
+        FailureWatch(run),
+        StageWatch(run),
+        checkpoints,
+        TimedUploads(run, checkpoints),
+        EndOfTraining(run),
         cost,
-        RecordKeeping(job, cost),
-        DailyBudget(job, cost),
-        Messages(job, watch, cost.end_facts),
-        EndCommand(job, watch, cost.end_facts),
-        CloudWatchLogs(job, board),
+        RecordKeeping(run, cost),
+        DailyBudget(run, cost),
+        Messages(run, checkpoints, cost.end_facts),
+        EndCommand(run, checkpoints, cost.end_facts),
+        CloudWatchLogs(run),
     ]
 
 

@@ -13,21 +13,15 @@ _logger = get_logger(__name__)
 class WarningsBoard:
     """Only the supervisor's loop uses it."""
 
-    def __init__(self, folder: Path, session: str) -> None:
+    def __init__(self, folder: Path, session: str, journal: Journal) -> None:
         self._folder = folder
-        self._warnings: dict[str, str] = {}
         self._session = session
-        self._journal: Journal | None = None
-
-    def begin(self, journal: Journal) -> None:
-        if self._journal is None:
-            self._journal = journal
-            self._write()
+        self._journal = journal
+        self._warnings: dict[str, str] = {}
 
     def tell(self, kind: Kind, text: str, **facts: object) -> None:
         _logger.warning("%s", text)
-        if self._journal is not None:
-            self._journal.note(kind, text, **facts)
+        self._journal.note(kind, text, **facts)
 
     def warn(self, subject: str, text: str, kind: Kind = "notice", **facts: object) -> None:
         self.tell(kind, text, **facts)

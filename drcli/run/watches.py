@@ -1,26 +1,17 @@
 """What keeps a training alive, or ends it in time."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 
-from drcli.base.clock import AwakeClock
 from drcli.base.errors import DrError
-from drcli.bucket.bucket import Bucket
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import Rollbacks, read_reward_errors, read_rollbacks
-from drcli.records.job import Job
 from drcli.records.reward import RewardErrorEntry, RewardErrorRecord, sum_of
 from drcli.records.stage import StageNote
-from drcli.run.disk_watch import DiskWatch
 from drcli.run.duty import Duty, RunningTraining
-from drcli.run.heartbeat_monitor import HeartbeatMonitor
-from drcli.run.journal import Journal
-from drcli.run.memory_watch import MemoryWatch, OpenFilesWatch
 from drcli.run.outcome import Ending, Outcome, interrupted
-from drcli.run.periodic import Periodic, within
-from drcli.run.stall_watch import FrozenWatch, StallWatch
-from drcli.run.warnings_board import WarningsBoard
+from drcli.run.periodic import within
 
 # Tells of failures after which a training goes on: rollbacks, failed reward calls.
 
@@ -37,39 +28,26 @@ class FailureWatch(Duty):
     """Tells each rollback and distinct error once in a model's life."""
 
     name = "failure watch"
+    every_s = POLL_S
 
-    def __init__(self, job: Job, board: WarningsBoard) -> None:
-        self._job = job
-        self._board = board
-        self._open: Callable[[], Bucket] | None = None
-        self._bucket: Bucket | None = None
-        self._thread: Periodic | None = None
+    def __init__(self, run: RunningTraining) -> None:
+        super().__init__(run)
         self._rollbacks = Rollbacks()
         self._records: list[RewardErrorRecord] = []
         self._told_rollbacks = 0
         self._told_errors: set[ErrorKey] = set()
         self._told_share = False
 
-    def start(self, run: RunningTraining) -> None:
-        self._board.begin(run.journal)
-        self._open = run.open_bucket
+    def start(self) -> None:
         with suppress(DrError):
-            prefix = self._job.config.model.prefix
-            model = ModelStore(run.bucket, prefix)
+            model = ModelStore(self.run.bucket, self.run.job.config.model.prefix)
             self._told_rollbacks = read_rollbacks(model).count
             records = read_reward_errors(model)
             self._told_share = sum_of(each.total for each in records).share > TOLD_SHARE
             self._told_errors = {entry.key for record in records for entry in record.total.errors}
-        self._thread = Periodic(self.name, self.look, POLL_S)
-        self._thread.start()
 
-    def look(self) -> None:
-        if self._open is None:
-            return
-        if self._bucket is None:
-            self._bucket = self._open()
-        prefix = self._job.config.model.prefix
-        model = ModelStore(self._bucket, prefix)
+    def work(self) -> None:
+        model = ModelStore(self.bucket, self.run.job.config.model.prefix)
         self._records = read_reward_errors(model)
         self._rollbacks = read_rollbacks(model)
 
@@ -78,10 +56,9 @@ class FailureWatch(Duty):
         return None
 
     def end_facts(self) -> Mapping[str, object]:
-        if self._thread is not None:
-            self._thread.stop()
-            within(LAST_LOOK_S, self._look_last)
-            self._tell()
+        self.stop()
+        within(LAST_LOOK_S, self._look_last)
+        self._tell()
         facts: dict[str, object] = {}
         if self._rollbacks.count:
             facts["rollbacks"] = self._rollbacks.count
@@ -95,11 +72,11 @@ class FailureWatch(Duty):
 
     def _look_last(self) -> None:
         with suppress(DrError):
-            self.look()
+            self.work()
 
     def _tell(self) -> None:
         for rollback in self._rollbacks.entries[self._told_rollbacks :]:
-            self._board.tell("recovery", rollback.sentence, **rollback.facts())
+            self.run.board.tell("recovery", rollback.sentence, **rollback.facts())
         self._told_rollbacks = max(self._told_rollbacks, self._rollbacks.count)
         for record in self._records:
             for entry in record.total.errors:
@@ -109,8 +86,8 @@ class FailureWatch(Duty):
         counts = sum_of(record.total for record in self._records)
         if counts.share > TOLD_SHARE and not self._told_share:
             self._told_share = True
-            most = self._job.config.train.reward_max_error_share
-            self._board.tell(
+            most = self.run.job.config.train.reward_max_error_share
+            self.run.board.tell(
                 "fault",
                 f"{counts.failures()} (DR_REWARD_MAX_ERROR_SHARE={most:g} of the last 2,000 calls "
                 "ends the training).",
@@ -122,7 +99,7 @@ class FailureWatch(Duty):
         broken = entry.kind == "discard"
         what = "declared an episode broken" if broken else "failed, and the training goes on"
         text = f"The reward function {what} (sim-{worker}, iteration {entry.first_iteration}): "
-        self._board.tell(
+        self.run.board.tell(
             "fault",
             f"{text}{entry.text}.",
             worker=f"sim-{worker}",
@@ -133,33 +110,15 @@ class FailureWatch(Duty):
         )
 
 
-def watches(job: Job, board: WarningsBoard) -> list[Duty]:
-    """The first looks at the heartbeats for the next ones."""
-    heartbeats = HeartbeatMonitor(job.folder)
-    settings = job.config.unattended
-    return [
-        FrozenWatch(heartbeats, board),
-        StallWatch(settings.stall_minutes, heartbeats, board),
-        OpenFilesWatch(heartbeats, board),
-        MemoryWatch(board, AwakeClock()),
-        DiskWatch(job, board),
-        FailureWatch(job, board),
-    ]
-
-
 # Notes the next stage or phase in the journal.
 
 
 class StageWatch(Duty):
     name = "stages"
 
-    def __init__(self, job: Job) -> None:
-        self._job = job
-        self._journal: Journal | None = None
+    def __init__(self, run: RunningTraining) -> None:
+        super().__init__(run)
         self._seen = ""
-
-    def start(self, run: RunningTraining) -> None:
-        self._journal = run.journal
 
     def check(self) -> Outcome | None:
         self._look()
@@ -169,13 +128,11 @@ class StageWatch(Duty):
         self._look()
 
     def _look(self) -> None:
-        if self._journal is None:
-            return
-        note = StageNote.of_session(self._job.folder, self._job.session)
+        note = StageNote.of_session(self.run.job.folder, self.run.job.session)
         if note is None or note.checkpoint == self._seen:
             return
         self._seen = note.checkpoint
-        self._journal.note("stage", note.text, stage=note.stage, checkpoint=note.checkpoint)
+        self.run.journal.note("stage", note.text, stage=note.stage, checkpoint=note.checkpoint)
 
 
 # Interrupts a training when the process that started it has ended.
@@ -189,10 +146,8 @@ class ParentWatch(Duty):
 
     name = "parent watch"
 
-    def __init__(self) -> None:
-        self._ends_with = 0
-
-    def start(self, run: RunningTraining) -> None:
+    def __init__(self, run: RunningTraining) -> None:
+        super().__init__(run)
         self._ends_with = run.job.ends_with
 
     def check(self) -> Outcome | None:

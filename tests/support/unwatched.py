@@ -14,6 +14,7 @@ from drcli.run.command_process import CommandEnd
 from drcli.run.duty import RunningTraining
 from drcli.run.journal import Journal
 from drcli.run.outcome import Ending, Outcome
+from drcli.run.warnings_board import WarningsBoard
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
 
@@ -48,10 +49,7 @@ class Clock:
 class Watched(CheckpointWatch):
     """Checkpoints that a test sets."""
 
-    def start(self, open_bucket: Callable[[], Bucket], prefix: str) -> None:
-        """Start no thread."""
-
-    def look(self) -> None:
+    def work(self) -> None:
         """See nothing new."""
 
     def has(self, last: int, best: int | None = None) -> None:
@@ -116,7 +114,8 @@ def running(job: Job, bucket: MemoryBucket | None = None) -> RunningTraining:
     """The run as its duties see it."""
     store = bucket or MemoryBucket()
     journal = Journal(job.config.model.prefix, job.term, job.session)
-    return RunningTraining(job, store, lambda: store, [], journal)
+    board = WarningsBoard(job.folder, job.session, journal)
+    return RunningTraining(job, store, lambda: store, [], journal, board)
 
 
 def entries(run: RunningTraining) -> list[tuple[str, str]]:

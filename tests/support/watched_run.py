@@ -12,6 +12,7 @@ from drcli.records.heartbeat import HeartbeatRecord, WatchRecord, open_heartbeat
 from drcli.records.job import Job
 from drcli.run.duty import RunningTraining
 from drcli.run.journal import Journal
+from drcli.run.warnings_board import WarningsBoard
 from drcli.run.worker_processes import Child
 from memory_bucket import MemoryBucket
 
@@ -64,8 +65,9 @@ class WatchedRun:
         self._next_pid = 10_000_000  # no process has such a number
         self.journal = Journal("model", 1, "start")
         bucket = MemoryBucket()
+        board = WarningsBoard(folder, "start", self.journal)
         self.running = RunningTraining(
-            self.job, bucket, lambda: bucket, self.children, self.journal
+            self.job, bucket, lambda: bucket, self.children, self.journal, board
         )
         for child in self.children:
             self.begin(child.name)

@@ -22,7 +22,6 @@ from drcli.run.log_sender import (
 )
 from drcli.run.outcome import Ending, Outcome
 from drcli.run.run_logs import empty_logs
-from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 NOW_S = 1_795_000_000.0
@@ -48,22 +47,16 @@ def client(service):
         service.delete_log_group(logGroupName=GROUP)
 
 
-def board_of(run):
-    return WarningsBoard(run.folder, run.job.session)
-
-
 class Sender:
     """A training whose logs are sent."""
 
     def __init__(self, folder, connect, **settings):
         self.run = WatchedRun(folder, DR_CLOUD_WATCH_ENABLE=True, **settings)
         self.now_s = NOW_S
-        self.duty = CloudWatchLogs(
-            self.run.job, board_of(self.run), connect=connect, clock=lambda: self.now_s
-        )
+        self.duty = CloudWatchLogs(self.run.running, connect=connect, clock=lambda: self.now_s)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(LogSender, "start", lambda sender: None)  # the test calls it
-            self.duty.start(self.run.running)
+            self.duty.start()
         self.sender = self.duty._sender
 
     def add(self, name, text, *, as_json=False):
@@ -211,9 +204,9 @@ def test_the_client_is_made_from_the_settings(tmp_path, client):
 
 def test_nothing_is_asked_of_amazon_unless_the_settings_say_so(tmp_path):
     run = WatchedRun(tmp_path)
-    duty = CloudWatchLogs(run.job, board_of(run), connect=lambda: pytest.fail("asked"))
+    duty = CloudWatchLogs(run.running, connect=lambda: pytest.fail("asked"))
 
-    duty.start(run.running)
+    duty.start()
     duty.leave(ENDING)
 
     assert duty._sender is None
@@ -264,8 +257,8 @@ def test_a_line_that_is_too_long_is_cut():
 
 def test_at_the_end_the_last_lines_are_sent_within_the_time(tmp_path, client):
     run = WatchedRun(tmp_path, DR_CLOUD_WATCH_ENABLE=True)
-    duty = CloudWatchLogs(run.job, board_of(run), connect=lambda: client)
-    duty.start(run.running)
+    duty = CloudWatchLogs(run.running, connect=lambda: client)
+    duty.start()
     path = log_file(tmp_path, "model", "supervisor")
     path.parent.mkdir(parents=True)
     path.write_text("the end")

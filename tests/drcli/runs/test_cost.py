@@ -20,9 +20,7 @@ class Meter:
         self.prices = price
         self.job = job_of(folder, *lines, session=session, term=term)
         self.clock = Clock()
-        self.duty = Cost(self.job, ask_price=self.ask, clock=self.clock)
-        self.duty._thread.start = lambda: None  # steps come from the test
-        self.duty.start(running(self.job, bucket))
+        self.duty = Cost(running(self.job, bucket), ask_price=self.ask, clock=self.clock)
 
     def ask(self, profile):
         if not self.prices:
@@ -32,7 +30,7 @@ class Meter:
     def train(self, hours):
         for _ in range(round(hours * 60)):
             self.clock.now_s += 60.0
-            self.duty.step()
+            self.duty.work()
         return self.duty.spending
 
 
@@ -76,7 +74,7 @@ def test_the_starts_on_all_machines_add_up(meter):
 def test_a_damaged_count_of_an_earlier_start_is_named_and_left_out(meter, logged):
     first = meter("DR_SPOT_PRICE=1", session="a", term=1)
     first.train(1.0)
-    bucket = first.duty._opened()
+    bucket = first.duty.bucket
     bucket.put(keys.spending("team/model", 0, "broken"), b'{"session": "x"')
 
     spending = meter("DR_SPOT_PRICE=1", session="b", term=2).train(1.0)
@@ -110,7 +108,7 @@ def test_a_machine_that_slept_costs_nothing_meanwhile(meter):
     it = meter("DR_SPOT_PRICE=1")
     it.train(1.0)
     it.clock.now_s += 8 * 3600.0
-    it.duty.step()
+    it.duty.work()
 
     assert it.duty.spending.hours == pytest.approx(1.0, abs=0.02)
 
@@ -157,7 +155,7 @@ def test_other_commands_find_the_count_in_the_folder(meter):
     assert found.usd == pytest.approx(1.0)
     assert found.max_usd == 10.0
     key = keys.spending("team/model", 1, "start")
-    record = StartSpending.decode(it.duty._opened().get(key))
+    record = StartSpending.decode(it.duty.bucket.get(key))
     assert record.usd == pytest.approx(1.0, abs=0.1)
 
 

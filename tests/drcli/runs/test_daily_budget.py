@@ -32,14 +32,14 @@ class Counting:
         self.meter = Meter()
         self.now_s = NOON_S
         self.job = job_of(folder, *lines, session=session)
-        self.duty = DailyBudget(self.job, self.meter, now=lambda: self.now_s)
-        self.duty._thread.start = lambda: None  # steps come from the test
-        self.duty.start(running(self.job, MemoryBucket()))
+        run = running(self.job, MemoryBucket())
+        self.duty = DailyBudget(run, self.meter, now=lambda: self.now_s)
+        self.duty.start()
 
     def train(self, hours: float, usd: float = 0.0) -> None:
         self.meter.own_hours += hours
         self.meter.own_usd += usd
-        self.duty.step()
+        self.duty.work()
 
 
 def test_all_trainings_of_a_folder_count_together(tmp_path):

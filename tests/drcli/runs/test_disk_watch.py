@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from drcli.run.disk_watch import Disk, DiskWatch, largest, measure
-from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 GB = 10**9
@@ -22,9 +21,7 @@ class Stage:
         self.free = {"data": 100.0 * GB, "temporary": 1.0 * GB}
         self.total = 1000 * GB
         self.files = 10**6
-        board = WarningsBoard(folder, "start")
-        self.watch = DiskWatch(self.run.job, board, clock=self.run.clock, measure=self.measure)
-        board.begin(self.run.journal)
+        self.watch = DiskWatch(self.run.running, clock=self.run.clock, measure=self.measure)
 
     def measure(self, folder):
         if folder == TEMPORARY:
@@ -35,7 +32,7 @@ class Stage:
         for _ in range(int(minutes * 6)):
             self.run.now_s += 10.0
             self.free["data"] -= gb_per_hour * GB / 360.0
-            self.watch.look()
+            self.watch.work()
             if outcome := self.watch.check():
                 return outcome
         return None

@@ -8,7 +8,7 @@ import pytest
 from drcli.config import secret_environment
 from drcli.run.end_of_training import EndCommand
 from drcli.run.outcome import INTERRUPTED
-from unwatched import Watched, ending, job_of
+from unwatched import Watched, ending, job_of, running
 
 
 @pytest.fixture
@@ -17,9 +17,10 @@ def leave(tmp_path):
 
     def run(command, end, facts=None):
         job = job_of(tmp_path, f"DR_ON_END={shlex.quote(command)}" if command else "")
-        watch = Watched()
+        training = running(job)
+        watch = Watched(training)
         watch.has(9, best=7)
-        EndCommand(job, watch, lambda: facts or {}).leave(end)
+        EndCommand(training, watch, lambda: facts or {}).leave(end)
         told = tmp_path / "told"
         return dict(line.split("=", 1) for line in told.read_text().splitlines())
 

@@ -25,8 +25,9 @@ class Continued(Ending):
 def begun(folder, *lines, ends=()):
     job = job_of(folder, *lines)
     commands = Commands(*ends)
-    duty, run = EndOfTraining(job, start=commands), running(job)
-    duty.start(run)
+    run = running(job)
+    duty = EndOfTraining(run, start=commands)
+    duty.start()
     return duty, commands, run
 
 
@@ -34,11 +35,11 @@ def test_the_best_checkpoint_is_uploaded_and_imported_if_wanted(tmp_path):
     lines = "DR_UPLOAD_MODEL_ON_COMPLETION=True", DROA
     duty, commands, run = begun(tmp_path, *lines, ends=[UPLOADED, IMPORTED])
     end = ending()
-    assert duty.left(end) == ["upload", "import"]
+    assert duty.pending(end) == ["upload", "import"]
 
     duty.finish(end)
 
-    assert duty.left(end) == []
+    assert duty.pending(end) == []
     assert [command.arguments[0] for command in commands.started] == [
         "upload-model",
         "droa-import-model",
@@ -56,7 +57,7 @@ def test_only_a_complete_training_has_an_end_to_work_on(tmp_path, code):
     duty.finish(ending(code))
 
     assert commands.started == []
-    assert duty.left(ending(code)) == []
+    assert duty.pending(ending(code)) == []
 
 
 def test_what_fails_stays_for_a_successor(tmp_path):
@@ -65,7 +66,7 @@ def test_what_fails_stays_for_a_successor(tmp_path):
 
     duty.finish(ending())
 
-    assert duty.left(ending()) == ["import"]
+    assert duty.pending(ending()) == ["import"]
     kind, text = entries(run)[-1]
     assert kind == "fault"
     assert "It refused the model." in text
@@ -81,7 +82,7 @@ def test_a_successor_does_what_was_left_over_and_no_more(tmp_path):
     duty.finish(rest)
 
     assert commands.names == ["droa-import-model --model-prefix"]
-    assert duty.left(rest) == []
+    assert duty.pending(rest) == []
 
 
 def test_without_time_everything_is_left(tmp_path):
@@ -90,7 +91,7 @@ def test_without_time_everything_is_left(tmp_path):
     duty.finish(ending(0, 0.0))
 
     assert commands.started == []
-    assert duty.left(ending()) == ["upload"]
+    assert duty.pending(ending()) == ["upload"]
 
 
 def test_nobody_without_deepracer_on_aws_is_bothered(tmp_path, logged):

@@ -4,7 +4,6 @@ from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import Rollback, Rollbacks, write_rollbacks
 from drcli.records.reward import RewardCounts, RewardErrorEntry, RewardErrorRecord
-from drcli.run.warnings_board import WarningsBoard
 from drcli.run.watches import FailureWatch
 from watched_run import WatchedRun
 
@@ -28,12 +27,12 @@ def test_each_distinct_error_and_rollback_is_told_once(tmp_path):
     bucket = run.running.bucket
 
     def begun() -> FailureWatch:
-        watch = FailureWatch(run.job, WarningsBoard(tmp_path, "start"))
-        watch.start(run.running)
+        watch = FailureWatch(run.running)
+        watch.start()
         return watch
 
     def look(watch: FailureWatch) -> None:
-        watch.look()
+        watch.work()
         watch.check()
 
     watch = begun()

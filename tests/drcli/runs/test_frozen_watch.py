@@ -12,7 +12,6 @@ import pytest
 from drcli.run import stall_watch
 from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.stall_watch import FrozenWatch
-from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 
@@ -22,8 +21,7 @@ class Stage:
     def __init__(self, folder, monkeypatch):
         self.run = WatchedRun(folder)
         self.heartbeats = HeartbeatMonitor(folder, self.run.clock)
-        self.watch = FrozenWatch(self.heartbeats, WarningsBoard(folder, "start"))
-        self.watch.start(self.run.running)
+        self.watch = FrozenWatch(self.run.running, self.heartbeats)
         self.state = psutil.STATUS_SLEEPING
         self.used_s = 7.0
         self.uses = 0.0
@@ -141,8 +139,7 @@ def test_a_sleep_of_the_whole_machine_is_nobodys_fault(tmp_path):
 
     run = WatchedRun(tmp_path)
     heartbeats = HeartbeatMonitor(tmp_path, AwakeClock(run.clock))
-    watch = FrozenWatch(heartbeats, WarningsBoard(tmp_path, "start"))
-    watch.start(run.running)
+    watch = FrozenWatch(run.running, heartbeats)
     for step_s in [0.2] * 50 + [8 * 3600.0] + [0.2] * 50:
         run.now_s += step_s
         if step_s < 1.0 and run.now_s < 8 * 3600.0:
@@ -156,8 +153,7 @@ def test_a_process_that_is_really_stopped_is_killed(tmp_path, monkeypatch):
     monkeypatch.setattr(stall_watch, "STARTING_S", 12.0)
     run = WatchedRun(tmp_path)
     heartbeats = HeartbeatMonitor(tmp_path, run.clock)
-    watch = FrozenWatch(heartbeats, WarningsBoard(tmp_path, "start"))
-    watch.start(run.running)
+    watch = FrozenWatch(run.running, heartbeats)
     child = run.child("sim-0")
     child.process = subprocess.Popen([sys.executable, "-S", "-c", "import time; time.sleep(60)"])
     child.process.send_signal(signal.SIGSTOP)

@@ -55,8 +55,8 @@ def watch(tmp_path, monkeypatch):
     def start(**settings: str) -> SimpleNamespace:
         config = settings_of(tmp_path, settings)
         job = Job(config, "a", 1, None, tmp_path, 1)
-        duty = InterruptionWatch(tmp_path)
-        duty.start(SimpleNamespace(job=job, journal=journal))
+        duty = InterruptionWatch(SimpleNamespace(job=job, journal=journal), tmp_path)
+        duty.start()
         return SimpleNamespace(duty=duty, clock=clock, journal=journal, laid=Laid)
 
     yield start

@@ -7,7 +7,6 @@ import pytest
 from drcli.base.memory import MemoryState
 from drcli.records.job import WorkerExit
 from drcli.run.memory_watch import MemoryWatch
-from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 GB = 10**9
@@ -22,12 +21,11 @@ class Stage:
         self.state = MemoryState(8 * GB, 4 * GB)
         self.sizes = {child.name: 0.6 * GB for child in self.run.children}
         self.watch = MemoryWatch(
-            WarningsBoard(folder, "start"),
+            self.run.running,
             self.run.clock,
             read=lambda: self.state,
             size_of=self.size_of,
         )
-        self.watch.start(self.run.running)
 
     def size_of(self, pid):
         [name] = [c.name for c in self.run.children if c.process and c.process.pid == pid]

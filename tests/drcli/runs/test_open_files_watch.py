@@ -4,15 +4,13 @@ from dataclasses import replace
 
 from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.memory_watch import OpenFilesWatch
-from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 
 def test_a_worker_is_named_once_before_it_may_open_no_more(tmp_path):
     run = WatchedRun(tmp_path)
     heartbeats = HeartbeatMonitor(tmp_path, run.clock)
-    watch = OpenFilesWatch(heartbeats, WarningsBoard(tmp_path, "start"), limit=lambda: 1024)
-    watch.start(run.running)
+    watch = OpenFilesWatch(run.running, heartbeats, limit=lambda: 1024)
 
     def look(open_files: int) -> None:
         worker = run.workers["sim-0"]

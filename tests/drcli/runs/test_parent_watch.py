@@ -12,9 +12,7 @@ from drcli.run.watches import ParentWatch
 @pytest.fixture
 def watch():
     def started(ends_with):
-        found = ParentWatch()
-        found.start(SimpleNamespace(job=SimpleNamespace(ends_with=ends_with)))
-        return found
+        return ParentWatch(SimpleNamespace(job=SimpleNamespace(ends_with=ends_with)))
 
     return started
 

@@ -22,7 +22,7 @@ def test_a_failure_is_logged_once_and_the_work_goes_on(logged):
 
     assert enough.wait(PATIENCE_S)
     periodic.stop()
-    assert logged().count("WARNING work: Nothing answers.\n") == 1
+    assert logged().count("WARNING work: Nothing answers. Start it.\n") == 1
 
 
 def test_a_bug_does_not_end_the_work_unseen(logged):

@@ -256,10 +256,9 @@ def keeping(racer):
     """The duty of a training that has just started; its thread works at once."""
 
     def begin(plan, usd_per_hour=None):
-        duty = RecordKeeping(plan.job, Meter(usd_per_hour))
-        duty._thread.start = lambda: None
-        duty._thread.ask = lambda errand: (errand(), SimpleNamespace(wait=lambda _: True))[1]
-        duty.start(running(plan.job, racer.bucket))
+        duty = RecordKeeping(running(plan.job, racer.bucket), Meter(usd_per_hour))
+        if duty.every_s is not None:
+            duty.thread = SimpleNamespace(finish=lambda errand, *_: errand())
         return duty
 
     return begin
@@ -269,7 +268,7 @@ def test_the_record_has_results_and_cost_while_the_training_runs(racer, keeping,
     duty = keeping(racer.start(), usd_per_hour=0.2)
     learned(racer, make_record)
 
-    duty.update()
+    duty.work()
 
     [record] = records(racer)
     assert (record.state, record.results.iterations) == ("running", 3)
@@ -282,10 +281,10 @@ def test_evaluations_that_the_record_has_are_not_read_again(racer, keeping, make
     trial = {"episode_status": "Lap complete", "elapsed_time_in_milliseconds": 12_000}
     key = keys.evaluation_metrics("model-1/metrics", "20260101000000")
     racer.bucket.put(key, json.dumps({"metrics": [trial]}).encode())
-    duty.update()
+    duty.work()
     racer.bucket.put(key, b"{}")
 
-    duty.update()
+    duty.work()
 
     [record] = records(racer)
     results = record.results
@@ -322,7 +321,7 @@ def test_hours_of_earlier_starts_count_too(racer, keeping, make_record):
         StartSpending(first.job.session, "vm", 2.0).encode(),
     )
 
-    keeping(racer.start(resume=True)).update()
+    keeping(racer.start(resume=True)).work()
 
     [record] = records(racer)
     assert record.hours == 3.5
@@ -333,7 +332,7 @@ def test_a_record_that_was_forgotten_meanwhile_does_not_come_back(racer, keeping
     duty = keeping(racer.start())
     racer.bucket.delete([info.key for info in racer.bucket.list("training-records/")])
 
-    duty.update()
+    duty.work()
     duty.finish(ending())
 
     assert records(racer) == []

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from typing import cast
 
 import pytest
 
@@ -19,7 +20,7 @@ from drcli.records.run_record import RunRecord, StopRequest, log_file
 from drcli.records.training_record import RunOutcome
 from drcli.run import supervisor
 from drcli.run.command_process import CommandEnd
-from drcli.run.duty import Duty
+from drcli.run.duty import Duty, RunningTraining
 from drcli.run.end_of_training import EndOfTraining
 from drcli.run.interruption_watch import Renewal
 from drcli.run.journal import read_journal
@@ -54,6 +55,7 @@ class Ends(Duty):
     """Ends the run at once, as a watch does, and saves something at its end."""
 
     def __init__(self, outcome: Outcome | None, names: tuple[str, ...] = (), fails: bool = False):
+        super().__init__(cast("RunningTraining", None))
         self.outcome = outcome
         self.names = names
         self.fails = fails
@@ -71,7 +73,7 @@ class Ends(Duty):
         if not self.fails:
             self.names = ()
 
-    def left(self, ending):
+    def pending(self, ending):
         return self.names
 
     def leave(self, ending):
@@ -122,7 +124,7 @@ def run(tmp_path, monkeypatch):
             open_bucket=lambda: bucket,
             revive_server=lambda: None,
             restart_server=lambda: None,
-            duties=duties,
+            duties=lambda run: [duty if isinstance(duty, Duty) else duty(run) for duty in duties],
         ).run()
         return code, RunRecord.read(job.folder), started
 
@@ -281,9 +283,13 @@ def test_work_at_the_end_is_told_when_it_is_done_and_an_error_when_it_failed(
     job = job_of(tmp_path, "DR_DROA_URL=https://d.example.com")
 
     def at_the_end_of(end):
-        duty = EndOfTraining(job, start=Commands(end))
+        commands = Commands(end)
         bucket = SlowBucket()
         last = Ends(None)
+
+        def duty(run):
+            return EndOfTraining(replace(run, job=job), start=commands)
+
         code, record, _ = run(bucket, duty, last, end_work=end_work, script=DONE)
         assert (last.at_the_end.code, last.at_the_end.message) == (code, record.message)
         return code, record, read_outcome(ModelStore(bucket, "model"))

@@ -32,18 +32,18 @@ class Place:
 
 class Stage:
     def __init__(self, folder, place, *lines):
-        self.watch, self.clock, self.place = Watched(), Clock(), place
+        self.run = running(job_of(folder, *lines))
+        self.watch, self.clock, self.place = Watched(self.run), Clock(), place
         self.watch.has(0)
         self.duty = Messages(
-            job_of(folder, *lines),
+            self.run,
             self.watch,
             lambda: {"cost": 1.5},
             channels=[place.channel],
             clock=self.clock,
             pause=lambda seconds: None,
         )
-        self.run = running(self.duty._job)
-        self.duty.start(self.run)
+        self.duty.start()
         for thread in threading.enumerate():
             if thread.name == "first message":
                 thread.join()

@@ -12,8 +12,7 @@ def noted(folder, job, *notes: StageNote) -> list[str]:
     run = running(job, MemoryBucket())
     told: list[str] = []
     run.journal.listen(lambda entry: told.append(f"{entry.kind}: {entry.text}"))
-    watch = StageWatch(job)
-    watch.start(run)
+    watch = StageWatch(run)
     job.folder.mkdir(parents=True, exist_ok=True)
     for note in notes:
         note.write(job.folder)

@@ -5,7 +5,6 @@ import pytest
 from drcli.records.job import WorkerExit
 from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.stall_watch import StallWatch
-from drcli.run.warnings_board import WarningsBoard
 from watched_run import WatchedRun
 
 
@@ -13,11 +12,9 @@ class Stage:
     """A run under the stall watch, in steps of ten seconds."""
 
     def __init__(self, folder, workers=1, minutes=10):
-        self.run = WatchedRun(folder, workers)
+        self.run = WatchedRun(folder, workers, DR_STALL_MINUTES=minutes)
         self.heartbeats = HeartbeatMonitor(folder, self.run.clock)
-        board = WarningsBoard(folder, "start")
-        self.watch = StallWatch(minutes, self.heartbeats, board)
-        self.watch.start(self.run.running)
+        self.watch = StallWatch(self.run.running, self.heartbeats)
 
     def pass_time(self, minutes, working=(), turning=()):
         """Let time pass; the first outcome ends it."""

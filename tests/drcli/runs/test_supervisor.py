@@ -23,12 +23,11 @@ from drcli.model.model_store import ModelStore
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import RunRecord, log_file
 from drcli.run import heartbeat_monitor, run_ending, stall_watch, supervisor
-from drcli.run.duty import Duty
+from drcli.run.duty import Duty, RunningTraining
 from drcli.run.heartbeat_monitor import HeartbeatMonitor
 from drcli.run.interruption_watch import Renewal
 from drcli.run.stall_watch import FrozenWatch
 from drcli.run.supervisor import Supervisor
-from drcli.run.warnings_board import WarningsBoard
 from memory_bucket import MemoryBucket
 
 STAYS = "import time; time.sleep(60)"
@@ -75,7 +74,7 @@ class Stage:
         self.scripts = {"trainer": [ENDS], "sim-0": [STAYS]}
         self.server_restarts = 0
         self.trainers: list[tuple[int | None, int]] = []
-        self.duties: list[Duty] = []
+        self.duties: Callable[[RunningTraining], list[Duty]] = lambda run: []
         self.bucket = MemoryBucket()
         self.revive_server: Callable[[], None] = lambda: None
 
@@ -381,7 +380,7 @@ class LeavesOut(Duty):
 
 
 def test_a_run_goes_on_without_a_worker_that_a_duty_leaves_out(stage):
-    stage.duties = [LeavesOut()]
+    stage.duties = lambda run: [LeavesOut(run)]
     stage.scripts = {"trainer": [Late()], "sim-0": ["raise SystemExit(1)"]}
 
     assert stage.run() == 0
@@ -392,7 +391,7 @@ def test_a_run_goes_on_without_a_worker_that_a_duty_leaves_out(stage):
 
 def test_a_worker_that_somebody_stops_is_replaced(stage, monkeypatch):
     monkeypatch.setattr(stall_watch, "STARTING_S", 0.3)
-    monkeypatch.setattr(heartbeat_monitor, "POLL_S", 0.02)
+    monkeypatch.setattr(FrozenWatch, "check_s", 0.02)
     monkeypatch.setattr(heartbeat_monitor, "QUIET_S", 0.1)
     ends = stage.job.folder / "end"
     waits = f"import os, time\nwhile not os.path.exists({str(ends)!r}): time.sleep(0.01)"
@@ -400,7 +399,7 @@ def test_a_worker_that_somebody_stops_is_replaced(stage, monkeypatch):
     second = f"open({str(ends)!r}, 'w').close(); import time; time.sleep(60)"
     stage.scripts = {"trainer": [waits, ENDS], "sim-0": [stops, second]}
     heartbeats = HeartbeatMonitor(stage.job.folder)
-    stage.duties = [FrozenWatch(heartbeats, WarningsBoard(stage.job.folder, "start"))]
+    stage.duties = lambda run: [FrozenWatch(run, heartbeats)]
 
     assert stage.run() == 0
 
@@ -413,7 +412,8 @@ class Removes(Duty):
 
     name = "removes"
 
-    def __init__(self, folder: Path, back: Path) -> None:
+    def __init__(self, run: RunningTraining, folder: Path, back: Path) -> None:
+        super().__init__(run)
         self._folder, self._back = folder, back
         self._removed = False
 
@@ -431,6 +431,6 @@ def test_a_run_whose_folder_is_removed_is_known_again(stage, tmp_path):
     stage.job.folder.mkdir(parents=True)
     waits = f"import os, time\nwhile not os.path.exists({str(back)!r}): time.sleep(0.01)"
     stage.scripts = {"trainer": [waits, ENDS], "sim-0": [STAYS]}
-    stage.duties = [Removes(stage.job.folder, back)]
+    stage.duties = lambda run: [Removes(run, stage.job.folder, back)]
 
     assert stage.run() == 0

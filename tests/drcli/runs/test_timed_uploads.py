@@ -19,10 +19,10 @@ FAILED = CommandEnd(4, reason="Nobody answers there. Check the network.")
 class Stage:
     def __init__(self, folder, *lines, ends=()):
         self.job = job_of(folder, *lines)
-        self.watch, self.clock, self.commands = Watched(), Clock(), Commands(*ends)
-        self.duty = TimedUploads(self.job, self.watch, start=self.commands, clock=self.clock)
         self.run = running(self.job)
-        self.duty.start(self.run)
+        self.watch, self.clock, self.commands = Watched(self.run), Clock(), Commands(*ends)
+        self.duty = TimedUploads(self.run, self.watch, start=self.commands, clock=self.clock)
+        self.duty.start()
 
     def after(self, seconds):
         self.clock.now_s += seconds
