@@ -12,6 +12,7 @@ import numpy as np
 from drcli.analysis.run import Numbers, Run
 from drcli.base.json_record import keys_of, plain
 from drcli.base.report import Cell, Col, Rows, Styled, View, bold, columns, dim
+from drcli.model.history import SMOOTH
 
 # Uncertainty of a difference of two trainings, by bootstrap.
 
@@ -72,7 +73,6 @@ LATE_SHARE, LATE_LEAST, LATE_MOST = 0.2, 5, 30
 GOALS = (25.0, 50.0, 75.0)
 """Percent of mean progress."""
 
-SMOOTH = 3
 _DIFF_LINES = 400
 
 

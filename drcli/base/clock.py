@@ -54,8 +54,22 @@ def duration(seconds: float) -> str:
 # Times as people write them on a command line.
 
 
-_AGE = re.compile(r"(\d{1,5})\s*([mhdw])")
+_SPAN = re.compile(r"(\d{1,6})\s*([mhdw])")
 _UNITS = {"m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
+
+
+def date_or_span(text: str, now: datetime, direction: int) -> datetime:
+    """A UTC date, or one so long after (1) or before (-1) now.
+
+    Raises:
+        ValueError: It is neither.
+        OverflowError: It is too far away.
+    """
+    span = _SPAN.fullmatch(text.strip().casefold())
+    if span is not None:
+        return now + direction * timedelta(**{_UNITS[span[2]]: int(span[1])})
+    read = datetime.fromisoformat(text.strip())
+    return read.replace(tzinfo=UTC) if read.tzinfo is None else read.astimezone(UTC)
 
 
 def moment(option: str, text: str, now: datetime) -> datetime:
@@ -64,12 +78,8 @@ def moment(option: str, text: str, now: datetime) -> datetime:
     Raises:
         SettingsError: It is neither.
     """
-    age = _AGE.fullmatch(text.strip().casefold())
     try:
-        if age is not None:
-            return now - timedelta(**{_UNITS[age[2]]: int(age[1])})
-        read = datetime.fromisoformat(text.strip())
-        return read.replace(tzinfo=UTC) if read.tzinfo is None else read.astimezone(UTC)
+        return date_or_span(text, now, -1)
     except (ValueError, OverflowError):
         raise SettingsError(
             f"{option} {text} is neither a date nor an age.",

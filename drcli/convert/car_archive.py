@@ -14,7 +14,6 @@ from drcli.base.archive import unpack_archive
 from drcli.base.errors import Problem, SettingsError, few, shown
 from drcli.convert.car_rules import (
     GRAPH,
-    METADATA,
     CarAction,
     action_problems,
     car_actions,
@@ -23,6 +22,7 @@ from drcli.convert.car_rules import (
     read_car_metadata,
     sensor_problems,
 )
+from drcli.convert.policy_file import METADATA
 from drcli.convert.reference_names import POLICY, PPO_AGENT, SAC_AGENT, input_name
 from drcli.convert.tensorflow.graph import Node, decode_graph
 from drcli.convert.tensorflow.interpreter import Graph

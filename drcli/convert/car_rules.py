@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 from drcli.base.errors import Problem, closest, few, shown
 from drcli.base.report import Col
+from drcli.convert.policy_file import METADATA
 from drcli.model.files.action_space import ActionSpace, Pair
 
 # What the physical car makes of a model's actions and sensors.
@@ -210,7 +211,6 @@ def _problem(rule: str, file: str, what: str, remedy: str, *, error: bool = Fals
 
 
 GRAPH = "agent/model.pb"
-METADATA = "model_metadata.json"
 END = ".tar.gz"
 _FILE_NAME = re.compile(r"[A-Za-z0-9_-]+\.tar\.gz", re.ASCII)
 _RESERVED = ("AWS Sample", "AWS_Sample", "aws-golden-model-for-reinvent")

@@ -36,7 +36,7 @@ REMEMBERED = 1000
 
 SMOOTH = 3
 _PEAK = 40.0
-_FALL = 0.6
+FALL_SHARE = 0.6
 
 
 class History:
@@ -184,7 +184,7 @@ class Fall:
             self._highest = max(self._highest, self._last)
 
     def sentence(self, best: str | None) -> str | None:
-        if self._highest < _PEAK or self._last > _FALL * self._highest:
+        if self._highest < _PEAK or self._last > FALL_SHARE * self._highest:
             return None
         name = CheckpointName.parse(best or "")
         where = "" if name is None else f"; best is {name.number}"

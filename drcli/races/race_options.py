@@ -1,10 +1,10 @@
 """A wanted race, and its rules."""
 
-import re
 import secrets
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 
+from drcli.base.clock import date_or_span
 from drcli.base.errors import SettingsError, one_of, shown
 from drcli.config.settings import Settings
 from drcli.model.files.model_metadata import LIDARS
@@ -175,9 +175,7 @@ def _check_number(option: str, value: float, low: float, high: float) -> None:
 # Reads when a race opens and closes.
 
 
-_SPAN = re.compile(r"(\d{1,6})\s*([mhdw])")
 _LATEST_S = 1e10
-_UNITS = {"m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
 
 
 def parse_time(option: str, text: str, now_s: float) -> float:
@@ -186,14 +184,8 @@ def parse_time(option: str, text: str, now_s: float) -> float:
     Raises:
         SettingsError: It is none of these.
     """
-    words = text.strip()
-    span = _SPAN.fullmatch(words.casefold())
     try:
-        if span is not None:
-            at = now_s + timedelta(**{_UNITS[span[2]]: int(span[1])}).total_seconds()
-        else:
-            read = datetime.fromisoformat(words)
-            at = (read if read.tzinfo is not None else read.replace(tzinfo=UTC)).timestamp()
+        at = date_or_span(text, datetime.fromtimestamp(now_s, UTC), 1).timestamp()
         if not 0.0 <= at <= _LATEST_S:
             raise ValueError
         return at

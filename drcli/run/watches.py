@@ -10,6 +10,7 @@ from drcli.model.training_state import Rollbacks, read_reward_errors, read_rollb
 from drcli.records.reward import RewardErrorEntry, RewardErrorRecord, sum_of
 from drcli.records.stage import StageNote
 from drcli.run.duty import Duty, RunningTraining
+from drcli.run.interruption_watch import SAVE_S
 from drcli.run.outcome import Ending, Outcome, interrupted
 from drcli.run.periodic import within
 
@@ -136,9 +137,6 @@ class StageWatch(Duty):
 
 
 # Interrupts a training when the process that started it has ended.
-
-
-SAVE_S = 55.0
 
 
 class ParentWatch(Duty):

@@ -32,6 +32,7 @@ from drcli.config.loading import load_settings
 from drcli.config.settings_files import EXPERIMENT
 from drcli.records.run_record import RunRecord
 from drcli.sweeps.sweep_record import TrialRecord
+from drcli.sweeps.sweep_run import END_S
 from drcli.sweeps.trial_run import Limits, TrialRun
 from drcli.train.ray_cluster import NodeLost, PlacedActor, connect, keys_for_nodes
 
@@ -39,7 +40,6 @@ with lazy_imports():
     from ray.autoscaler import sdk as autoscaler
 
 POLL_S = 1.0
-END_S = 60.0
 MOST_LOST = 20
 """Vanished nodes of a training."""
 

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from statistics import fmean
 
 from drcli.model.best_checkpoint import RELIABLE
+from drcli.model.history import SMOOTH
 from drcli.records.iteration import IterationRecord, share_interval
 from drcli.sweeps.sweep_file import Budget, Choices, EarlyStopping, Span
 from drcli.sweeps.sweep_record import Metric, Resource, TrialRecord, TrialScore
 from drcli.sweeps.trials import rounded
-
-SMOOTH = 3
-"""Averaged iterations, as episodes vary by chance."""
 
 Rank = tuple[float, float, float]
 """Larger is better."""

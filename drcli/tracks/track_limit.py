@@ -12,6 +12,7 @@ from typing import NamedTuple
 from drcli.base.installation import lazy_imports
 from drcli.config import track_names
 from drcli.config.run_config import DriveConfig
+from drcli.records.trace import STEP_S
 from drcli.tracks.limit_store import SHIPPED, LimitKey, StoredLimit, fingerprint, read_limits
 
 with lazy_imports():
@@ -25,7 +26,6 @@ FEWEST_WINDOWS, MOST_WINDOWS = 6, 20
 """Parts of a lap among which the places are that cost most time, each at least so long."""
 
 LEAST_LOST_S = 0.05
-STEP_S = 1.0 / 15.0
 
 _OWN_CAR = {
     "car_steering_left": 30.0,

@@ -19,6 +19,7 @@ from drcli.metrics.open_sinks import sender_of_trainer
 from drcli.model import keys
 from drcli.model.files.network_shape import Design
 from drcli.model.growing_file import GrowingFile, Layout, list_parts
+from drcli.model.history import ITERATIONS_PER_PART
 from drcli.model.model_store import ModelStore
 from drcli.records.iteration import IterationRecord
 from drcli.records.job import Job
@@ -31,7 +32,6 @@ _logger = get_logger(__name__)
 
 NUMBER, STEPS = "iteration", "global_step"
 
-ITERATIONS_PER_PART = 64
 
 Row = dict[str, float]
 

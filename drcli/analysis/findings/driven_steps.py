@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drcli.analysis.run import Run
+from drcli.records.trace import STEP_S
 from drsim.arrays import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     import pandas as pd
 
-STEP_S = 1.0 / 15.0
 """The car decides 15 times in a simulated second."""
 
 STANDING = ("prepare", "pause", "park", "manual_pause")

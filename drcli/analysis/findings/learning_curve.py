@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drcli.analysis.run import Run
+from drcli.model.history import FALL_SHARE, SMOOTH
 from drsim.arrays import Floats, Ints
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FALL_SHARE = 0.6
-"""Of the level before, as in `drcli.model.history`."""
 
 FALL_SIGMAS = 4.0
 """Of 1,500 made curves without a collapse, none had so large a fall."""
@@ -24,9 +23,6 @@ TREND_T = 2.6
 
 HUGE = 1e100
 """Larger values are scaled: their squares overflow."""
-
-SMOOTH = 3
-"""As in `drcli.model.history`."""
 
 
 @dataclass(frozen=True, eq=False)

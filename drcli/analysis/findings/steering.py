@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drcli.analysis.findings.driven_steps import STEP_S, DrivenSteps
+from drcli.analysis.findings.driven_steps import DrivenSteps
+from drcli.records.trace import STEP_S
 from drsim.arrays import Bools, Floats
 from drsim.track.track import Track
 

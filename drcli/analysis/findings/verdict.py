@@ -10,7 +10,6 @@ from drcli.analysis.findings.evidence import Evidence
 from drcli.analysis.findings.learning_curve import (
     LEAST_GAIN,
     SHORT,
-    SMOOTH,
     Decline,
     LearningCurve,
     Slope,
@@ -23,6 +22,7 @@ from drcli.analysis.findings.learning_curve import (
     window,
 )
 from drcli.model.alarms import CONVERGED_GAP, CONVERGED_OVER, CONVERGED_PROGRESS
+from drcli.model.history import SMOOTH
 
 Kind = Literal[
     "improving",

@@ -12,7 +12,7 @@ from drcli.cli import terminal
 from drcli.cli.open_page import open_page
 from drcli.cli.stopped_process import show_stopped
 from drcli.cli.working_folder import settings_or_defaults, working_folder
-from drcli.web.listen import STREAM, TOPICS
+from drcli.web.listen import STREAM, TOPICS, USUAL_TOPIC
 
 if TYPE_CHECKING:
     from drcli.config.run_config import WebConfig
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
 with lazy_imports():
     from drcli.web import viewer_process
-
-
-USUAL_TOPIC = "/racecar/deepracer/kvs_stream"
 
 
 @dataclass(frozen=True)

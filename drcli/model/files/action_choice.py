@@ -10,7 +10,7 @@ from typing import Annotated
 from drcli.base.errors import SettingsError
 from drcli.base.report import Col
 from drcli.model.files.action_space import MANY_ACTIONS, USUAL, Pair
-from drcli.records.trace import LOG_MARK, TraceRow, read_rows
+from drcli.records.trace import LOG_MARK, STEP_S, TraceRow, read_rows
 
 STEERING_UNIT_DEG = 5.0
 SPEED_UNIT_MPS = 0.25
@@ -185,7 +185,6 @@ def _cell(value: float, limits: tuple[float, float], count: int) -> int:
 _STANDING = ("prepare", "pause", "manual_pause", "park")
 """The car ignores its action."""
 
-_STEP_S = 1.0 / 15.0
 _LONGEST_STEP_S = 2.0
 
 
@@ -277,6 +276,6 @@ def _lap(file: DrivenFile, part: list[DrivenStep]) -> DrivenLap | None:
         return None
     gaps = [after.time_s - before.time_s for before, after in itertools.pairwise(part)]
     told = all(0.0 < gap < _LONGEST_STEP_S for gap in gaps)  # False for NaN, too
-    seconds = sum(gaps) + _STEP_S if told else len(part) * _STEP_S
+    seconds = sum(gaps) + STEP_S if told else len(part) * STEP_S
     pairs = tuple(step.pair for step in part)
     return DrivenLap(file.name, part[0].episode, seconds, pairs)
