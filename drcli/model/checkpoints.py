@@ -267,7 +267,7 @@ class CheckpointStore:
         except (ObjectMissing, ObjectDamaged):
             return Counters()
 
-    def drivers(self, newest: CheckpointName, oldest: int) -> list[str]:
+    def behaviour_checkpoints(self, newest: CheckpointName, oldest: int) -> list[str]:
         """Checkpoints whose rollouts still count: the newest, back to `oldest`.
 
         Workers drive while the trainer learns.

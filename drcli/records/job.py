@@ -245,7 +245,7 @@ class WorkerExit:
 
 
 def _exit_file(folder: Path, name: str) -> Path:
-    return folder / f"{name}.last-words.json"
+    return folder / f"{name}.exit-reason.json"
 
 
 # What a training and the workers that join it exchange.

@@ -38,8 +38,8 @@ class Duty:
     The `Schedule` calls `start` once, `check` every `check_s` in the supervisor's loop, where it
     must return at once, and `work` every `every_s` in a thread of its own, unless that is None
     when all have started. `finish` comes when the workers have exited and the run still owns its
-    model, within `ending.left_s()`, and `leave` when the lease is released. A failure never ends
-    the run.
+    model, within `ending.left_s()`, and `after_release` when the lease is released. A failure
+    never ends the run.
 
     Work at the end of a complete training is named by `pending`: before `finish` all of it,
     afterwards what was not done. The bucket keeps the names (`RunOutcome.left`), and
@@ -74,8 +74,8 @@ class Duty:
     def work(self) -> None:
         """Do what takes time."""
 
-    def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
-        """A worker has ended; it is started next, with `child.arguments`, unless `left_out`."""
+    def died(self, child: Child, code: int, exit_reason: WorkerExit | None) -> Outcome | None:
+        """A worker has ended; it starts again with `child.arguments` unless `excluded`."""
 
     def end_facts(self) -> Mapping[str, object]:
         return {}
@@ -83,7 +83,7 @@ class Duty:
     def finish(self, ending: Ending) -> None:
         """Do what is left while the run still owns its model, within `ending.left_s()`."""
 
-    def leave(self, ending: Ending) -> None:
+    def after_release(self, ending: Ending) -> None:
         """Do what needs no ownership, when everything is saved."""
 
     def end_result(self) -> Outcome | None:
@@ -120,8 +120,8 @@ class Schedule:
                     return outcome
         return None
 
-    def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
-        return next(self._results(lambda duty: duty.died(child, code, words)), None)
+    def died(self, child: Child, code: int, exit_reason: WorkerExit | None) -> Outcome | None:
+        return next(self._results(lambda duty: duty.died(child, code, exit_reason)), None)
 
     def end_facts(self) -> dict[str, object]:
         return {k: v for facts in self._results(lambda d: d.end_facts()) for k, v in facts.items()}
@@ -131,10 +131,10 @@ class Schedule:
             guard.call(partial(duty.finish, ending))
             duty.stop()
 
-    def leave(self, ending: Ending) -> None:
+    def after_release(self, ending: Ending) -> None:
         """`finish` is not called if the model was lost."""
         for duty, guard in self._duties:
-            guard.call(partial(duty.leave, ending))
+            guard.call(partial(duty.after_release, ending))
             duty.stop()
 
     def with_results(self, outcome: Outcome) -> Outcome:

@@ -176,7 +176,7 @@ class EndCommand(Duty):
         if self._command and ending.left_s() > LAST_LOOK_S:
             self._watch.look_last()
 
-    def leave(self, ending: Ending) -> None:
+    def after_release(self, ending: Ending) -> None:
         if not self._command:
             return
         _logger.info("Running the command at the end: DR_ON_END.")

@@ -70,7 +70,7 @@ class InterruptionWatch(Duty):
         if self._watch is not None:
             self._watch.stop()
 
-    leave = finish
+    after_release = finish
 
     def _note(self, one: Announced) -> None:
         notice = one.notice

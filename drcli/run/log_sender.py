@@ -311,7 +311,7 @@ class CloudWatchLogs(Duty):
         else:
             self.run.board.clear(self.name)
 
-    def leave(self, ending: Ending) -> None:
+    def after_release(self, ending: Ending) -> None:
         if self._sender is None:
             return
         self._sender.finish(min(END_PATIENCE_S, ending.left_s(0.8)), ending.hurried)

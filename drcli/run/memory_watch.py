@@ -87,17 +87,17 @@ class MemoryWatch(Duty):
         self._look_for_tightness(now_s)
         return None
 
-    def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
+    def died(self, child: Child, code: int, exit_reason: WorkerExit | None) -> Outcome | None:
         watched = self._workers.pop(child.name, None)
         self.run.board.clear(f"memory of {child.name}")
-        if self._smaller.note_left_out(child):
+        if self._smaller.note_excluded(child):
             return None
-        told = words is not None and words.memory
+        told = exit_reason is not None and exit_reason.memory
         if not told and not (code == -signal.SIGKILL and not child.ended_by and self._ran_out()):
             return None
         had = f" It had {megabytes(watched.bytes)}." if watched is not None else ""
-        if words is not None:
-            what = words.message
+        if exit_reason is not None:
+            what = exit_reason.message
         else:
             what = (
                 f"{child.name} was killed because {self._state.place} was full.{had} "
@@ -121,7 +121,7 @@ class MemoryWatch(Duty):
                 "memory", f"{what} {step}", "recovery", worker=child.name, reason="memory"
             )
             return None
-        code = words.code if words is not None else WorkerDied.code
+        code = exit_reason.code if exit_reason is not None else WorkerDied.code
         return Outcome(code, f"{what} The training cannot get any smaller.", REMEDY)
 
     def _measure(self, child: Child, pid: int, now_s: float) -> None:

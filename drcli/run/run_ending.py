@@ -74,7 +74,7 @@ class RunEnding:
         self._writing = threading.Lock()
 
     def end(self, outcome: Outcome) -> tuple[Outcome, Ending]:
-        """Returns the outcome with its remedy, and the ending for `Duty.leave`."""
+        """Returns the outcome with its remedy, and the ending for `Duty.after_release`."""
         lost = outcome.code == OwnershipLost.code
         deadline_s = None
         if outcome.save_within_s is not None:
@@ -204,20 +204,20 @@ MAX_QUICK_KILLS = 25
 
 
 def died_too_often(
-    child: Child, code: int, lived_s: float, words: WorkerExit | None
+    child: Child, code: int, lived_s: float, exit_reason: WorkerExit | None
 ) -> Outcome | None:
     crash = CRASHES.get(-code)
     quick = lived_s < (QUICK_DEATH_S if crash is None else CRASH_S)
     child.quick_deaths = child.quick_deaths + 1 if quick else 0
-    lost = words is not None and words.lost
+    lost = exit_reason is not None and exit_reason.lost
     own_fault = (code > 0 or crash is not None) and not lost
     if child.quick_deaths <= (MAX_QUICK_DEATHS if own_fault else MAX_QUICK_KILLS):
         return None
     died = f"{child.name} died {child.quick_deaths} times in a row:"
-    if words is None:
+    if exit_reason is None:
         if broken := installation_error():
             return Outcome(broken.code, f"{died} {broken}", broken.remedy)
         remedy = f"Read the reason with `dr-logs {child.name}`."
         return Outcome(WorkerDied.code, f"{died} {crash or f'exit code {code}'}.", remedy)
-    exit_code = words.code if words.code == StorageError.code else WorkerDied.code
-    return Outcome(exit_code, f"{died} {words.message}", words.remedy)
+    exit_code = exit_reason.code if exit_reason.code == StorageError.code else WorkerDied.code
+    return Outcome(exit_code, f"{died} {exit_reason.message}", exit_reason.remedy)

@@ -84,7 +84,7 @@ class Messages(Duty):
         if self._channels and ending.left_s() > LAST_LOOK_S:
             self._watch.look_last()
 
-    def leave(self, ending: Ending) -> None:
+    def after_release(self, ending: Ending) -> None:
         if not self._channels:
             return
         outcome = ending.outcome

@@ -16,7 +16,7 @@ class SmallerRun:
         self._leaving: set[str] = set()
 
     def next_step(self, victim: Child, run: RunningTraining) -> str | None:
-        simulation = [c for c in run.children if c.name != TRAINER and not c.left_out]
+        simulation = [c for c in run.children if c.name != TRAINER and not c.excluded]
         if self._steps < len(DIVISORS):
             divisor = DIVISORS[self._steps]
             self._steps += 1
@@ -34,10 +34,10 @@ class SmallerRun:
             "is started again with `dr-stop-training` and `dr-start-training --resume`."
         )
 
-    def note_left_out(self, child: Child) -> bool:
+    def note_excluded(self, child: Child) -> bool:
         if child.name not in self._leaving:
             return False
-        child.left_out = True
+        child.excluded = True
         return True
 
     def _divide(self, simulation: Sequence[Child], divisor: int, victim: Child) -> None:
@@ -49,6 +49,6 @@ class SmallerRun:
     def _leave_out(self, last: Child, victim: Child) -> None:
         self._leaving.add(last.name)
         if last is victim:
-            self.note_left_out(last)
+            self.note_excluded(last)
         else:
             last.kill_for("memory is short")

@@ -76,9 +76,11 @@ class StallWatch(Duty):
         self._prepare_to_kill(self._blamed())
         return None
 
-    def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
+    def died(self, child: Child, code: int, exit_reason: WorkerExit | None) -> Outcome | None:
         """While the bucket does not answer, no worker is to blame."""
-        if words is not None and (words.silent or words.code == StorageError.code):
+        if exit_reason is not None and (
+            exit_reason.silent or exit_reason.code == StorageError.code
+        ):
             now_s = self._heartbeats.now_s
             self._since_s = self._update_s = self._excused_s = now_s
             if self._silent_bucket_s is None:
@@ -86,8 +88,8 @@ class StallWatch(Duty):
             away = duration(max(60.0, now_s - self._silent_bucket_s))
             self.run.board.show(
                 "bucket",
-                f"The bucket has failed workers for {away}: {words.message} The training goes on "
-                "when it answers again.",
+                f"The bucket has failed workers for {away}: {exit_reason.message} The training "
+                "goes on when it answers again.",
             )
         return None
 
@@ -219,7 +221,7 @@ class FrozenWatch(Duty):
                 self._look_at(child, seen)
         return None
 
-    def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
+    def died(self, child: Child, code: int, exit_reason: WorkerExit | None) -> Outcome | None:
         if child.process is not None:
             self._killed.pop(child.process.pid, None)
             self._asked.pop(child.process.pid, None)

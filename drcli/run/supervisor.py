@@ -139,7 +139,7 @@ class Supervisor:
                 lost = self._renewal.lost
                 return Outcome(lost.code, str(lost), lost.remedy)
             for child in self._children:
-                if not child.running and not child.left_out:
+                if not child.running and not child.excluded:
                     outcome = self._handle_exit(child)
                     if outcome is not None:
                         return outcome
@@ -169,14 +169,14 @@ class Supervisor:
     def _handle_exit(self, child: Child) -> Outcome | None:
         assert child.process is not None
         code = child.process.returncode
-        words = WorkerExit.read(self._job.folder, child.name) or exit_of_stuck(
+        exit_reason = WorkerExit.read(self._job.folder, child.name) or exit_of_stuck(
             code,
             log_file(self._job.directory, self._job.config.model.prefix, child.name),
         )
-        if code == 0 and child.name == TRAINER and words is not None:
-            return Outcome(0, words.message)
-        if words is not None and words.final and code != 0:
-            return Outcome(words.code, words.message, words.remedy)
+        if code == 0 and child.name == TRAINER and exit_reason is not None:
+            return Outcome(0, exit_reason.message)
+        if exit_reason is not None and exit_reason.final and code != 0:
+            return Outcome(exit_reason.code, exit_reason.message, exit_reason.remedy)
         if code == 0 and child.name != TRAINER:
             # The trainer marks the end of the training before it exits itself.
             child.finished = child.finished or time.monotonic()
@@ -187,17 +187,17 @@ class Supervisor:
         how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
         ended = f"{child.name} ended {how} after {lived_s:.0f} s."
         _logger.warning("%s", ended)
-        why = words.message if words is not None else ""
+        why = exit_reason.message if exit_reason is not None else ""
         self._journal.note("fault", f"{ended} {why}".rstrip(), worker=child.name, code=code)
-        if outcome := self._schedule.died(child, code, words):
+        if outcome := self._schedule.died(child, code, exit_reason):
             return outcome
-        if child.left_out:
+        if child.excluded:
             child.process = None
             self._publish("running")
             return None
-        if outcome := died_too_often(child, code, lived_s, words):
+        if outcome := died_too_often(child, code, lived_s, exit_reason):
             return outcome
-        if words is not None and words.silent and self._server_began < child.started:
+        if exit_reason is not None and exit_reason.silent and self._server_began < child.started:
             # A server may answer a health check and still be stuck with some objects.
             restarted = self._server.ask(self._revive)
             while not restarted.wait(POLL_S) and self._signal is None:
@@ -234,7 +234,7 @@ class Supervisor:
             outcome.state, outcome.code, outcome.message, outcome.remedy, time.time()
         )
         self._write_record()
-        self._schedule.leave(ending)
+        self._schedule.after_release(ending)
         return outcome
 
     def _with_workers(self) -> RunRecord:

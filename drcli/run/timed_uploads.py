@@ -128,7 +128,7 @@ class TimedUploads(Duty):
             process = self._start(self.run.job, *upload.command)
             self._note(upload, process.wait(within_s, lambda: ending.left_s() <= 0.0), ends=True)
 
-    def leave(self, ending: Ending) -> None:
+    def after_release(self, ending: Ending) -> None:
         """`finish` is not called if the model was lost."""
         if self._running is not None:
             self._running[1].kill()

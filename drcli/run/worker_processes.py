@@ -87,7 +87,7 @@ class Child:
     restarts: int = 0
     quick_deaths: int = 0
     ended_by: str = ""
-    left_out: bool = False
+    excluded: bool = False
 
     @property
     def running(self) -> bool:

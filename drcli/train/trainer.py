@@ -218,7 +218,7 @@ class Trainer:
             newest = self._progress.newest
             # What is older than the stage belongs to another one.
             oldest = max(self._progress.first_iteration, newest.number - self._lag)
-            drivers = self._checkpoints.drivers(newest, oldest)
+            behaviour = self._checkpoints.behaviour_checkpoints(newest, oldest)
             workers = self._shares.at(newest.number)
             if not workers:
                 self._is_wait_over()
@@ -232,7 +232,7 @@ class Trainer:
                     self._traces.cover(share.worker)
             collected = self._collector.collect(
                 self._progress.newest.number,
-                drivers,
+                behaviour,
                 workers,
                 self._is_wait_over,
                 self._shares.is_hopeless,

@@ -145,7 +145,8 @@ class CheckpointWaiter:
         if (
             manifest is not None
             and manifest.is_of(self._session)
-            and manifest.checkpoint in self._checkpoints.drivers(newest, newest.number - self._lag)
+            and manifest.checkpoint
+            in self._checkpoints.behaviour_checkpoints(newest, newest.number - self._lag)
             and self._counts(manifest)
         ):
             return False

@@ -207,7 +207,7 @@ def test_nothing_is_asked_of_amazon_unless_the_settings_say_so(tmp_path):
     duty = CloudWatchLogs(run.running, connect=lambda: pytest.fail("asked"))
 
     duty.start()
-    duty.leave(ENDING)
+    duty.after_release(ENDING)
 
     assert duty._sender is None
 
@@ -263,7 +263,7 @@ def test_at_the_end_the_last_lines_are_sent_within_the_time(tmp_path, client):
     path.parent.mkdir(parents=True)
     path.write_text("the end")
 
-    duty.leave(ENDING)
+    duty.after_release(ENDING)
 
     assert texts(client, "model/supervisor") == ["the end"]
     assert log_sender.END_PATIENCE_S <= 10.0

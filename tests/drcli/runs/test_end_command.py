@@ -20,7 +20,7 @@ def leave(tmp_path):
         training = running(job)
         watch = Watched(training)
         watch.has(9, best=7)
-        EndCommand(training, watch, lambda: facts or {}).leave(end)
+        EndCommand(training, watch, lambda: facts or {}).after_release(end)
         told = tmp_path / "told"
         return dict(line.split("=", 1) for line in told.read_text().splitlines())
 

@@ -48,9 +48,9 @@ class Stage:
     def end(self, name, code, words=None):
         child = self.run.child(name)
         outcome = self.watch.died(child, code, words)
-        if outcome is None and not child.left_out:
+        if outcome is None and not child.excluded:
             self.run.begin(name)
-        elif child.left_out:
+        elif child.excluded:
             child.process = None
         return outcome
 
@@ -198,10 +198,10 @@ def test_then_workers_leave_one_by_one(tmp_path):
     assert stage.run.child("sim-2").process.killed
     assert stage.end("sim-2", -signal.SIGKILL) is None
 
-    assert stage.run.child("sim-2").left_out
+    assert stage.run.child("sim-2").excluded
     assert "The training goes on without sim-2" in stage.run.told[-1]
     stage.kill_for_memory("sim-1")
-    assert stage.run.child("sim-1").left_out
+    assert stage.run.child("sim-1").excluded
     assert stage.kill_for_memory("sim-0").code == 5
 
 

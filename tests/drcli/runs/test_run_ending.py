@@ -76,7 +76,7 @@ class Ends(Duty):
     def pending(self, ending):
         return self.names
 
-    def leave(self, ending):
+    def after_release(self, ending):
         self.at_the_end = ending.outcome
 
 

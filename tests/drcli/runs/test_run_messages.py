@@ -49,7 +49,7 @@ class Stage:
                 thread.join()
 
     def end(self, code=0, left_s=None, message="It is over."):
-        self.duty.leave(ending(code, left_s, message))
+        self.duty.after_release(ending(code, left_s, message))
         return self.place.got
 
 

@@ -79,6 +79,6 @@ def test_work_has_a_thread_from_the_start_to_the_end(run):
 
     assert worked.wait(PATIENCE_S)
     assert idle.thread is None
-    schedule.leave(ending())
+    schedule.after_release(ending())
     duty.thread._thread.join(PATIENCE_S)
     assert not duty.thread._thread.is_alive()

@@ -376,7 +376,7 @@ class LeavesOut(Duty):
 
     def died(self, child, code, words):
         """Leave it out."""
-        child.left_out = True
+        child.excluded = True
 
 
 def test_a_run_goes_on_without_a_worker_that_a_duty_leaves_out(stage):

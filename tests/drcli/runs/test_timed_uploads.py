@@ -177,6 +177,6 @@ def test_a_training_that_lost_its_model_leaves_no_process_behind(stage):
     it.watch.has(8)
     it.after(61)
 
-    it.duty.leave(ending(8))
+    it.duty.after_release(ending(8))
 
     assert it.commands.started[0].killed

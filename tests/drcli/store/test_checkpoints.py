@@ -513,10 +513,11 @@ def test_rollouts_come_from_the_newest_checkpoint_or_one_of_those_before(memory)
     for number in range(3):
         store.save(number, 100 * number, b"weights")
 
-    assert store.drivers(CheckpointName(0, 0), -1) == ["0_Step-0.ckpt"]
-    assert store.drivers(CheckpointName(2, 200), 1) == ["1_Step-100.ckpt", "2_Step-200.ckpt"]
-    assert store.drivers(CheckpointName(2, 200), 2) == ["2_Step-200.ckpt"]
-    assert store.drivers(CheckpointName(9, 900), 8) == ["9_Step-900.ckpt"]
+    assert store.behaviour_checkpoints(CheckpointName(0, 0), -1) == ["0_Step-0.ckpt"]
+    two = ["1_Step-100.ckpt", "2_Step-200.ckpt"]
+    assert store.behaviour_checkpoints(CheckpointName(2, 200), 1) == two
+    assert store.behaviour_checkpoints(CheckpointName(2, 200), 2) == ["2_Step-200.ckpt"]
+    assert store.behaviour_checkpoints(CheckpointName(9, 900), 8) == ["9_Step-900.ckpt"]
 
 
 def test_more_of_the_newest_checkpoints_stay_where_more_may_have_driven(memory):
@@ -524,7 +525,7 @@ def test_more_of_the_newest_checkpoints_stay_where_more_may_have_driven(memory):
     for number in range(12):
         store.save(number, 100 * number, b"weights")
 
-    drivers = store.drivers(CheckpointName(11, 1100), 0)
+    drivers = store.behaviour_checkpoints(CheckpointName(11, 1100), 0)
     assert drivers[-KEEP - 2 :] == [f"{n}_Step-{n}00.ckpt" for n in range(12 - KEEP - 2, 12)]
 
 

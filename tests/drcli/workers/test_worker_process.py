@@ -115,7 +115,7 @@ def test_a_reward_function_that_swallows_its_deadline_ends_the_training_with_a_s
 
 
 @pytest.mark.parametrize("kind", ["ValueError", "KeyboardInterrupt", "BaseException"])
-def test_whatever_ends_a_worker_leaves_last_words(job, kind):
+def test_whatever_ends_a_worker_leaves_its_exit_reason(job, kind):
     code, words = ended(job, FAILING % kind)
 
     assert code != 0
