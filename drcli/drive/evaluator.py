@@ -298,6 +298,7 @@ def evaluate(
     driven.sort(key=lambda episode: episode.number)
     wall_clock = (begin, begin + time.monotonic() - began_s)
     trials: list[list[TrialMetrics]] = []
+    colors = race.car_color, OPPONENT_COLOR if len(entered) > 1 else ""
     for racer, entry in enumerate(entered):
         own = [episode for episode in driven if episode.racer == racer]
         episodes: list[Episode] = laps_of(own[0]) if continuous else [*own]
@@ -312,16 +313,13 @@ def evaluate(
             log_trial(episode, entry.name)
         bucket.put(entry.trace, csv_text(episodes, track.length_m, wall_clock).encode())
         bucket.put(entry.metrics, encode_metrics_file(trials[-1]))
-        recording = recording_of_race(config, entry.name, shapes, own, episodes)
-        if len(entered) > 1:
-            recording = replace(recording, other_color=OPPONENT_COLOR)
-        if racer > 0:
-            first, second = recording.color, recording.other_color
-            recording = replace(
-                recording, racer=s.eval_opp_racer_name, color=second, other_color=first
-            )
-        if entry.source.file is None:
-            recording = replace(recording, checkpoint=entry.checkpoint)
+        recording = replace(
+            recording_of_race(config, entry.name, shapes, own, episodes),
+            checkpoint=entry.checkpoint if entry.source.file is None else "",
+            racer=(race.racer_name, s.eval_opp_racer_name)[racer],
+            color=colors[racer],
+            other_color=colors[1 - racer],
+        )
         bucket.put(entry.recording, recording.encode())
         figures = sender_of_episodes(config.figures, entry.name)
         figures.send(*trial_points(trials[-1], wall_clock))

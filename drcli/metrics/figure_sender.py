@@ -65,10 +65,6 @@ class FigureSender:
             self._thread = threading.Thread(target=self._run, name="figures", daemon=True)
             self._thread.start()
 
-    @property
-    def is_active(self) -> bool:
-        return self._thread is not None
-
     def send(self, *events: Event) -> None:
         if self._thread is None:
             return

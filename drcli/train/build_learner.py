@@ -58,11 +58,11 @@ def learner_of_training(
     _logger.info("Learning%s in %s", where, compute.reason)
     if compute.warning:
         _logger.warning("%s", compute.warning)
-    if group is None:
-        learner = build_learner(metadata, parameters, compute)
-    else:
-        group.build(Build(metadata, parameters, compute))
-        learner = build_learner(metadata, parameters, compute, group.gradients)
+    gradients = None
+    if group is not None:
+        group.tell(Build(metadata, parameters, compute))
+        gradients = group.gradients
+    learner = build_learner(metadata, parameters, compute, gradients)
     learner.lr_factor = rollbacks.factor(learner.config.lr)
     if learner.lr_factor != 1.0:
         rate = learner.lr_factor * learner.config.lr

@@ -1,7 +1,6 @@
 """Collects the rollouts of all simulation workers for the learner."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -33,40 +32,6 @@ Hopeless = Callable[[WorkerShare, int, float, float], bool]
 """Whether not to wait for a share of an iteration, by its steps and the seconds left from the
 beginning of its drive.
 """
-
-
-@dataclass(frozen=True)
-class _Patience:
-    """How long to wait for the missing workers after the first has delivered.
-
-    Those with the largest share get as long again as the first one would have taken for it; a
-    joined worker with a part of it gets that part.
-    """
-
-    iteration: int
-    shares: Mapping[int, WorkerShare]
-    expected: Set[int]
-    first_s: float
-    least_s: float
-    repeats: float
-    is_hopeless: Hopeless
-
-    def is_over(self, arrived: Mapping[int, Manifest], waited_s: float) -> bool:
-        missing = self.expected - arrived.keys()
-        return all(self._is_given_up(self.shares[each], arrived, waited_s) for each in missing)
-
-    def _is_given_up(
-        self, share: WorkerShare, arrived: Mapping[int, Manifest], waited_s: float
-    ) -> bool:
-        counts = {worker: self.shares[worker].count for worker in arrived}
-        most = max(each.count for each in self.shares.values())
-        usual_s = min(m.notes.drive_s * most / counts[worker] for worker, m in arrived.items())
-        part = share.count / most if share.member else 1.0
-        within_s = usual_s + max(self.least_s, self.repeats * part * usual_s)
-        if self.first_s + waited_s >= within_s:
-            return True
-        steps = sum(m.steps for m in arrived.values()) * share.count / sum(counts.values())
-        return bool(share.member) and self.is_hopeless(share, self.iteration, steps, within_s)
 
 
 @dataclass(frozen=True)
@@ -155,28 +120,37 @@ class Collector:
             self._reader.wait_manifests,
             iteration,
             checkpoints,
-            sorted(everybody),
-            on_wait=_logger.info,
+            everybody,
             should_stop=should_stop,
         )
-        manifests = wait(enough=1, patience_s=math.inf)
+        manifests = wait(enough=1)
         expected = everybody - self._absent
         if manifests and not expected <= manifests.keys() and not should_stop():
             only_joined = expected - manifests.keys() <= joined
-            patience = _Patience(
-                iteration,
-                {share.worker: share for share in workers},
-                expected,
-                max(m.notes.drive_s for m in manifests.values()),
-                JOINED_PATIENCE_S if only_joined else self._least_patience_s,
-                2.0 if self._ahead else 1.0,
-                is_hopeless,
-            )
+            least_s = JOINED_PATIENCE_S if only_joined else self._least_patience_s
+            counts = {share.worker: share.count for share in workers}
+            first_s, most = max(m.notes.drive_s for m in manifests.values()), max(counts.values())
+
+            def is_over(arrived: Mapping[int, Manifest], waited_s: float) -> bool:
+                # Those with the largest share get as long again as the first one would have taken
+                # for it; a joined worker with a part of it gets that part.
+                usual_s = min(m.notes.drive_s * most / counts[k] for k, m in arrived.items())
+                steps = sum(m.steps for m in arrived.values())
+                episodes = sum(counts[k] for k in arrived)
+                for share in workers:
+                    if share.worker in arrived or share.worker not in expected:
+                        continue
+                    part = share.count / most if share.member else 1.0
+                    within_s = usual_s + max(least_s, (1.0 + self._ahead) * part * usual_s)
+                    if first_s + waited_s >= within_s:
+                        continue
+                    own_steps = steps * share.count / episodes
+                    if not (share.member and is_hopeless(share, iteration, own_steps, within_s)):
+                        return False
+                return True
+
             manifests = wait(
-                enough=len(expected | manifests.keys()),
-                arrived=manifests,
-                patience_s=math.inf,
-                goes_on=patience.is_over,
+                enough=len(expected | manifests.keys()), arrived=manifests, is_over=is_over
             )
         if not manifests:
             return None

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, fields
 from datetime import timedelta
 from mmap import mmap
@@ -89,13 +89,6 @@ Kinds = tuple[tuple[str, tuple[int, ...], torch.dtype], ...]
 
 
 @dataclass(frozen=True)
-class Join:
-    rank: int
-    size: int
-    port: int
-
-
-@dataclass(frozen=True)
 class Build:
     metadata: ModelMetadata
     parameters: Hyperparameters
@@ -121,9 +114,6 @@ class Update:
 @dataclass(frozen=True)
 class Remember:
     rollout: Kinds
-
-
-Message = Build | Update | Remember
 
 
 def columns_of(rollout: Rollout) -> dict[str, Tensor]:
@@ -182,15 +172,16 @@ class LearnerGroup:
         self._processes = [
             # Each is a stranger to the others' pipes, so that it sees the end of the trainer.
             subprocess.Popen(
-                [sys.executable, "-P", "-m", "drcli.train.learner_process"],
+                [
+                    *(sys.executable, "-P", "-m", "drcli.train.learner_process"),
+                    *map(str, (rank, size, store.port)),
+                ],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
             )
-            for _ in range(1, size)
+            for rank in range(1, size)
         ]
         try:
-            for rank, process in enumerate(self._processes, 1):
-                _send(process, Join(rank, size, store.port))
             for process in self._processes:
                 assert process.stdout is not None
                 if not process.stdout.read(1):
@@ -200,9 +191,6 @@ class LearnerGroup:
         except (LearnerLostError, RuntimeError) as error:
             self.close()
             raise learner_died(error) from error
-
-    def build(self, build: Build) -> None:
-        self._tell(build)
 
     def begin_update(
         self,
@@ -219,7 +207,7 @@ class LearnerGroup:
         memory = self._new_memory(learner)
         columns, state = columns_of(rollout), learner.optimizer.tensors()
         weights = learner.model.state_dict()
-        self._tell(
+        self.tell(
             Update(
                 optimizer=kinds_of(state),
                 rollout=kinds_of(columns),
@@ -249,7 +237,7 @@ class LearnerGroup:
 
     def remember(self, rollout: Rollout) -> None:
         columns = columns_of(rollout)
-        self._tell(Remember(kinds_of(columns)))
+        self.tell(Remember(kinds_of(columns)))
         self.gradients.from_trainer(columns.values())
 
     def close(self) -> None:
@@ -264,9 +252,15 @@ class LearnerGroup:
         if distributed.is_initialized():
             distributed.destroy_process_group()
 
-    def _tell(self, message: Message) -> None:
-        for process in self._processes:
-            _send(process, message)
+    def tell(self, message: Build | Update | Remember) -> None:
+        """LearnerLostError if one of them has ended."""
+        try:
+            for process in self._processes:
+                assert process.stdin is not None
+                pickle.dump(message, process.stdin)
+                process.stdin.flush()
+        except BrokenPipeError:
+            raise LearnerLostError("it does not listen any more") from None
 
 
 def join_group(store: "Store", rank: int, size: int) -> None:
@@ -296,17 +290,5 @@ def learner_group(size: int) -> Iterator[LearnerGroup | None]:
     if size == 1:
         yield None
         return
-    group = LearnerGroup(size)
-    try:
+    with closing(LearnerGroup(size)) as group:
         yield group
-    finally:
-        group.close()
-
-
-def _send(process: "subprocess.Popen[bytes]", message: Join | Message) -> None:
-    assert process.stdin is not None
-    try:
-        pickle.dump(message, process.stdin)
-        process.stdin.flush()
-    except BrokenPipeError:
-        raise LearnerLostError("it does not listen any more") from None

@@ -6,17 +6,16 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from threading import BoundedSemaphore
+from types import MappingProxyType
 
 from drcli.base.clock import SLOW_GROWTH, delays_s
 from drcli.base.json_record import Fingerprint, RecordError
-from drcli.bucket.bucket import (
-    READS,
-    READS_FAR,
-    ObjectDamaged,
-    find_record,
-)
+from drcli.base.log import get_logger
+from drcli.bucket.bucket import READS, READS_FAR, ObjectDamaged, ObjectInfo, find_record
 from drcli.model import keys
+from drcli.model.keys import RolloutKey
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import NO_ROLLBACKS, Rollbacks
 from drcli.records.checkpoint import checkpoint_name
@@ -29,6 +28,8 @@ from drcli.records.rollout import (
     decode_episodes,
     encode_episodes,
 )
+
+_logger = get_logger(__name__)
 
 PREFETCH_BYTES = 24 << 20
 """Three thousand steps."""
@@ -90,40 +91,35 @@ class RolloutReader:
         self,
         iteration: int,
         checkpoints: Collection[str],
-        workers: Iterable[int],
+        workers: Collection[int],
         *,
-        patience_s: float,
-        enough: int | None = None,
-        arrived: Mapping[int, Manifest] | None = None,
-        on_wait: Callable[[str], None] = lambda sentence: None,
+        enough: int,
+        arrived: Mapping[int, Manifest] = MappingProxyType({}),
         should_stop: Callable[[], bool] = lambda: False,
-        goes_on: Callable[[Mapping[int, Manifest], float], bool] = lambda arrived, waited_s: False,
+        is_over: Callable[[Mapping[int, Manifest], float], bool] = lambda arrived, waited_s: False,
     ) -> dict[int, Manifest]:
         """Wait for the workers' rollouts, and fetch parts that have come.
 
         Rollouts of other than `checkpoints`, of a stopped or rolled-back run, count as missing. It
-        ends with `enough` manifests (all by default) or after `patience_s`; each look asks
-        `should_stop` and `goes_on`, with the manifests and seconds so far. `on_wait` gets a
-        sentence every `REPORT_EVERY_S` and at the end.
+        ends with `enough` manifests; each look asks `should_stop` and `is_over`, with the manifests
+        and seconds so far. The log says every `REPORT_EVERY_S`, and at the end, who is missing.
 
         Returns:
             The manifests, by worker.
         """
-        wanted = sorted(workers)
-        enough = len(wanted) if enough is None else enough
-        known = dict(arrived or {})
+        known = dict(arrived)
         started_s = reported_s = self._clock()
         quiet_s = 0.0 if arrived else self._quiet_s()
         first_s = max(self._first_look_s, LATE_SHARE * quiet_s / QUIET_SHARE)
         lists = True
         for delay_s in delays_s(first_s, growth=SLOW_GROWTH):
-            if lists or not self._frugal:
-                self._look(iteration, checkpoints, wanted, known)
-            else:
-                self._ask(iteration, checkpoints, wanted, known)
+            missing = sorted(set(workers) - known.keys())
+            # Without a listing: cheaper for up to twelve workers.
+            asked = self._delivered(iteration, missing) if lists or not self._frugal else missing
+            known |= self._found(iteration, checkpoints, asked)
             lists = False
             if len(known) >= enough:
-                if arrived is None:
+                if not arrived:
                     self._waits_s.append(self._clock() - started_s)
                 break
             if should_stop():
@@ -131,21 +127,21 @@ class RolloutReader:
             now_s = self._clock()
             waited_s = now_s - started_s
             if waited_s < quiet_s:
-                self._keep_quiet(started_s + min(quiet_s, patience_s), should_stop)
+                self._keep_quiet(started_s + quiet_s, should_stop)
                 quiet_s, lists = 0.0, True  # most parts are there now, and can be fetched
                 continue
-            missing = [worker for worker in wanted if worker not in known]
+            names = ", ".join(map(str, sorted(set(workers) - known.keys())))
             waiting = (
                 f"The trainer has been waiting {waited_s:.0f} s for iteration {iteration} of "
-                f"simulation worker {', '.join(map(str, missing))}"
+                f"simulation worker {names}"
             )
-            if waited_s >= patience_s or goes_on(known, waited_s):
-                on_wait(f"{waiting}; going on without.")
+            if is_over(known, waited_s):
+                _logger.info("%s; going on without.", waiting)
                 break
             if now_s - reported_s >= REPORT_EVERY_S:
-                on_wait(f"{waiting}.")
+                _logger.info("%s.", waiting)
                 reported_s = now_s
-            self._pause(min(delay_s, patience_s - waited_s))
+            self._pause(delay_s)
         return dict(sorted(known.items()))
 
     def _quiet_s(self) -> float:
@@ -159,16 +155,14 @@ class RolloutReader:
                 return
 
     def find_manifests(self, iteration: int) -> list[Manifest]:
-        listing = self._model.bucket.list(keys.iteration_folder(self._model.prefix, iteration))
-        named = (keys.rollout_key(self._model.prefix, info.key) for info in listing)
-        workers = sorted(key.worker for key in named if key is not None and key.is_manifest)
+        listed = self._listed(keys.iteration_folder(self._model.prefix, iteration))
+        workers = sorted(key.worker for _, key in listed if key.is_manifest)
         found = (find_manifest(self._model, iteration, k) for k in workers)
         return [each for each in found if each is not None and self._counts(each)]
 
     def iterations(self) -> list[int]:
-        listing = self._model.bucket.list(keys.rollouts_folder(self._model.prefix))
-        found = (keys.rollout_key(self._model.prefix, info.key) for info in listing)
-        return sorted({key.iteration for key in found if key is not None})
+        listed = self._listed(keys.rollouts_folder(self._model.prefix))
+        return sorted({key.iteration for _, key in listed})
 
     def read(self, manifests: Iterable[Manifest]) -> Episodes:
         wanted = [(manifest, part) for manifest in manifests for part in manifest.parts]
@@ -206,12 +200,8 @@ class RolloutReader:
         return data
 
     def delete_learned(self, iteration: int) -> None:
-        learned = []
-        for info in self._model.bucket.list(keys.rollouts_folder(self._model.prefix)):
-            key = keys.rollout_key(self._model.prefix, info.key)
-            if key is not None and key.iteration <= iteration:
-                learned.append(info.key)
-        self._model.bucket.delete(learned)
+        listed = self._listed(keys.rollouts_folder(self._model.prefix))
+        self._model.bucket.delete([info.key for info, key in listed if key.iteration <= iteration])
 
     def reject(self, iteration: int, workers: Iterable[int]) -> None:
         """These must be driven again."""
@@ -228,54 +218,37 @@ class RolloutReader:
         self.forget()
         self._fetcher.shutdown(wait=True, cancel_futures=True)
 
-    def _look(
-        self,
-        iteration: int,
-        checkpoints: Collection[str],
-        wanted: list[int],
-        arrived: dict[int, Manifest],
-    ) -> None:
-        delivered = []
-        for info in self._model.bucket.list(keys.iteration_folder(self._model.prefix, iteration)):
+    def _listed(self, folder: str) -> Iterator[tuple[ObjectInfo, RolloutKey]]:
+        for info in self._model.bucket.list(folder):
             key = keys.rollout_key(self._model.prefix, info.key)
-            if key is None:
-                continue
-            if not key.is_manifest:
-                if self._is_ours(key.name):
-                    self._prefetch(info.key, info.size_bytes)
-            elif key.worker in wanted and key.worker not in arrived:
-                delivered.append(key.worker)
-        self._take_manifests(iteration, checkpoints, delivered, arrived)
+            if key is not None:
+                yield info, key
 
-    def _ask(
-        self,
-        iteration: int,
-        checkpoints: Collection[str],
-        wanted: list[int],
-        arrived: dict[int, Manifest],
-    ) -> None:
-        """Without a listing: cheaper for up to twelve workers."""
-        missing = [worker for worker in wanted if worker not in arrived]
-        self._take_manifests(iteration, checkpoints, missing, arrived)
+    def _delivered(self, iteration: int, missing: Collection[int]) -> list[int]:
+        """Which of these workers have a manifest; begins to fetch parts."""
+        delivered = []
+        for info, key in self._listed(keys.iteration_folder(self._model.prefix, iteration)):
+            if key.is_manifest:
+                delivered += [key.worker] if key.worker in missing else []
+            elif self._is_ours(key.name):
+                self._prefetch(info.key, info.size_bytes)
+        return delivered
 
-    def _take_manifests(
-        self,
-        iteration: int,
-        checkpoints: Collection[str],
-        workers: list[int],
-        arrived: dict[int, Manifest],
-    ) -> None:
-        def find(worker: int) -> Manifest | None:
-            return find_manifest(self._model, iteration, worker)
-
+    def _found(
+        self, iteration: int, checkpoints: Collection[str], workers: Collection[int]
+    ) -> dict[int, Manifest]:
+        find = partial(find_manifest, self._model, iteration)
         # Each takes a round trip to the bucket, so those of many workers are read together.
         together = len(workers) > 1 and self._frugal
-        found_all = self._fetcher.map(find, workers) if together else map(find, workers)
-        for worker, found in zip(workers, found_all, strict=True):
-            if found is None or found.checkpoint not in checkpoints:
-                continue
-            if self._is_ours(found.session) and self._counts(found):
-                arrived[worker] = found
+        found = self._fetcher.map(find, workers) if together else map(find, workers)
+        return {
+            worker: manifest
+            for worker, manifest in zip(workers, found, strict=True)
+            if manifest is not None
+            and manifest.checkpoint in checkpoints
+            and self._is_ours(manifest.session)
+            and self._counts(manifest)
+        }
 
     def _counts(self, manifest: Manifest) -> bool:
         number = checkpoint_name(manifest.checkpoint).number

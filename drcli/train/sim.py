@@ -43,7 +43,7 @@ from drcli.train.episode_share import AssignedShare, EvaluationBudget
 from drcli.train.goals import Goals
 from drcli.train.membership import Membership
 from drcli.train.rollouts import RolloutWriter
-from drcli.train.stage_progress import phase_of, stage_index
+from drcli.train.training_progress import phase_of, stage_index
 from drcli.train.training_simulation import TrainingSimulation, sentence_of
 from drcli.train.wait_for_trainer import POLL_S, WOKEN_POLL_S, CheckpointWaiter
 from drcli.workers import worker_process
@@ -87,9 +87,10 @@ class SimWorker:
         self._stop_signal = stop_signal
         self._live = live
         self._membership = membership
-        self._prefix = model.prefix
-        self._bucket = worker_process.open_own_bucket(job, stop_signal, far=membership is not None)
-        self._store = ModelStore(self._bucket, self._prefix)
+        bucket = worker_process.open_own_bucket(job, stop_signal, far=membership is not None)
+        self._store = ModelStore(
+            bucket, model.prefix, model.metrics_prefix, model.metric, (worker,)
+        )
         self._activity = Activity(self._store, f"sim-{worker}", stop_signal.heartbeat)
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._store)
@@ -112,13 +113,12 @@ class SimWorker:
             self._racers.append(Racer(Teacher(self._model).eval(), actions))
         self._failures = RewardFailures(train, worker)
         self._failures.restore(self._store)
-        own = ModelStore(self._bucket, self._prefix, model.metrics_prefix, model.metric, (worker,))
-        for sentence in repair_metrics(own):
+        for sentence in repair_metrics(self._store):
             _logger.warning(sentence)
         self._result: EvaluationResult | None = None
         self._first_step = 0
         self._simulation = self._build(self._stage_of(self._checkpoints.stage_of_newest()))
-        self._results = DriveResults(job, self._bucket, self._simulation)
+        self._results = DriveResults(job, self._store, self._simulation)
         self._results.forget_given_up()
         credit_s = GOAL_CREDIT_S if self._simulation.targets else 0.0
         self._budget = EvaluationBudget(train.train_eval_share, credit_s)
@@ -156,7 +156,7 @@ class SimWorker:
     def _build(self, stage: Stage | None) -> TrainingSimulation:
         return TrainingSimulation(
             self._job,
-            self._bucket,
+            self._store,
             self._design,
             self._racers,
             stage,
@@ -248,19 +248,16 @@ class SimWorker:
 
     def _is_assigned(self, iteration: int, version: int | None) -> bool:
         """Whether this worker drives any episodes of an iteration."""
-        if self._membership is None and version is None:
-            self._simulation.assigned = None
-            return True
+        shares, assigned = None, None
         if self._membership is not None:
             shares = self._membership.shares_of(iteration)
-        else:
+        elif version is not None:
             shares = read_shares(self._store, self._job.session, iteration)
-        if shares is None:  # they are lost, or of an earlier start of the training
-            self._simulation.assigned = None
-            return self._membership is None
-        own = shares.of(self._worker)
-        self._simulation.assigned = None if own is None else AssignedShare(shares, own)
-        return own is not None
+        if shares is not None and (own := shares.of(self._worker)) is not None:
+            assigned = AssignedShare(shares, own)
+        self._simulation.assigned = assigned
+        # Without shares, as when they are lost or of an earlier start, ours drive as ever.
+        return assigned is not None or (shares is None and self._membership is None)
 
     def _iterate(self, iteration: int, name: CheckpointName) -> None:
         simulation = self._simulation
@@ -268,7 +265,7 @@ class SimWorker:
         self._results.keep_before(iteration)
         self._activity.say(f"drives iteration {iteration}")
         if self._live is not None:
-            facts = facts_of(simulation.race, [self._prefix])
+            facts = facts_of(simulation.race, [self._store.prefix])
             if simulation.phase is not None and simulation.phase.name == "teacher":
                 facts = replace(facts, hint=BLIND)
             self._live.about(iteration, str(name), facts)
@@ -334,7 +331,9 @@ class SimWorker:
 
         def should_stop() -> bool:
             return self._stop_signal.step_done() or (
-                len(training) < len(numbers) and self._is_late()
+                len(training) < len(numbers)
+                and self._membership is not None
+                and self._membership.is_drive_over()
             )
 
         try:
@@ -418,9 +417,6 @@ class SimWorker:
             self._give(replace(result, second=second))
             _logger.info("Checkpoint %d %s", number, sentence_of(second))
 
-    def _is_late(self) -> bool:
-        return self._membership is not None and self._membership.is_drive_over()
-
     def _give_up_or_repeat(self, iteration: int, training: list[Driven], attempt: int) -> None:
         """After all episodes were declared broken.
 
@@ -444,21 +440,20 @@ class SimWorker:
 
     def _evaluates(self, name: CheckpointName) -> bool:
         phase = self._simulation.phase
-        promising = phase is None or phase.name != "distillation" or self._has_student_learned
+        phase_name, assigned = "" if phase is None else phase.name, self._simulation.assigned
+        promising = phase_name != "distillation" or self._has_student_learned
         allowed = self._budget.allows_another(-self._goals.late_s(), promising=promising)
-        if not self._simulation.trials or name.number == self._evaluated:
-            return False
-        if phase is not None and phase.name == "teacher":
-            return False  # the camera policy has learned nothing yet
-        if not self._drives_as_trained:
-            return False  # its score would be that of other actions
-        assigned = self._simulation.assigned
-        if assigned is not None and not assigned.evaluates:
-            return False
-        if not allowed:
-            return False
-        self._evaluated = name.number
-        return True
+        evaluates = (
+            allowed
+            and bool(self._simulation.trials)
+            and name.number != self._evaluated
+            and phase_name != "teacher"  # the camera policy has learned nothing yet
+            and self._drives_as_trained  # else its score would be that of other actions
+            and (assigned is None or assigned.evaluates)
+        )
+        if evaluates:
+            self._evaluated = name.number
+        return evaluates
 
 
 def main(job: Job, stop_signal: StopSignal) -> None:

@@ -88,7 +88,7 @@ def _shared(
     like: Learner,
 ) -> Learner:
     """The learner of the group, with the weights of another one."""
-    group.build(Build(metadata, parameters, compute))
+    group.tell(Build(metadata, parameters, compute))
     learner = build_learner(metadata, parameters, compute, group.gradients)
     learner.model.load_state_dict(like.model.state_dict())
     return learner

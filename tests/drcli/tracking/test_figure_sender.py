@@ -64,7 +64,7 @@ def test_events_arrive_in_order_and_the_end_waits_for_them():
     assert sink.got == events
     assert sink.closed
     sender.send(POINT)  # after the end, nothing happens
-    assert not sender.is_active
+    assert sink.got == events
 
 
 def test_without_sinks_there_is_no_thread():
@@ -255,9 +255,9 @@ def test_the_settings_open_what_they_name_and_nothing_else(tmp_path):
     sender.close()
 
     assert [path.name for path in (tmp_path / "prom").iterdir()] == ["deepracer-m.prom"]
-    assert not open_sinks.sender_of_episodes(figures, "m").is_active
+    assert not open_sinks.sender_of_episodes(figures, "m")._openers
     nothing = settings(tmp_path).run.figures
-    assert not open_sinks.sender_of_trainer(nothing, tmp_path, facts).is_active
+    assert not open_sinks.sender_of_trainer(nothing, tmp_path, facts)._openers
 
 
 def test_a_missing_extra_is_named_before_a_start(tmp_path, monkeypatch):

@@ -137,7 +137,7 @@ def test_the_end_of_another_process_is_noticed_at_once(group):
 
 def _learner_of(group, parameters, algorithm="clipped_ppo"):
     build = Build(_metadata(algorithm), parameters, CPU)
-    group.build(build)
+    group.tell(build)
     torch.manual_seed(0)
     return build_learner(build.metadata, parameters, CPU, group.gradients)
 

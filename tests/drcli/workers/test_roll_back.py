@@ -239,7 +239,7 @@ def test_a_rollback_stays_in_its_stage(working_folder, monkeypatch, first, targe
     for number in range(7):
         store.save(number, 10 * number, b"weights")
     store.record_evaluation(EvaluationResult("3_Step-30.ckpt", [90.0], [1.0], []), "progress")
-    control = RollbackControl(training.bucket, job, store)
+    control = RollbackControl(ModelStore(training.bucket, PREFIX), job, store)
 
     decided = control.decide("nan", "It is nan", CheckpointName(6, 60), 0.001, 5.0, first=first)
 
