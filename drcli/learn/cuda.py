@@ -35,10 +35,6 @@ class CapturedStep:
         self._result = torch.empty(0)
         self.failure: str | None = None
 
-    @property
-    def is_captured(self) -> bool:
-        return self._graph is not None
-
     def forget(self) -> None:
         self._graph = None
         self._arguments = ()

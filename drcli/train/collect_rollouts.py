@@ -9,7 +9,7 @@ import numpy as np
 from drcli.base.log import get_logger
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.learn.rollout_buffer import Rollout
-from drcli.records.checkpoint import CheckpointName, checkpoint_name
+from drcli.records.checkpoint import checkpoint_name
 from drcli.records.iteration import IterationRecord
 from drcli.records.job import WorkerShare
 from drcli.records.rollout import Episodes, Manifest
@@ -39,50 +39,20 @@ class Collected:
     """One iteration's rollouts and what the workers report about them.
 
     Attributes:
-        progress: Percent of the lap of each episode.
-        lap_s: Simulated durations of the completed laps.
-        drive_s: Wall time of the slowest worker.
-        checkpoint: What drove, the older one if there were two.
+        record: As far as the workers know; `TrainingProgress` adds what the trainer counts. The
+            checkpoint is what drove, the older one if there were two.
+        simulated_s: Of all episodes together.
         evaluates: The checkpoint that a worker evaluates now.
-        discarded: Episodes that the reward function declared broken.
         speeds: Steps per second by worker.
+        late: Workers that were waited for in vain.
     """
 
     rollout: Rollout
-    progress: list[float]
-    rewards: list[float]
-    lap_s: list[float]
+    record: IterationRecord
     simulated_s: float
-    drive_s: float
-    checkpoint: str
-    evaluates: int | None
-    reward_errors: int = 0
-    discarded: int = 0
+    evaluates: int | None = None
     speeds: Mapping[int, float] = field(default_factory=dict)
     late: tuple[int, ...] = ()
-
-    def record(
-        self, newest: CheckpointName, *, elapsed_s: float, stage: str, world: str, phase: str
-    ) -> IterationRecord:
-        steps = self.rollout.steps
-        return IterationRecord(
-            iteration=newest.number,
-            checkpoint=self.checkpoint,
-            episodes=len(self.rewards),
-            steps=steps,
-            total_steps=newest.steps + steps,
-            mean_reward=float(np.mean(self.rewards)),
-            mean_progress=float(np.mean(self.progress)),
-            full_laps=len(self.lap_s),
-            best_lap_s=min(self.lap_s, default=None),
-            drive_s=self.drive_s,
-            elapsed_s=elapsed_s,
-            reward_errors=self.reward_errors,
-            discarded=self.discarded,
-            stage=stage,
-            world=world,
-            phase=phase,
-        )
 
 
 class Collector:
@@ -181,17 +151,28 @@ class Collector:
         driven = self._within_cap(self._reader.read(manifests))
         rollout = driven.rollout
         begins = np.cumsum(rollout.lengths) - rollout.lengths
-        return Collected(
-            rollout=rollout,
-            progress=driven.progress.tolist(),
-            rewards=np.add.reduceat(rollout.rewards, begins).tolist(),
-            lap_s=driven.duration_s[driven.completed].tolist(),
-            simulated_s=float(driven.duration_s.sum()),
-            drive_s=max(m.notes.drive_s for m in manifests),
+        rewards = np.add.reduceat(rollout.rewards, begins).tolist()
+        lap_s = driven.duration_s[driven.completed].tolist()
+        record = IterationRecord(
+            iteration=manifests[0].iteration,
             checkpoint=str(min(checkpoint_name(m.checkpoint) for m in manifests)),
-            evaluates=next((n for m in manifests if (n := m.notes.evaluates) is not None), None),
+            episodes=len(rewards),
+            steps=rollout.steps,
+            total_steps=0,
+            mean_reward=float(np.mean(rewards)),
+            mean_progress=float(np.mean(driven.progress.tolist())),
+            full_laps=len(lap_s),
+            best_lap_s=min(lap_s, default=None),
+            drive_s=max(m.notes.drive_s for m in manifests),
+            elapsed_s=0.0,
             reward_errors=sum(m.notes.reward_errors for m in manifests),
             discarded=sum(m.notes.discarded for m in manifests),
+        )
+        return Collected(
+            rollout,
+            record,
+            simulated_s=float(driven.duration_s.sum()),
+            evaluates=next((n for m in manifests if (n := m.notes.evaluates) is not None), None),
             speeds={m.worker: m.steps / max(m.notes.drive_s, 1e-3) for m in manifests},
         )
 

@@ -1,10 +1,9 @@
 """Publishes metrics, traces and figures of one worker's episodes."""
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import groupby
 
 from drcli.base.log import get_logger, traces
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
@@ -72,12 +71,13 @@ class TrainingMetrics:
         # Of each iteration: the clock at its end in milliseconds, and its last trial.
         self._ends: dict[int, tuple[float, int]] = {}
         self._clock_ms = 0.0
-        entries = []
-        for iteration, group in groupby(records, lambda record: record.iteration or 0):
-            of_iteration = list(group)
+        driven: dict[int, list[EpisodeMetrics]] = {}
+        for record in records:
+            driven.setdefault(record.iteration or 0, []).append(record)
+        for iteration, of_iteration in driven.items():
             self._note(iteration, of_iteration)
-            entries.append((iteration, encode_records(of_iteration)))
-        self._file.restore(_joined(entries), parts, outdated=records != found)
+        entries = [(iteration, encode_records(own)) for iteration, own in sorted(driven.items())]
+        self._file.restore(entries, parts, outdated=records != found)
 
     @property
     def clock_s(self) -> float:
@@ -124,13 +124,6 @@ class TrainingMetrics:
 
     def _number(self, iteration: int, trial: int) -> int:
         return iteration * self._per_iteration + trial
-
-
-def _joined(entries: Iterable[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-    found: dict[int, bytes] = {}
-    for iteration, entry in entries:
-        found[iteration] = found[iteration] + SEPARATOR + entry if iteration in found else entry
-    return sorted(found.items())
 
 
 def _with_iterations(records: Sequence[EpisodeMetrics]) -> list[EpisodeMetrics]:

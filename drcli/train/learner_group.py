@@ -1,4 +1,4 @@
-"""The trainer's side of several learner processes (DR_TRAIN_LEARNERS).
+"""The learner of a training, in the trainer alone or in several processes (DR_TRAIN_LEARNERS).
 
 Only the trainer uses the bucket. The others get everything with each update, so a new one has
 lost nothing.
@@ -22,15 +22,25 @@ import torch
 from torch import Tensor, distributed
 
 from drcli.base.errors import SettingsError, WorkerDied
-from drcli.learn.compute import Compute, gpu_count
+from drcli.base.log import get_logger, plain
+from drcli.config.run_config import TrainConfig
+from drcli.convert.build_network import policy_spec
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithms import PPOConfig, algorithm_config
+from drcli.learn.compute import Compute, choose_compute, gpu_count
 from drcli.learn.data_parallel import GradientGroup, LearnerLostError
-from drcli.learn.learner import Learner
+from drcli.learn.learner import Learner, learner_of
 from drcli.learn.rollout_buffer import Rollout
+from drcli.learn.taught import TaughtLearner
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.training_state import Rollbacks
+from drcli.workers.cores import learning_threads
 
 if TYPE_CHECKING:
     from torch.distributed.distributed_c10d import Store
+
+_logger = get_logger(__name__)
 
 # Memory in which the learner processes of one machine exchange gradients.
 #
@@ -292,3 +302,59 @@ def learner_group(size: int) -> Iterator[LearnerGroup | None]:
         return
     with closing(LearnerGroup(size)) as group:
         yield group
+
+
+# Builds the learner from model_metadata.json and hyperparameters.json.
+
+
+def build_learner(
+    metadata: ModelMetadata,
+    parameters: Hyperparameters,
+    compute: Compute,
+    group: GradientGroup | None = None,
+) -> Learner:
+    spec = policy_spec(metadata, parameters)
+    if parameters.taught:
+        config = algorithm_config(PPOConfig, parameters)
+        return TaughtLearner(ActorCritic(spec), config, compute)
+    algorithm = metadata.algorithm
+    learner, own = learner_of(algorithm), algorithm_config(algorithm.config, parameters)
+    return learner(learner.network(spec, own), own, compute, group)
+
+
+def learner_of_training(
+    train: TrainConfig,
+    metadata: ModelMetadata,
+    parameters: Hyperparameters,
+    rollbacks: Rollbacks,
+    number_format: str | None,
+    group: LearnerGroup | None = None,
+) -> Learner:
+    """`number_format` is that with which the training began.
+
+    The processes of a `group` build the same learner and share the cores.
+    """
+    plain.info("Using the following hyper-parameters")
+    plain.info(parameters.canonical_json(metadata.training_algorithm))
+    size = 1 if group is None else group.size
+    compute = choose_compute(
+        train.torch_precision,
+        max(1, parameters.batch_size // size),
+        max(1, learning_threads(train) // size),
+        before=number_format,
+    )
+    where = f" in each of {size} processes" if size > 1 else ""
+    _logger.info("Learning%s in %s", where, compute.reason)
+    if compute.warning:
+        _logger.warning("%s", compute.warning)
+    gradients = None
+    if group is not None:
+        group.tell(Build(metadata, parameters, compute))
+        gradients = group.gradients
+    learner = build_learner(metadata, parameters, compute, gradients)
+    learner.lr_factor = rollbacks.factor(learner.config.lr)
+    if learner.lr_factor != 1.0:
+        rate = learner.lr_factor * learner.config.lr
+        times = "1 rollback" if rollbacks.count == 1 else "the rollbacks"
+        _logger.info("The learning rate is %.3g since %s.", rate, times)
+    return learner

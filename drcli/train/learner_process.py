@@ -15,9 +15,15 @@ from drcli.learn.compute import flush_denormals
 from drcli.learn.data_parallel import GradientGroup, LearnerLostError
 from drcli.learn.learner import Learner
 from drcli.learn.update_result import NonFiniteLossError
-from drcli.train import learner_group
-from drcli.train.build_learner import build_learner
-from drcli.train.learner_group import Build, Update, join_group, received, rollout_from
+from drcli.train.learner_group import (
+    Build,
+    Update,
+    attach,
+    build_learner,
+    join_group,
+    received,
+    rollout_from,
+)
 
 CPU = torch.device("cpu")
 
@@ -45,7 +51,7 @@ def _update(learner: Learner, group: GradientGroup, message: Update) -> None:
     device = learner.compute.device
     if message.memory is not None:
         path, count = message.memory
-        slots = None if path is None else learner_group.attach(path, group.size, count)
+        slots = None if path is None else attach(path, group.size, count)
         group.share_memory(slots)
         if path is not None:
             group.of_all(0)

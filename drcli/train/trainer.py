@@ -34,7 +34,6 @@ from drcli.records.iteration import IterationRecord
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import TrainingEnd
 from drcli.records.stage import StageNote
-from drcli.train.build_learner import learner_of_training
 from drcli.train.checkpoint_publisher import (
     CheckpointPublisher,
     RollbackControl,
@@ -45,7 +44,7 @@ from drcli.train.checkpoint_publisher import (
 from drcli.train.collect_rollouts import Collected, Collector
 from drcli.train.episode_allocator import EpisodeAllocator
 from drcli.train.goals import Goals, targets_of
-from drcli.train.learner_group import LearnerGroup, learner_died, learner_group
+from drcli.train.learner_group import LearnerGroup, learner_died, learner_group, learner_of_training
 from drcli.train.learner_metrics import (
     LearnerMetrics,
     LiveFigures,
@@ -423,7 +422,7 @@ class Trainer:
             steps_per_s=driven.steps / cycle_s,
             real_time_factor=collected.simulated_s / cycle_s,
             learn_s=ended - began,
-            exchange_s=max(0.0, cycle_s - collected.drive_s - (ended - began)),
+            exchange_s=max(0.0, cycle_s - driven.drive_s - (ended - began)),
         )
         reason = self._reached(record)
         if reason is not None:
@@ -521,7 +520,7 @@ class Trainer:
             self._activity.wait(f"waits for the evaluation of checkpoint {collected.evaluates}")
             self._scoring.wait(
                 collected.evaluates,
-                collected.drive_s,
+                collected.record.drive_s,
                 lambda: self._stop_signal.should_stop() or self.goals.late_s() > LATE_S,
             )
 

@@ -327,8 +327,10 @@ class TrainingProgress:
         return _counted(number, steps, self.episodes, self.elapsed_s)
 
     def record(self, collected: Collected) -> IterationRecord:
-        return collected.record(
-            self.newest,
+        return replace(
+            collected.record,
+            iteration=self.newest.number,
+            total_steps=self.newest.steps + collected.rollout.steps,
             elapsed_s=self.elapsed_s,
             stage=self.stages.name,
             world=self.world,

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import FrameType
 
@@ -52,7 +51,7 @@ def open_logs(job: Job, name: str, path: Path) -> list[RotatingLog]:
         lines = JsonLog(json_log(path), max_bytes, name)
         logs.append(lines)
         copies.append(lines.printed)
-    print_limit.install(copies)
+    print_limit.theirs.copies = copies
     return logs
 
 
@@ -168,7 +167,8 @@ def run(name: str, main: Callable[[Job, StopSignal], None]) -> None:
     WorkerExit.delete(job.folder, name)
     path = os.environ.get(log.VARIABLE)
     logs = open_logs(job, name, Path(path)) if path else []
-    sys.excepthook = partial(_explain_unseen, job, name)
+    # What `except Exception` does not see.
+    sys.excepthook = lambda kind, error, trace: _explain(error, job, name)
     errors.show, errors.warn = _logger.info, _logger.warning
     _logger.info("%s started as process %d.", name, os.getpid())
     if job.config.train.priority == "low":
@@ -184,20 +184,15 @@ def run(name: str, main: Callable[[Job, StopSignal], None]) -> None:
         raise SystemExit(_explain(error, job, name).code) from None
     finally:
         requests.end()
-        print_limit.end_limit()
+        print_limit.theirs.report()
         for each in logs:
             each.end()
         # Otherwise Python searches all objects for garbage at exit, which takes nearly a second.
         gc.freeze()
 
 
-def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace: object) -> None:
-    """What `except Exception` does not see, as `sys.excepthook`."""
-    _explain(error, job, name)
-
-
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
-    print_limit.end_limit()
+    print_limit.theirs.report()
     memory = memory_shortage(error)
     logger = _logger
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim

@@ -195,8 +195,8 @@ def test_the_wait_says_who_is_missing_and_goes_on_without(memory, reader, clock,
     assert [sentence.endswith("worker 0, 2.") for sentence in said] == [True, True, False]
     assert clock.now_s == pytest.approx(25.0, abs=1.0)
     assert said[-1] == (
-        "The trainer has been waiting 25 s for iteration 3 of simulation worker 0, 2; "
-        "going on without."
+        f"The trainer has been waiting {clock.now_s:.0f} s for iteration 3 of simulation "
+        "worker 0, 2; going on without."
     )
 
 

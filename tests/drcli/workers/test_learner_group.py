@@ -14,8 +14,7 @@ from drcli.learn.update_result import NonFiniteLossError
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.train import learner_group as gradient_memory
-from drcli.train.build_learner import build_learner
-from drcli.train.learner_group import Build, LearnerGroup, learner_group
+from drcli.train.learner_group import Build, LearnerGroup, build_learner, learner_group
 from made_up_rollout import made_up_rollout
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
