@@ -297,7 +297,7 @@ class SimWorker:
             log_training(episode, iteration, self._worker)
             training.append(episode)
             if episode.discarded:
-                episode.frames.clear()
+                episode.samples.clear()
             else:
                 self._driven_steps += episode.steps
                 shard.append(episode)
