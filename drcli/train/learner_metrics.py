@@ -14,8 +14,7 @@ from drcli.base.errors import StorageError
 from drcli.base.log import get_logger
 from drcli.bucket.bucket import ObjectMissing
 from drcli.metrics.figure_events import Ended, EpochPoint, Point, TrainingFacts
-from drcli.metrics.figure_sender import FigureSender
-from drcli.metrics.open_sinks import sender_of_trainer
+from drcli.metrics.open_sinks import FigureSender, sender_of_trainer
 from drcli.model import keys
 from drcli.model.files.network_shape import Design
 from drcli.model.growing_file import GrowingFile, Layout, list_parts

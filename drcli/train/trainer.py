@@ -17,7 +17,7 @@ from drcli.learn.data_parallel import LearnerLostError
 from drcli.learn.learner import Learner
 from drcli.learn.taught import TaughtLearner
 from drcli.learn.update_result import NonFiniteLossError, Stats
-from drcli.metrics.figure_sender import FigureSender
+from drcli.metrics.open_sinks import FigureSender
 from drcli.model import keys
 from drcli.model.checkpoints import KEEP, CheckpointStore, KeepRules
 from drcli.model.files.custom_files import write_model_files
@@ -41,7 +41,6 @@ from drcli.train.checkpoint_publisher import (
     forget_evaluations,
     restore_learner,
 )
-from drcli.train.collect_rollouts import Collected, Collector
 from drcli.train.episode_allocator import EpisodeAllocator
 from drcli.train.goals import Goals, targets_of
 from drcli.train.learner_group import LearnerGroup, learner_died, learner_group, learner_of_training
@@ -53,7 +52,7 @@ from drcli.train.learner_metrics import (
     row_of,
     with_losses,
 )
-from drcli.train.rollouts import FIRST_LOOK_S, WOKEN_LOOK_S, RolloutReader
+from drcli.train.rollouts import FIRST_LOOK_S, WOKEN_LOOK_S, Collected, Collector, RolloutReader
 from drcli.train.scoring import Scoring
 from drcli.train.training_progress import (
     LearningAlarms,

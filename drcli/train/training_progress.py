@@ -15,8 +15,8 @@ from drcli.records.checkpoint import CheckpointName
 from drcli.records.iteration import IterationRecord
 from drcli.records.job import Job
 from drcli.records.stage import PhaseMark, Stage, StageMark
-from drcli.train.collect_rollouts import Collected
 from drcli.train.goals import Goals, mean_score, target_of
+from drcli.train.rollouts import Collected
 
 _logger = get_logger(__name__)
 

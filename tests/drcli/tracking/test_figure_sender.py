@@ -7,9 +7,9 @@ import pytest
 
 from drcli.base.errors import NotAvailable
 from drcli.config.loading import load_settings
-from drcli.metrics import figure_sender, open_sinks
+from drcli.metrics import open_sinks
 from drcli.metrics.figure_events import Ended, EpochPoint, Point
-from drcli.metrics.figure_sender import FigureSender
+from drcli.metrics.open_sinks import FigureSender
 
 POINT = Point(1, 2.0, {"losses/entropy": 1.0})
 
@@ -47,7 +47,7 @@ def log():
                 told.append(record.getMessage())
 
     handler = Handler(logging.INFO)
-    logger = figure_sender._logger
+    logger = open_sinks._logger
     logger.addHandler(handler)
     yield lambda: told
     logger.removeHandler(handler)
@@ -222,7 +222,7 @@ def test_the_end_of_an_outage_is_logged_when_a_tool_is_closed(log):
 
 
 def test_a_tool_that_hangs_holds_up_nobody(log, monkeypatch):
-    monkeypatch.setattr(figure_sender, "MOST_WAITING", 2)
+    monkeypatch.setattr(open_sinks, "MOST_WAITING", 2)
     released = threading.Event()
 
     class Hanging(Kept):

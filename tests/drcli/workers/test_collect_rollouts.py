@@ -8,13 +8,15 @@ from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.records.job import WorkerShare
 from drcli.records.rollout import Driving, Episodes, Manifest
-from drcli.train.collect_rollouts import (
+from drcli.train.rollouts import (
     JOINED_PATIENCE_S,
     LEAST_PATIENCE_S,
     STARTING_PATIENCE_S,
     Collector,
+    RolloutReader,
+    RolloutWriter,
+    find_manifest,
 )
-from drcli.train.rollouts import RolloutReader, RolloutWriter, find_manifest
 from memory_bucket import MemoryBucket
 
 PREFIX = "model"

@@ -23,7 +23,7 @@ from drcli.records.iteration import IterationRecord
 from drcli.records.scores import EvaluationResult
 from drcli.records.trace import read_csv
 from drcli.train.checkpoint_publisher import RollbackControl
-from drcli.train.collect_rollouts import Collected, Collector
+from drcli.train.rollouts import Collected, Collector
 from drcli.train.trainer import learn
 from training_in_memory import PREFIX, CopiedBucket, TrainingInMemory, UntilFailure
 
