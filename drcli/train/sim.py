@@ -32,7 +32,12 @@ from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
 from drcli.model.repair import repair_metrics
 from drcli.model.training_state import read_shares
-from drcli.records.checkpoint import CheckpointName, CheckpointRecord, checkpoint_name
+from drcli.records.checkpoint import (
+    CheckpointName,
+    CheckpointRecord,
+    Counters,
+    checkpoint_name,
+)
 from drcli.records.iteration import CONFIRMING_LAPS
 from drcli.records.job import Job
 from drcli.records.rollout import Driving, Manifest, session_of_worker
@@ -94,8 +99,7 @@ class SimWorker:
         self._activity = Activity(self._store, f"sim-{worker}", stop_signal.heartbeat)
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._store)
-        design = Design.of_model(self._store, job.inputs)
-        self._design = design
+        self._design = design = Design.of_model(self._store, job.inputs)
         threads = driving_threads(train) if membership is None else usable_cores(train)
         torch.set_num_threads(1)
         _logger.info("Using %d of %d cores for motion, cameras and policy.", threads, cores())
@@ -116,7 +120,6 @@ class SimWorker:
         for sentence in repair_metrics(self._store):
             _logger.warning(sentence)
         self._result: EvaluationResult | None = None
-        self._first_step = 0
         self._simulation = self._build(self._stage_of(self._checkpoints.stage_of_newest()))
         self._results = DriveResults(job, self._store, self._simulation)
         self._results.forget_given_up()
@@ -127,8 +130,6 @@ class SimWorker:
         self._evaluated = -1
         self._goals = Goals(job, design.parameters)
         self._has_student_learned = False
-        self._rollbacks = 0
-        self._drives_as_trained = True
         self._loaded: Fingerprint | None = None
         self._drives = 0
         self._driven_steps = 0
@@ -214,9 +215,7 @@ class SimWorker:
             iteration = max(iteration, newest)
             record = self._checkpoints.record(str(name))
             counters = record.counters
-            mark = counters.stage
-            stage = self._stage_of(mark)
-            self._first_step = 0 if mark is None else mark.steps
+            stage = self._stage_of(counters.stage)
             if stage is not None and stage is not self._simulation.stage:
                 self._enter(stage)
                 iteration = newest  # what was driven ahead belongs to the stage before
@@ -227,11 +226,8 @@ class SimWorker:
             if record.tensors != self._loaded:  # else it has driven with these weights before
                 self._waiter.learn_from(record)
                 self._load(record)
-            self._rollbacks = counters.rollbacks or 0
-            own = counters.inputs.get(keys.MODEL_METADATA_FILE)
-            self._drives_as_trained = own in (None, self._design.texts[keys.MODEL_METADATA_FILE])
             if self._is_assigned(iteration, counters.shares):
-                self._iterate(iteration, name)
+                self._iterate(iteration, name, counters)
             else:
                 self._driven_steps = 0
             iteration += 1
@@ -259,8 +255,8 @@ class SimWorker:
         # Without shares, as when they are lost or of an earlier start, ours drive as ever.
         return assigned is not None or (shares is None and self._membership is None)
 
-    def _iterate(self, iteration: int, name: CheckpointName) -> None:
-        simulation = self._simulation
+    def _iterate(self, iteration: int, name: CheckpointName, counters: Counters) -> None:
+        simulation, rollbacks = self._simulation, counters.rollbacks or 0
         numbers = simulation.part.numbers(iteration)
         self._results.keep_before(iteration)
         self._activity.say(f"drives iteration {iteration}")
@@ -275,9 +271,9 @@ class SimWorker:
         self._driven_steps = 0
         self._drives += 1  # a repeated iteration must not overwrite rollouts that are being read
         session = session_of_worker(self._job.session, os.getpid(), self._drives)
-        manifest = Manifest(iteration, self._worker, str(name), session, rollbacks=self._rollbacks)
+        manifest = Manifest(iteration, self._worker, str(name), session, rollbacks=rollbacks)
         writer = RolloutWriter(self._store, manifest)
-        trials = simulation.trials if self._evaluates(name) else 0
+        trials = simulation.trials if self._evaluates(name, counters) else 0
         self._failures.begin(iteration)
         begin, began_s = time.time(), time.monotonic()
 
@@ -289,7 +285,7 @@ class SimWorker:
                 log_evaluation(episode, name.number, self._worker)
                 evaluation.append(episode)
                 if len(evaluation) == trials:  # now, so that they count even if the drive fails
-                    self._result = self._results.score(name, evaluation, self._rollbacks)
+                    self._result = self._results.score(name, evaluation, rollbacks)
                     if self._result is not None:
                         again = self._laps_to_confirm(self._result)
                         self._give(replace(self._result, confirms=again))
@@ -343,7 +339,8 @@ class SimWorker:
                 plans = simulation.plans(
                     numbers, 0 if attempt else trials, attempt, iteration=iteration
                 )
-                policy_steps = name.steps - self._first_step
+                mark = counters.stage
+                policy_steps = name.steps - (0 if mark is None else mark.steps)
                 simulation.drive(plans, collect, should_stop, policy_steps)
                 if self._driven_steps:
                     break
@@ -438,17 +435,19 @@ class SimWorker:
         _logger.warning("%s; it is driven again with other random numbers.", what)
         training.clear()
 
-    def _evaluates(self, name: CheckpointName) -> bool:
+    def _evaluates(self, name: CheckpointName, counters: Counters) -> bool:
         phase = self._simulation.phase
         phase_name, assigned = "" if phase is None else phase.name, self._simulation.assigned
         promising = phase_name != "distillation" or self._has_student_learned
+        trained_with = counters.inputs.get(keys.MODEL_METADATA_FILE)
         allowed = self._budget.allows_another(-self._goals.late_s(), promising=promising)
         evaluates = (
             allowed
             and bool(self._simulation.trials)
             and name.number != self._evaluated
             and phase_name != "teacher"  # the camera policy has learned nothing yet
-            and self._drives_as_trained  # else its score would be that of other actions
+            # Else its score would be that of other actions.
+            and trained_with in (None, self._design.texts[keys.MODEL_METADATA_FILE])
             and (assigned is None or assigned.evaluates)
         )
         if evaluates:
