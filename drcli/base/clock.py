@@ -113,7 +113,6 @@ def wait_until(
     patience_s: float,
     first_s: float = FIRST_DELAY_S,
     last_s: float = LAST_DELAY_S,
-    growth: float = FAST_GROWTH,
     what: str = "",
     clock: Callable[[], float] = time.monotonic,
     pause: Callable[[float], None] = time.sleep,
@@ -123,7 +122,7 @@ def wait_until(
     Tests replace `clock` and `pause`.
     """
     began_s = clock()
-    for delay_s in delays_s(first_s, last_s, growth=growth):
+    for delay_s in delays_s(first_s, last_s):
         if condition():
             return True
         waited_s = clock() - began_s

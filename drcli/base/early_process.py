@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import IO, Any
 
 from drcli.base.system_calls import ExitWait, adopt_orphans, end_before_others, rename_process
 
@@ -34,38 +34,12 @@ _ADOPTION_S = 30.0
 """How long to wait for a process that is divided off."""
 
 
-class ChildProcess(Protocol):
-    """What `subprocess.Popen` and a process that was divided off have in common."""
-
-    pid: int
-    returncode: Any
-
-    def poll(self) -> int | None:
-        """The exit code, negative for a signal; None while it runs."""
-
-    def wait(self, timeout: float | None = None) -> int:
-        """Wait for the exit code.
-
-        Raises:
-            subprocess.TimeoutExpired: It runs on.
-        """
-
-    def send_signal(self, sig: int) -> None:
-        """Send a signal if it runs."""
-
-    def terminate(self) -> None:
-        """Send SIGTERM."""
-
-    def kill(self) -> None:
-        """Send SIGKILL."""
-
-
 class Divided:
-    """A child process that was made by dividing this one."""
+    """A child process that was made by dividing this one, with methods as of `subprocess.Popen`."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
-        self.returncode: int | None = None
+        self.returncode: Any = None
 
     def poll(self) -> int | None:
         """The exit code, negative for a signal; None while it runs."""
@@ -107,6 +81,9 @@ class Divided:
     def kill(self) -> None:
         """Send SIGKILL."""
         self.send_signal(signal.SIGKILL)
+
+
+ChildProcess = subprocess.Popen[bytes] | Divided
 
 
 @dataclass(frozen=True)

@@ -112,21 +112,18 @@ class NotAvailable(DrError):
 class Aborted(DrError):
     """Nothing was changed. Source of the code: the reference."""
 
-    code = 1
     final = True
 
 
 class Absent(DrError):
     """Not running. Source of the code: the reference."""
 
-    code = 1
     final = True
 
 
 class OutputLost(DrError):
     """The result cannot be printed."""
 
-    code = 1
     final = True
 
 

@@ -94,18 +94,14 @@ def _racers_umask() -> int:
 # Reads only files that never make a reader wait.
 
 
-def read_regular(path: Path, limit: int = -1) -> bytes:
-    """At most `limit` bytes.
-
-    Raises:
-        OSError: It cannot be read, or is not a file.
-    """
+def read_regular(path: Path) -> bytes:
+    """OSError if it cannot be read, or is not a file."""
     # Without waiting, because what lies at the path is only known when it is open.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with os.fdopen(descriptor, "rb", closefd=True) as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise OSError(errno.EINVAL, "It is not an ordinary file", str(path))
-        return file.read(limit)
+        return file.read()
 
 
 T = TypeVar("T")
@@ -170,10 +166,7 @@ def write_private_json(path: Path, value: object) -> None:
 
 def read_json(path: Path) -> dict[str, Any] | None:
     """None if missing or damaged, as by a power failure."""
-    try:
-        return decode_json(dict[str, Any], read_regular(path))
-    except (OSError, RecordError):
-        return None
+    return load_record(dict[str, Any], path)
 
 
 def save_record(path: Path, record: "DataclassInstance") -> None:

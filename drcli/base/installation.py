@@ -5,7 +5,6 @@
 
 import builtins
 import importlib
-import importlib.util
 import json
 import os
 import re
@@ -153,17 +152,10 @@ def cause(error: BaseException) -> dict[str, str]:
     tops = [top for top in tops if top not in sys.stdlib_module_names or top == "__main__"]
     importer = tops[-1] if tops else ""
     wanted = (getattr(error, "name", None) or importer).partition(".")[0]
-    absent = isinstance(error, ModuleNotFoundError) and not _is_there(wanted)
+    absent = isinstance(error, ModuleNotFoundError) and not is_installed(wanted)
     culprit = wanted if absent or wanted in _OURS or importer in ("", *_OURS) else importer
     text = re.split(r"(?<=\.)\s|\n", str(error).strip())[0] or type(error).__name__
     return {"culprit": culprit, "importer": importer, "text": text}
-
-
-def _is_there(module: str) -> bool:
-    try:
-        return util.find_spec(module) is not None
-    except (ImportError, ValueError):
-        return False
 
 
 def _fault(culprit: str, importer: str, text: str) -> Fault:
@@ -176,7 +168,7 @@ def _fault(culprit: str, importer: str, text: str) -> Fault:
             f"{culprit} cannot be imported, because files of it are missing or damaged: {said}."
         )
         return Fault(message, ("--force-reinstall", "--no-deps", *pins))
-    if not packages and not _is_there(culprit):
+    if not packages and not is_installed(culprit):
         needing = "" if importer in ("", *_OURS) else f", which {importer} needs,"
         return Fault(f"{culprit}{needing} is not installed.")
     return Fault(f"{culprit} cannot be imported: {said}.", certain=False)
@@ -297,18 +289,14 @@ def library(module: str) -> Any:
         ) from None
 
 
+@cache
 def openvino_core() -> Any:
     """The one OpenVINO of this process.
 
     With AMX, each core gives the thread another stack for signals and takes it back when freed.
     After several, the thread keeps a freed one, and the next signal kills the process.
     """
-    return _only_core(library("openvino"))
-
-
-@cache
-def _only_core(openvino: Any) -> Any:
-    return openvino.Core()
+    return library("openvino").Core()
 
 
 def require(*names: str) -> None:
@@ -322,6 +310,6 @@ def require(*names: str) -> None:
 
 def is_installed(name: str) -> bool:
     try:
-        return importlib.util.find_spec(name) is not None
+        return util.find_spec(name) is not None
     except (ImportError, ValueError):
         return False

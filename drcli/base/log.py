@@ -317,16 +317,25 @@ PRINT = "print"
 _OWN = ("time", "level", "process", "event", "message")
 
 
-class JsonLog(logging.Handler):
-    """With older parts it has `max_bytes`."""
+class RotatingLog(logging.Handler):
+    """Writes into a file that, with older parts, has `max_bytes`."""
 
-    def __init__(self, path: Path, max_bytes: int, process: str) -> None:
+    def __init__(self, path: Path, max_bytes: int) -> None:
         super().__init__()
-        self._file = RotatingFile(path, max_bytes)
+        self.file = RotatingFile(path, max_bytes)
+        add_handler(self)
+
+    def end(self) -> None:
+        remove_handler(self)
+        self.file.close()
+
+
+class JsonLog(RotatingLog):
+    def __init__(self, path: Path, max_bytes: int, process: str) -> None:
         self._process = process
         self._printed = ""
         self._printing = threading.Lock()
-        add_handler(self)
+        super().__init__(path, max_bytes)
 
     def emit(self, record: logging.LogRecord) -> None:
         if record.name == traces.name:
@@ -352,10 +361,9 @@ class JsonLog(logging.Handler):
             self._write(time.time(), "INFO", PRINT, line, {})
 
     def end(self) -> None:
-        remove_handler(self)
         if self._printed:
             self.printed("\n")
-        self._file.close()
+        super().end()
 
     def _write(
         self, created_s: float, level: str, event: str, message: str, facts: Mapping[str, Any]
@@ -367,7 +375,7 @@ class JsonLog(logging.Handler):
             record["event"] = event
         record["message"] = message.strip("\n")
         record |= {name: _known(value) for name, value in facts.items() if name not in _OWN}
-        self._file.write(json.dumps(record, allow_nan=False, default=str) + "\n")
+        self.file.write(json.dumps(record, allow_nan=False, default=str) + "\n")
 
 
 def utc(at_s: float) -> str:

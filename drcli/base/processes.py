@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from types import FrameType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 from drcli.base.clock import wait_until
 from drcli.base.errors import DrError
@@ -110,11 +110,16 @@ def keep_descendants(parent_pid: int) -> None:
         code = os.waitstatus_to_exitcode(_end_of(child, parent_pid))
         _end_others(child)
     finally:
-        if code < 0:
-            with suppress(OSError):  # SIGKILL cannot be set
-                signal.signal(-code, signal.SIG_DFL)
-            os.kill(own, -code)
-        os._exit(code & 0xFF)
+        end_like(code)
+
+
+def end_like(code: int) -> NoReturn:
+    """End this process at once as another one, whose code is negative for a signal, has ended."""
+    if code < 0:
+        with suppress(OSError):  # SIGKILL cannot be set
+            signal.signal(-code, signal.SIG_DFL)
+        os.kill(os.getpid(), -code)
+    os._exit(code & 0xFF)
 
 
 def _end_of(child: int, parent_pid: int) -> int:

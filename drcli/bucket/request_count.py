@@ -4,7 +4,6 @@ Each process has a small file in the run's folder, continued when it restarts.
 """
 
 import threading
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -75,29 +74,24 @@ class RequestCounter:
             return self._count
 
     def add(self, operation: str) -> None:
-        kind = "gets"
-        if operation in _FREE:
-            kind = "deletes"
-        elif operation.startswith(_WRITING):
-            kind = "puts"
+        usual = "puts" if operation.startswith(_WRITING) else "gets"
+        self._raise("deletes" if operation in _FREE else usual, 1)
+
+    def _raise(self, name: str, by: int) -> None:
         with self._lock:
-            self._count = replace(self._count, **{kind: getattr(self._count, kind) + 1})
+            changed: dict[str, Any] = {name: getattr(self._count, name) + by}
+            self._count = replace(self._count, **changed)
 
     def _sent(self, request: Any, **_: object) -> None:
-        size = _length(request.headers)
-        with self._lock:
-            self._count = replace(self._count, sent_bytes=self._count.sent_bytes + size)
+        self._raise("sent_bytes", _length(request.headers))
 
     def _answered(self, response_dict: Any = None, event_name: str = "", **_: object) -> None:
         if response_dict is None:
             return  # no answer came
         operation = event_name.rpartition(".")[2]
         self.add(operation)
-        if operation.startswith("Head"):
-            return  # the length is that of the object, which was not sent
-        size = _length(response_dict.get("headers", {}))
-        with self._lock:
-            self._count = replace(self._count, received_bytes=self._count.received_bytes + size)
+        if not operation.startswith("Head"):  # whose length is that of an object that is not sent
+            self._raise("received_bytes", _length(response_dict.get("headers", {})))
 
 
 counter = RequestCounter()
@@ -137,17 +131,11 @@ class CountFile:
 
 def read_counts(folder: Path, session: str) -> RequestCount:
     total = RequestCount(session)
-    for count in _counts(folder):
-        if count.session == session:
-            total = total.plus(count)
-    return total
-
-
-def _counts(folder: Path) -> Iterable[RequestCount]:
     for path in sorted(folder.glob(f"*{_END}")):
         count = load_record(RequestCount, path)
-        if count is not None:
-            yield count
+        if count is not None and count.session == session:
+            total = total.plus(count)
+    return total
 
 
 def _length(headers: Any) -> int:

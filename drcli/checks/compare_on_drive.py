@@ -13,7 +13,7 @@ from drcli.convert.build_network import build_policy, load_weights
 from drcli.convert.frozen_graph import GraphComparison, compare_graph
 from drcli.drive.build_race import actions_of, build_simulation, load_world
 from drcli.drive.driving import Driver, Plan, Racer
-from drcli.learn.network import Network
+from drcli.learn.encoders import Network
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design

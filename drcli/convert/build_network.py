@@ -11,8 +11,8 @@ from torch import Tensor, nn
 
 from drcli.base.errors import SettingsError
 from drcli.learn.algorithms import algorithm_config
+from drcli.learn.encoders import Network
 from drcli.learn.learner import learner_of
-from drcli.learn.network import Network
 from drcli.learn.policy import PolicySpec
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata

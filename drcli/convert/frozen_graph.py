@@ -30,7 +30,7 @@ from drcli.convert.tensorflow.graph import (
     encode_graph,
 )
 from drcli.convert.tensorflow.interpreter import Graph
-from drcli.learn.network import Network
+from drcli.learn.encoders import Network
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
 from drcli.model.files.model_metadata import LIDARS
 

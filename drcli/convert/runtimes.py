@@ -16,7 +16,7 @@ from drcli.convert.engines import RUNS, Array, Engine, Port, check_runtime, open
 from drcli.convert.frozen_graph import encode_policy
 from drcli.convert.policy_file import PolicyFile
 from drcli.learn import distributions
-from drcli.learn.network import Network
+from drcli.learn.encoders import Network
 from drcli.learn.policy import Observation, Policy, PolicySpec
 from drcli.model.files.model_metadata import CAMERAS, LIDARS, SINGLE_CAMERAS, ModelMetadata
 from drcli.records.evaluation_task import Runtime

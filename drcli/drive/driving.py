@@ -69,29 +69,34 @@ class Plan:
         return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
 
 
+Sample = tuple[
+    NDArray[np.uint8],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32] | int,
+    float,
+    float,
+    bool,
+]
+"""The learner's data of a step: frame of shape (eyes, 120, 160), lidar of shape (scan_dims,), state
+of shape (state_dims,), which only the critic sees, action, an index or unclipped values of shape
+(dims,), its log-probability, the critic's estimate, and whether the reward is known.
+"""
+
+
 @dataclass
 class Driven(Episode):
-    """An episode with the learner's data of each step except the first.
+    """An episode with what the learner needs.
 
     Attributes:
-        frames: Each of shape (eyes, 120, 160).
-        scans: Lidar. Each of shape (scan_dims,).
-        states: What only the critic sees. Each of shape (state_dims,).
-        actions: An index, or unclipped values of shape (dims,).
-        learned: Whether the reward is known.
+        samples: Of each step except the first.
         cut: The step limit ended it.
         last_value: The critic's estimate of the rest then.
         objects: x, y and yaw of what was around the car at each row. Each of shape (k, 3).
     """
 
     racer: int = 0
-    frames: list[NDArray[np.uint8]] = field(default_factory=list)
-    scans: list[NDArray[np.float32]] = field(default_factory=list)
-    states: list[NDArray[np.float32]] = field(default_factory=list)
-    actions: list[NDArray[np.float32] | int] = field(default_factory=list)
-    log_probs: list[float] = field(default_factory=list)
-    values: list[float] = field(default_factory=list)
-    learned: list[bool] = field(default_factory=list)
+    samples: list[Sample] = field(default_factory=list)
     cut: bool = False
     last_value: float = 0.0
     objects: list[NDArray[np.float64]] = field(default_factory=list)
@@ -108,26 +113,29 @@ def columns_of(driven: Sequence[Driven]) -> tuple[list[float], list[float], list
 
 def rollout_of(driven: Sequence[Driven]) -> Rollout:
     """None of the episodes may be discarded: nobody may learn from these."""
+    frames, scans, states, actions, log_probs, values, learned = zip(
+        *(sample for e in driven for sample in e.samples), strict=True
+    )
     return Rollout(
-        frames=np.stack([frame for e in driven for frame in e.frames]),
-        actions=np.array([action for e in driven for action in e.actions]),
-        log_probs=np.array([p for e in driven for p in e.log_probs], np.float32),
-        values=np.array([v for e in driven for v in e.values]),
+        frames=np.stack(frames),
+        actions=np.array(actions),
+        log_probs=np.array(log_probs, np.float32),
+        values=np.array(values),
         rewards=np.array([row.reward for e in driven for row in e.rows[1:]]),
         lengths=np.array([e.steps for e in driven]),
         last_values=np.array([e.last_value for e in driven]),
         cut=np.array([e.cut for e in driven]),
-        scans=np.stack([scan for e in driven for scan in e.scans]),
-        states=np.stack([state for e in driven for state in e.states]),
-        learned=np.array([each for e in driven for each in e.learned]),
+        scans=np.stack(scans),
+        states=np.stack(states),
+        learned=np.array(learned),
     )
 
 
 def episodes_of(driven: Sequence[Driven]) -> Episodes:
-    """The frames of the episodes are freed."""
+    """The samples of the episodes are freed."""
     rollout = rollout_of(driven)
     for episode in driven:
-        episode.frames.clear()
+        episode.samples.clear()
     return Episodes(
         rollout,
         numbers=np.array([e.number for e in driven]),
@@ -445,14 +453,10 @@ def _record(
         label = f"[{steering_deg} {speed_mps}]" if continuous else str(actions[row])
         seat.record(result, (steering_deg, speed_mps), label)
         if seat.plan.phase == "training":
-            episode = seat.episode
-            episode.frames.append(frames[row])
-            episode.scans.append(scans[row])
-            episode.states.append(states[row])
-            episode.actions.append(actions[row])
-            episode.log_probs.append(decision.log_probs.item(row))
-            episode.values.append(decision.values.item(row))
-            episode.learned.append(not result.failed.item(seat.car))
+            log_prob, value = decision.log_probs.item(row), decision.values.item(row)
+            known = not result.failed.item(seat.car)
+            seen_here = frames[row], scans[row], states[row]
+            seat.episode.samples.append((*seen_here, actions[row], log_prob, value, known))
 
 
 # Writes a line into the log of a worker for each episode that has ended.

@@ -24,7 +24,7 @@ from drcli.bucket.connect import open_bucket
 from drcli.config.run_config import RunConfig
 from drcli.drive.build_race import build_simulation, load_world, longest_episode
 from drcli.drive.driving import Driven, Driver, Plan
-from drcli.drive.evaluator import MOST_CARS, Entry, enter, evaluate
+from drcli.drive.evaluator import MOST_CARS, Entry, enter, entries, evaluate
 from drcli.live.live_scene import facts_of
 from drcli.live.live_view import LiveShow, live_show
 from drcli.live.step_snapshot import LiveObserver
@@ -298,13 +298,7 @@ def _driven(
     job: Job, stop_signal: StopSignal, task: EvaluationTask, threads: int, live: LiveShow | None
 ) -> TaskOutcome:
     config = config_of(job.config, task)
-    entry = Entry(
-        task.prefix,
-        task.checkpoint,
-        keys.evaluation_trace(task.prefix, task.stamp),
-        keys.evaluation_metrics(task.metrics_prefix, task.stamp),
-        task.source,
-    )
+    [entry] = entries(config, task.stamp, [task.checkpoint], [task.source])
     if task.robust:
         bucket = open_bucket(config.storage, hurried=stop_signal.should_stop)
         robust = evaluate_robustly(

@@ -298,6 +298,7 @@ def evaluate(
     driven.sort(key=lambda episode: episode.number)
     wall_clock = (begin, begin + time.monotonic() - began_s)
     trials: list[list[TrialMetrics]] = []
+    colors = race.car_color, OPPONENT_COLOR if len(entered) > 1 else ""
     for racer, entry in enumerate(entered):
         own = [episode for episode in driven if episode.racer == racer]
         episodes: list[Episode] = laps_of(own[0]) if continuous else [*own]
@@ -312,16 +313,13 @@ def evaluate(
             log_trial(episode, entry.name)
         bucket.put(entry.trace, csv_text(episodes, track.length_m, wall_clock).encode())
         bucket.put(entry.metrics, encode_metrics_file(trials[-1]))
-        recording = recording_of_race(config, entry.name, shapes, own, episodes)
-        if len(entered) > 1:
-            recording = replace(recording, other_color=OPPONENT_COLOR)
-        if racer > 0:
-            first, second = recording.color, recording.other_color
-            recording = replace(
-                recording, racer=s.eval_opp_racer_name, color=second, other_color=first
-            )
-        if entry.source.file is None:
-            recording = replace(recording, checkpoint=entry.checkpoint)
+        recording = replace(
+            recording_of_race(config, entry.name, shapes, own, episodes),
+            checkpoint=entry.checkpoint if entry.source.file is None else "",
+            racer=(race.racer_name, s.eval_opp_racer_name)[racer],
+            color=colors[racer],
+            other_color=colors[1 - racer],
+        )
         bucket.put(entry.recording, recording.encode())
         figures = sender_of_episodes(config.figures, entry.name)
         figures.send(*trial_points(trials[-1], wall_clock))
@@ -364,35 +362,32 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
         SettingsError: It cannot be used, or its file has changed since it was checked.
         NotAvailable: Its engine is not installed here.
     """
-    store = ModelStore(bucket, entry.prefix)
-    source, threads = entry.source, min(MOST_ENGINE_THREADS, usable_cores(config.train))
+    store, source = ModelStore(bucket, entry.prefix), entry.source
+    threads, runtime = min(MOST_ENGINE_THREADS, usable_cores(config.train)), source.runtime
     policy: Policy
-    if source.file is not None:
+    if source.file is None:
+        file = driving_graph(store, entry.checkpoint)
+        runtime = None if file is not None and runtime == "torch" else runtime
+    else:
         file = read_policy_file(source.file, source.metadata)
         if source.sha256 not in ("", file.sha256):
             raise SettingsError(
                 f"{source.file} has changed while its evaluation started.",
                 remedy="Wait until it is completely written, then run `dr-evaluate` again.",
             )
+    if file is not None:
         metadata = file.metadata
-        parameters = Hyperparameters.from_bytes(b"{}")
-        _say_start(config, metadata, parameters)
-        policy = policy_of_file(file, source.runtime, threads)
-        return Racer(policy, actions_of(metadata)), metadata
-    graph = driving_graph(store, entry.checkpoint)
-    if graph is not None:
-        metadata = graph.metadata
         _say_start(config, metadata, Hyperparameters.from_bytes(b"{}"))
-        runtime = None if source.runtime == "torch" else source.runtime
-        return Racer(policy_of_file(graph, runtime, threads), actions_of(metadata)), metadata
-    checkpoint = load_checkpoint(store, entry.checkpoint)
-    design = Design.of_record(store, checkpoint.record)
-    metadata, parameters = design.metadata, design.parameters
-    _say_start(config, metadata, parameters)
-    model = build_policy(metadata, parameters)
-    load_weights(model, checkpoint.tensors, checkpoint.record.name)
-    origin = f"{checkpoint.record.name} of {entry.prefix}"
-    policy = policy_of_model(model, metadata, source.runtime or "torch", origin, threads)
+        policy = policy_of_file(file, runtime, threads)
+    else:
+        checkpoint = load_checkpoint(store, entry.checkpoint)
+        design = Design.of_record(store, checkpoint.record)
+        metadata = design.metadata
+        _say_start(config, metadata, design.parameters)
+        model = build_policy(metadata, design.parameters)
+        load_weights(model, checkpoint.tensors, checkpoint.record.name)
+        origin = f"{checkpoint.record.name} of {entry.prefix}"
+        policy = policy_of_model(model, metadata, runtime or "torch", origin, threads)
     return Racer(policy, actions_of(metadata)), metadata
 
 

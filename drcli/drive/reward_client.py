@@ -8,13 +8,11 @@ import io
 import json
 import os
 import shutil
-import signal
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import IO, NoReturn, get_args
@@ -23,6 +21,7 @@ from drcli.base.confinement import FREEDOMS
 from drcli.base.framing import WireError, framed, receive
 from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
+from drcli.base.processes import end_like
 from drcli.config import secret_environment
 from drcli.drive.reward_access import SCRATCH, freedoms_told
 from drcli.records.job import LOG_ENCODING
@@ -155,17 +154,13 @@ class RewardProcess(RewardHost):
         self.close()  # it may have damaged the connection and live on
         code = self._process.returncode
         _logger.error("The process of the reward function has ended: %d.", code)
-        if code < 0:
-            with suppress(OSError):  # SIGKILL cannot be set
-                signal.signal(-code, signal.SIG_DFL)
-            os.kill(os.getpid(), -code)
-        os._exit(code or 1)
+        end_like(code or 1)
 
 
 def _relay(pipe: IO[bytes]) -> None:
     with io.TextIOWrapper(pipe, "utf-8", "backslashreplace", newline="") as lines:
         for line in iter(lambda: lines.readline(_LONGEST_LINE), ""):
-            print_limit.print_theirs(line)
+            print_limit.theirs.write(line)
 
 
 def _error(failure: CallFailure) -> RewardError:

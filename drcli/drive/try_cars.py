@@ -7,14 +7,11 @@ import torch
 
 from drcli.base.log import plain
 from drcli.bucket.connect import open_bucket
-from drcli.convert.build_network import build_policy, load_weights
 from drcli.drive.build_race import actions_of, load_world, longest_episode, sensors_of_model
 from drcli.drive.driving import Driven, Driver, Plan, Racer
+from drcli.drive.evaluator import Entry, enter
 from drcli.learn.policy import Policy
-from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.model_metadata import ModelMetadata
-from drcli.model.files.network_shape import Design
-from drcli.model.model_store import ModelStore
 from drcli.records.evaluation_task import CarTrial, DrivenCars
 from drcli.records.job import Job
 from drcli.workers import worker_process
@@ -67,19 +64,14 @@ def main(job: Job, stop_signal: StopSignal) -> None:
     checkpoint, starts = sys.argv[1], int(sys.argv[2])
     torch.set_num_threads(1)
     bucket = open_bucket(job.config.storage, hurried=stop_signal.should_stop)
-    prefix = job.config.model.prefix
-    store = ModelStore(bucket, prefix)
-    design = Design.of_checkpoint(store, checkpoint)
-    model = build_policy(design.metadata, design.parameters)
-    found = CheckpointStore(store).load(checkpoint)
-    load_weights(model, found.tensors, found.record.name)
+    racer, metadata = enter(bucket, Entry(job.config.model.prefix, checkpoint, "", ""), job.config)
     track = load_world(job.config.race())
     scene = build_scene(track)
     threads = usable_cores(job.config.train)
     trials = []
     for car in CAR_SETS:
         trial = drive_car(
-            car, track, scene, model, design.metadata, starts, threads, stop_signal.should_stop
+            car, track, scene, racer.model, metadata, starts, threads, stop_signal.should_stop
         )
         laps = "lap" if starts == 1 else "laps"
         plain.info(f"{car}: {trial.laps} of {starts} {laps} clean, {trial.mean_progress:.1f} %")

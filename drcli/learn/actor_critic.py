@@ -7,8 +7,7 @@ from torch import Tensor, nn
 
 from drcli.learn import distributions
 from drcli.learn.advantages import ReturnScale
-from drcli.learn.encoders import Dense, Encoder
-from drcli.learn.network import Head, Network
+from drcli.learn.encoders import Dense, Encoder, Head, Network
 from drcli.learn.policy import Observation, PolicySpec
 
 LOG_STD_RANGE = (-20.0, 3.0)

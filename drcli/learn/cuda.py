@@ -5,13 +5,14 @@ A GPU computes most of its 115 operations faster than Python starts them.
 
 import copy
 from collections.abc import Callable
+from functools import partial
 from typing import cast
 
 import torch
 from torch import Tensor, nn
 
 from drcli.learn.encoders import compute_in
-from drcli.learn.policy import Observation, Policy, PolicySpec
+from drcli.learn.policy import Observation, Policy
 
 WARM_UP = 3
 """They choose algorithms and make the optimizer's state."""
@@ -33,10 +34,6 @@ class CapturedStep:
         self._arguments: tuple[Tensor, ...] = ()
         self._result = torch.empty(0)
         self.failure: str | None = None
-
-    @property
-    def is_captured(self) -> bool:
-        return self._graph is not None
 
     def forget(self) -> None:
         self._graph = None
@@ -149,23 +146,19 @@ class GpuPolicy:
 
     def __init__(self, policy: Policy, device: torch.device) -> None:
         assert isinstance(policy, nn.Module)
-        self._policy: Policy = policy
+        self.policy: Policy = policy
+        self.spec = policy.spec
         self._source: nn.Module = policy
         self._device = device
         self._twin: nn.Module = policy
         self._format: torch.dtype | None = None
         self._epsilon = torch.zeros((), device=device)
         self._rows: tuple[Tensor, ...] = ()
-        self._drawn = CapturedStep(self._choose, device, enabled=device.type == "cuda")
-        self._greedy = CapturedStep(self._choose_e_greedy, device, enabled=device.type == "cuda")
-
-    @property
-    def spec(self) -> PolicySpec:
-        return self._policy.spec
-
-    @property
-    def policy(self) -> Policy:
-        return self._policy
+        on_gpu = device.type == "cuda"
+        self._drawn = CapturedStep(partial(self._choose, None), device, enabled=on_gpu)
+        # A graph would never see another float.
+        share = cast(float, self._epsilon)
+        self._greedy = CapturedStep(partial(self._choose, share), device, enabled=on_gpu)
 
     def follow(self, number_format: torch.dtype) -> None:
         """Copy the present weights, with bodies in this format."""
@@ -205,17 +198,8 @@ class GpuPolicy:
             rows[: len(each)].copy_(each)
         return self._rows
 
-    def _choose(self, *rows: Tensor) -> Tensor:
-        return self._packed(rows, None)
-
-    def _choose_e_greedy(self, *rows: Tensor) -> Tensor:
-        return self._packed(rows, self._epsilon)
-
-    def _packed(self, rows: tuple[Tensor, ...], epsilon: Tensor | None) -> Tensor:
+    def _choose(self, epsilon: float | None, *rows: Tensor) -> Tensor:
         frames, scan, state, noise, deterministic = rows
-        seen = Observation(frames, scan, state)
-        share = cast(float | None, epsilon)  # a graph would never see another float
         twin = cast(Policy, self._twin)
-        actions, log_probs, values = twin.act(seen, noise, deterministic, share)
-        parts = (actions, log_probs, values)
+        parts = twin.act(Observation(frames, scan, state), noise, deterministic, epsilon)
         return torch.cat([each.double().reshape(len(noise), -1) for each in parts], dim=1)

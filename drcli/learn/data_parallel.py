@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, distributed, nn
 
 from drcli.learn.encoders import compute_in
-from drcli.learn.policy import Observation, Policy, PolicySpec
+from drcli.learn.policy import Observation, Policy
 from drcli.learn.update_result import NonFiniteLossError
 
 # Sums gradients over several learner processes with the same weights, by torch.distributed.
@@ -176,7 +176,10 @@ class DataParallel(Generic[M]):
         self._group = group
         self._num_statistics = num_statistics
         self._parameters = list(model.parameters())
-        self._models = [_with_bodies_in_bfloat16(model) if bf16 else model]
+        self._models = [model]
+        if bf16:
+            self._models = [_copy_on_same_weights(model)]
+            compute_in(self._models[0], torch.bfloat16)
         self._casts = [
             (own, cast)
             for own, cast in zip(self._parameters, self._models[0].parameters(), strict=True)
@@ -217,28 +220,25 @@ class DataParallel(Generic[M]):
             NonFiniteLossError: `loss_of` raised it, here or in another process.
             LearnerLostError: Another process has ended.
         """
-        if self._group is None:
-            return self._backward_of(loss_of, slice(0, samples), 1.0)
-        own, weight = self._group.own_share(samples)
-        return self._backward_with_others(self._group, loss_of, own, weight)
+        own, weight = slice(0, samples), 1.0
+        if self._group is not None:
+            own, weight = self._group.own_share(samples)
+        return self._backward_with_others(loss_of, own, weight)
 
     def backward_share(self, loss_of: LossOf[M], samples: int, weight: float) -> Tensor:
         """The same with this process's own minibatch; the weights of all processes sum to 1."""
-        own = slice(0, samples)
+        return self._backward_with_others(loss_of, slice(0, samples), weight)
+
+    def _backward_with_others(self, loss_of: LossOf[M], own: slice, weight: float) -> Tensor:
         if self._group is None:
             return self._backward_of(loss_of, own, weight)
-        return self._backward_with_others(self._group, loss_of, own, weight)
-
-    def _backward_with_others(
-        self, group: GradientGroup, loss_of: LossOf[M], own: slice, weight: float
-    ) -> Tensor:
         learned = [p for p in self._parameters if p.requires_grad]
         failure = None
         try:
             statistics = self._backward_of(loss_of, own, weight)
         except NonFiniteLossError as error:
             failure, statistics = error, learned[0].new_zeros(self._num_statistics)
-        return group.add_up(learned, statistics, failure)
+        return self._group.add_up(learned, statistics, failure)
 
     def _backward_of(self, loss_of: LossOf[M], samples: slice, weight: float) -> Tensor:
         own, length = self._parameters, samples.stop - samples.start
@@ -311,28 +311,20 @@ class DataParallelPolicy:
 
     def __init__(self, policy: Policy, threads: int) -> None:
         """Start the threads; for a policy on the CPU."""
-        self._policy = policy
+        self.policy, self.spec = policy, policy.spec
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads, "policy") if threads > 1 else None
-
-    @property
-    def spec(self) -> PolicySpec:
-        return self._policy.spec
-
-    @property
-    def policy(self) -> Policy:
-        return self._policy
 
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
         count = min(self._threads, len(noise) // FEWEST_CARS)
         if self._pool is None or count < 2:
-            return self._policy.act(seen, noise, deterministic, epsilon)
+            return self.policy.act(seen, noise, deterministic, epsilon)
 
         def act(cars: slice) -> tuple[Tensor, Tensor, Tensor]:
             with torch.inference_mode():  # counts for one thread only
-                return self._policy.act(seen.part(cars), noise[cars], deterministic[cars], epsilon)
+                return self.policy.act(seen.part(cars), noise[cars], deterministic[cars], epsilon)
 
         chosen = self._pool.map(act, _parts(len(noise), count))
         actions, log_probs, values = zip(*chosen, strict=True)
@@ -367,12 +359,6 @@ def _copy_on_same_weights(model: M) -> M:
     shared = (*model.parameters(), *model.buffers())
     for own, other in zip((*twin.parameters(), *twin.buffers()), shared, strict=True):
         own.data = other.data
-    return twin
-
-
-def _with_bodies_in_bfloat16(model: M) -> M:
-    twin = _copy_on_same_weights(model)
-    compute_in(twin, torch.bfloat16)
     return twin
 
 

@@ -1,8 +1,8 @@
-"""Bodies of the networks, by their names in model_metadata.json."""
+"""Bodies of the networks, by their names in model_metadata.json, and what networks share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
@@ -225,3 +225,46 @@ def _with_present_names(
         for kind in ("weight", "bias"):
             if f"{prefix}{before}.{kind}" in tensors:
                 tensors[f"{prefix}{now}.{kind}"] = tensors.pop(f"{prefix}{before}.{kind}")
+
+
+# What the networks of all algorithms have in common.
+
+
+class Head(NamedTuple):
+    """What a network makes of observations, with gradients.
+
+    Attributes:
+        raw: Logits, or means that `Network.squash` makes actions of. Shape (n, num_actions).
+        std: Of continuous `raw`, else None. Shape (n, num_actions).
+        value: In reward; None where nobody asked. Shape (n,).
+    """
+
+    raw: Tensor
+    std: Tensor | None
+    value: Tensor | None
+
+
+class Network(nn.Module):
+    """A `Policy` that can be trained, exported and explained."""
+
+    spec: PolicySpec
+    body: Encoder
+
+    def act(
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """See `Policy.act`."""
+        raise NotImplementedError
+
+    def head(self, seen: Observation, *, judged: bool = False) -> Head:
+        """With a value if it is to be `judged`."""
+        raise NotImplementedError
+
+    def squash(self, raw: Tensor) -> Tensor:
+        """Continuous actions, nominally in [-1, 1]."""
+        return raw
+
+    def outputs(self, seen: Observation) -> Tensor:
+        """Probabilities, or continuous actions. Shape (n, num_actions)."""
+        raw = self.head(seen).raw
+        return self.squash(raw) if self.spec.continuous else raw.softmax(-1)

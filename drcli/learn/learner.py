@@ -10,7 +10,7 @@ from drcli.learn.algorithms import Algorithm, AlgorithmConfig
 from drcli.learn.compute import Compute
 from drcli.learn.cuda import CapturedStep
 from drcli.learn.data_parallel import DataParallel, GradientGroup
-from drcli.learn.network import Network
+from drcli.learn.encoders import Network
 from drcli.learn.policy import PolicySpec
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.update_result import Stats

@@ -70,7 +70,6 @@ class ReplayBuffer:
         self._lengths: deque[int] = deque()
         self._end = 0
         self.steps = 0
-        self.added = 0
 
     @property
     def transitions(self) -> int:
@@ -83,7 +82,6 @@ class ReplayBuffer:
         for length, end, cut in episodes:
             self._add_episode(rollout, slice(end - min(length, self.capacity), end), cut)
         self._usable_rows = self._usable.nonzero().squeeze(-1)
-        self.added += rollout.steps
 
     def _add_episode(self, rollout: Rollout, steps: slice, cut: bool) -> None:
         length = steps.stop - steps.start

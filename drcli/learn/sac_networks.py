@@ -10,8 +10,7 @@ from torch.nn import functional
 
 from drcli.learn.advantages import ReturnScale
 from drcli.learn.distributions import log_prob_gaussian
-from drcli.learn.encoders import Dense, Encoder
-from drcli.learn.network import Head, Network
+from drcli.learn.encoders import Dense, Encoder, Head, Network
 from drcli.learn.policy import Observation, PolicySpec
 
 LOG_STD_RANGE = (-20.0, 2.0)

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 from drcli.base.framing import WireError, receive
 from drcli.base.json_record import RecordError
@@ -79,17 +78,6 @@ class LiveFeed:
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="live-feed", daemon=True)
         self._thread.start()
-
-    def __enter__(self) -> "LiveFeed":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def watch(
         self, run_id: int, worker: str, views: Iterable[LiveView], car: int | None = None

@@ -10,7 +10,7 @@ import os
 import secrets
 import socket
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -86,18 +86,11 @@ class LiveAddress:
 
 
 @dataclass(frozen=True)
-class LiveRequest:
+class LiveRequest(JsonRecord):
     """`car` counts from 0; None: the one furthest ahead."""
 
     views: tuple[LiveView, ...] = ()
     car: Annotated[int, Meta(ge=0, lt=MOST_CAR)] | None = None
-
-    def encode(self) -> bytes:
-        return json.dumps({"views": sorted(self.views), "car": self.car}).encode()
-
-    @staticmethod
-    def decode(data: bytes) -> "LiveRequest":
-        return decode_json(LiveRequest, data)
 
 
 @dataclass(frozen=True)
@@ -105,11 +98,11 @@ class LiveMessage:
     """`step_s` is Unix time; `data` is JPEG, or JSON of a `LiveScene` or `LiveState`."""
 
     view: LiveView
-    step_s: float
-    data: bytes
-    car: int | None = None
-    width: int = 0
-    height: int = 0
+    step_s: Seconds
+    data: bytes = b""
+    car: SafeInt | None = None
+    width: SafeInt = 0
+    height: SafeInt = 0
 
     def encode(self) -> bytes:
         """Length of the header in two bytes, header as JSON, data."""
@@ -126,8 +119,7 @@ class LiveMessage:
         begin = _HEADER_BYTES + int.from_bytes(data[:_HEADER_BYTES], "big")
         if len(data) < begin:
             raise RecordError("it ends too early")
-        header = decode_json(_Header, data[_HEADER_BYTES:begin])
-        return LiveMessage(data=data[begin:], **asdict(header))
+        return replace(decode_json(LiveMessage, data[_HEADER_BYTES:begin]), data=data[begin:])
 
     @property
     def scene(self) -> "LiveScene":
@@ -136,15 +128,6 @@ class LiveMessage:
     @property
     def state(self) -> "LiveState":
         return LiveState.decode(self.data)
-
-
-@dataclass(frozen=True)
-class _Header:
-    view: LiveView
-    step_s: Seconds
-    car: SafeInt | None = None
-    width: SafeInt = 0
-    height: SafeInt = 0
 
 
 @dataclass(frozen=True)

@@ -50,14 +50,6 @@ class Drive:
     checkpoint: str
 
 
-@dataclass(frozen=True)
-class _Ended:
-    episode: Episode
-    racer: int
-    drive: Drive
-    ended_s: float
-
-
 class LiveEpisodes:
     """For any thread.
 
@@ -67,7 +59,7 @@ class LiveEpisodes:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._open: dict[int, _Open] = {}
-        self._ended: deque[_Ended] = deque()
+        self._ended: deque[tuple[Episode, int, Drive, float]] = deque()
         self._finished: deque[FinishedEpisode] = deque(maxlen=REMEMBERED)
         self._serial = 0
 
@@ -94,9 +86,9 @@ class LiveEpisodes:
         if not episode.rows:
             return
         with self._lock:
-            self._ended.append(_Ended(episode, racer, drive, unix_s()))
+            self._ended.append((episode, racer, drive, unix_s()))
             if len(self._ended) > REMEMBERED:
-                self._open.pop(id(self._ended.popleft().episode.rows), None)
+                self._open.pop(id(self._ended.popleft()[0].rows), None)
 
     def forget(self) -> None:
         """Nobody will end the running episodes."""
@@ -107,13 +99,12 @@ class LiveEpisodes:
 
     def _settle(self) -> None:
         while self._ended:
-            ended = self._ended.popleft()
-            rows = ended.episode.rows
-            found = self._open.pop(id(rows), None) or _Open(rows)
-            who = ended.episode.number, ended.episode.phase, ended.racer
-            self._count(found, len(rows), who, ended.drive, ended.ended_s)
+            episode, racer, drive, ended_s = self._ended.popleft()
+            found = self._open.pop(id(episode.rows), None) or _Open(episode.rows)
+            who = episode.number, episode.phase, racer
+            self._count(found, len(episode.rows), who, drive, ended_s)
             if found.began_row < found.counted:
-                self._finish(found, who, ended.drive, ended.ended_s)
+                self._finish(found, who, drive, ended_s)
 
     def _count(self, found: _Open, rows: int, who: Who, drive: Drive, ended_s: float) -> None:
         while found.counted < rows:

@@ -71,12 +71,9 @@ class LiveShow:
         self._followed: dict[int | None, Rider] = {}
         self._state: LiveState | None = None
         self._server = LiveServer(key, self._wake.set)
+        self.port = self._server.port
         self._thread = threading.Thread(target=self._run, name="live-view", daemon=True)
         self._thread.start()
-
-    @property
-    def port(self) -> int:
-        return self._server.port
 
     def see(self, moment: StepSnapshot) -> None:
         self.wanted = False

@@ -14,7 +14,7 @@ from torch import Tensor
 from drcli.learn.actor_critic import ActorCritic, PolicyAndValue
 from drcli.learn.cuda import GpuPolicy
 from drcli.learn.data_parallel import DataParallelPolicy
-from drcli.learn.network import Network
+from drcli.learn.encoders import Network
 from drcli.learn.policy import Decision, Observation, Policy
 from drcli.live.live_record import ShownCar
 from drcli.records.trace import Episode, Phase, Row

@@ -92,10 +92,22 @@ class NewestFigures:
         self._metrics = metrics
 
 
-class FigureFile(Sink):
-    """A `.prom` file for node_exporter's textfile collector, in its existing folder."""
+class NewestSink(Sink):
+    """Shows the newest figures, so that none has to be sent again."""
 
     takes = (Point, Ended)
+    _figures: NewestFigures
+
+    def send(self, event: Event) -> None:
+        self._figures.add(event)
+
+    def miss(self, event: Event) -> bool:
+        self._figures.add(event)
+        return True
+
+
+class FigureFile(NewestSink):
+    """A `.prom` file for node_exporter's textfile collector, in its existing folder."""
 
     def __init__(self, folder: Path, facts: TrainingFacts) -> None:
         self.name = f"DR_PROMETHEUS_FOLDER={folder}"
@@ -109,13 +121,12 @@ class FigureFile(Sink):
 
     def send(self, event: Event) -> None:
         """Replace the file in one step."""
-        self._figures.add(event)
+        super().send(event)
         self._save()
 
     def miss(self, event: Event) -> bool:
-        self._figures.add(event)
         self._is_saved = False
-        return True
+        return super().miss(event)
 
     def close(self) -> None:
         if not self._is_saved:
@@ -128,14 +139,12 @@ class FigureFile(Sink):
         self._is_saved = True
 
 
-class FigureServer(Sink):
+class FigureServer(NewestSink):
     """An HTTP server of /metrics; the system chooses a port for 0.
 
     Raises:
         OSError: The port is taken, or the address is none of this machine.
     """
-
-    takes = (Point, Ended)
 
     def __init__(self, host: str, port: int, facts: TrainingFacts) -> None:
         self.name = f"DR_PROMETHEUS_PORT={port}"
@@ -151,13 +160,6 @@ class FigureServer(Sink):
     @property
     def port(self) -> int:
         return int(self._server.server_address[1])
-
-    def send(self, event: Event) -> None:
-        self._figures.add(event)
-
-    def miss(self, event: Event) -> bool:
-        self._figures.add(event)
-        return True
 
     def close(self) -> None:
         self._server.shutdown()

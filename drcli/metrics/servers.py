@@ -9,7 +9,7 @@ import uuid
 from abc import abstractmethod
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 from urllib.parse import urlsplit, urlunsplit
 
 import requests
@@ -85,9 +85,14 @@ def variable(name: str) -> str:
 class RetriedSink(Sink):
     """Figures for a server that may be away."""
 
+    most_kept: ClassVar[int]
+    """While the server is away."""
+
     def __init__(self, server: ServerRequests) -> None:
         self._server = server
         self._newest: Event | None = None
+        self._waiting: list[dict[str, Any]] = []
+        self._ended: Ended | None = None
 
     def send(self, event: Event) -> None:
         """Send this and earlier events.
@@ -95,14 +100,11 @@ class RetriedSink(Sink):
         Raises:
             ServerError: The server refuses, or cannot be reached.
         """
-        self._newest = event
         self._keep(event)
         self._flush()
 
     def miss(self, event: Event) -> bool:
-        if event is not self._newest:
-            self._newest = event
-            self._keep(event)
+        self._keep(event)
         return True
 
     def close(self) -> None:
@@ -111,17 +113,23 @@ class RetriedSink(Sink):
         finally:
             self._server.close()
 
-    @abstractmethod
     def _keep(self, event: Event) -> None:
-        """Add an event, and forget the oldest of too many."""
+        """Add an event that is new, and forget the oldest of too many."""
+        if isinstance(event, Ended):
+            self._ended = event
+        elif isinstance(event, Point) and event is not self._newest:
+            self._waiting += self._entries(event)
+            del self._waiting[: -self.most_kept]
+        self._newest = event
+
+    @abstractmethod
+    def _entries(self, point: Point) -> list[dict[str, Any]]:
+        """As the server takes them."""
 
     @abstractmethod
     def _flush(self) -> None:
         """Send what waits, if anything; raises ServerError."""
 
-
-_MOST_KEPT = 20_000
-"""While the server is away: about a thousand iterations."""
 
 _AT_A_TIME = 900
 """The server takes a thousand at most."""
@@ -141,6 +149,7 @@ class MlflowRun(RetriedSink):
     """
 
     takes = (Point, Ended)
+    most_kept = 20_000  # about a thousand iterations
 
     def __init__(
         self,
@@ -159,15 +168,13 @@ class MlflowRun(RetriedSink):
         self._earlier = earlier
         self._run = ""
         self._start, self._may_exist = uuid.uuid4().hex, False
-        self._waiting: list[dict[str, Any]] = []
-        self._ended: Ended | None = None
 
-    def _keep(self, event: Event) -> None:
-        if isinstance(event, Ended):
-            self._ended = event
-        elif isinstance(event, Point):
-            self._waiting += _numbers(event)
-            del self._waiting[:-_MOST_KEPT]
+    def _entries(self, point: Point) -> list[dict[str, Any]]:
+        time_ms = round(point.time_s * 1000)
+        return [
+            {"key": name, "value": value, "timestamp": time_ms, "step": point.step}
+            for name, value in point.values.items()
+        ]
 
     def _flush(self) -> None:
         if not (self._waiting or self._ended):
@@ -198,7 +205,7 @@ class MlflowRun(RetriedSink):
             if old:
                 end_ms = round(time.time() * 1000)
                 self._post("runs/update", {"run_id": old, "status": "KILLED", "end_time": end_ms})
-                known = [number for point in self._earlier for number in _numbers(point)]
+                known = [entry for point in self._earlier for entry in self._entries(point)]
                 self._waiting[:0], self._earlier = known, ()
         run = run or self._made(experiment)
         params = [
@@ -263,14 +270,6 @@ class MlflowRun(RetriedSink):
         return self._server.ask("POST", what, json=fields)
 
 
-def _numbers(point: Point) -> list[dict[str, Any]]:
-    time_ms = round(point.time_s * 1000)
-    return [
-        {"key": name, "value": value, "timestamp": time_ms, "step": point.step}
-        for name, value in point.values.items()
-    ]
-
-
 def _authorization() -> str:
     token = variable("MLFLOW_TRACKING_TOKEN")
     if token:
@@ -286,7 +285,6 @@ def _authorization() -> str:
 # Source: the client of trackio 0.43.
 
 
-_MOST_KEPT_BY_TRACKIO = 5_000
 _TRACKIO_AT_A_TIME = 200
 
 
@@ -297,6 +295,7 @@ class TrackioRun(RetriedSink):
     """
 
     takes = (Point,)
+    most_kept = 5_000
 
     def __init__(
         self, url: str, project: str, facts: TrainingFacts, parameters: Mapping[str, str]
@@ -307,14 +306,11 @@ class TrackioRun(RetriedSink):
         self._project, self._facts = project, facts
         self._parameters = dict(parameters)
         self._run = "" if facts.first_step else uuid.uuid4().hex
-        self._waiting: list[dict[str, Any]] = []
 
-    def _keep(self, event: Event) -> None:
-        assert isinstance(event, Point)
+    def _entries(self, point: Point) -> list[dict[str, Any]]:
         # The server takes a point with the same log_id once: one may arrive without an answer.
-        entry = {"metrics": dict(event.values), "step": event.step, "log_id": uuid.uuid4().hex}
-        self._waiting.append(entry)
-        del self._waiting[:-_MOST_KEPT_BY_TRACKIO]
+        log_id = uuid.uuid4().hex
+        return [{"metrics": dict(point.values), "step": point.step, "log_id": log_id}]
 
     def _flush(self) -> None:
         while self._waiting:

@@ -1,7 +1,7 @@
 """Publishes the checkpoints of a trainer, partly in a thread."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import ParamSpec
@@ -11,11 +11,13 @@ from safetensors.torch import save as save_tensors
 
 from drcli.base.errors import StorageError, TrainingFailed
 from drcli.base.log import get_logger, plain
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.convert.build_network import has_own_critic, load_weights
+from drcli.convert.frozen_graph import encode_policy
 from drcli.convert.imported_policy import CRITIC_WARMUP
 from drcli.learn.algorithms import Algorithm
 from drcli.learn.learner import Learner
+from drcli.learn.policy import PolicySpec
 from drcli.learn.taught import TaughtLearner
 from drcli.learn.update_result import NonFiniteLossError
 from drcli.model import keys
@@ -34,7 +36,6 @@ from drcli.model.training_state import (
 )
 from drcli.records.checkpoint import CheckpointName, Counters, checkpoint_name
 from drcli.records.job import Job
-from drcli.train.write_graph import GraphWriter
 
 _logger = get_logger(__name__)
 
@@ -45,21 +46,22 @@ class CheckpointPublisher:
     """Publishes weights at once, then the graph while workers already drive.
 
     If the bucket is on this machine (`near`), the optimizer state comes with the weights, so
-    that a power cut leaves both or neither; otherwise it follows.
+    that a power cut leaves both or neither; otherwise it follows. With the `sensors` of its model,
+    a checkpoint gets the frozen graph, which the physical car loads.
     """
 
     def __init__(
         self,
         checkpoints: CheckpointStore,
-        graphs: GraphWriter,
         traces: TraceRetention,
         is_ending: Callable[[], bool],
         on_weights: Callable[[], None] = lambda: None,
         *,
         near: bool = False,
+        sensors: Sequence[str] = (),
     ) -> None:
         self._checkpoints = checkpoints
-        self._graphs = graphs
+        self._sensors = sensors
         self._traces = traces
         self._is_ending = is_ending
         self._on_weights = on_weights
@@ -94,7 +96,9 @@ class CheckpointPublisher:
             self.submit(self._checkpoints.forget_older_states, record.name)
         elif tensors:
             self.submit(self._checkpoints.attach_optimizer, record, save_tensors(tensors))
-        self.submit(self._graphs.write, record.number, weights)
+        if self._sensors:
+            spec = learner.model.spec
+            self.submit(write_graph, self._checkpoints, name.number, weights, spec, self._sensors)
         self.submit(self._thin_traces, name.number)
 
     def submit(self, task: Callable[P, object], *arguments: P.args, **named: P.kwargs) -> None:
@@ -122,6 +126,14 @@ class CheckpointPublisher:
                 thinned.size_bytes / 1e6,
                 thinned.left,
             )
+
+
+def write_graph(
+    store: CheckpointStore, number: int, weights: bytes, spec: PolicySpec, sensors: Sequence[str]
+) -> None:
+    """From the file of the weights, so it can work while the trainer changes them."""
+    arrays = {name: tensor.float().numpy() for name, tensor in load_tensors(weights).items()}
+    store.attach_graph(number, encode_policy(arrays, spec, sensors))
 
 
 # Restores a trainer from a checkpoint: weights, optimizer, invalid results.
@@ -171,14 +183,12 @@ class RolledBack(Exception):
 
 
 class RollbackControl:
-    def __init__(self, bucket: Bucket, job: Job, checkpoints: CheckpointStore) -> None:
-        self._bucket = bucket
+    def __init__(self, model: ModelStore, job: Job, checkpoints: CheckpointStore) -> None:
+        self._model = model
         self._job = job
-        self._prefix = job.config.model.prefix
-        self._model = ModelStore(self._bucket, self._prefix)
         self._checkpoints = checkpoints
         try:
-            self.known = read_rollbacks(ModelStore(bucket, self._prefix))
+            self.known = read_rollbacks(model)
         except ObjectDamaged as error:
             _logger.warning("%s The training goes on as if there had been none.", error)
             self.known = Rollbacks()

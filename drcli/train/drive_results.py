@@ -1,15 +1,12 @@
 """Publishes metrics, traces and figures of one worker's episodes."""
 
-import contextlib
 import time
-from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import groupby
 
 from drcli.base.log import get_logger, traces
-from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.drive import reference_log
 from drcli.drive.driving import Driven, columns_of
 from drcli.metrics.figure_events import episode_points
@@ -40,8 +37,6 @@ from drcli.workers.cores import max_lag
 
 ITERATIONS_PER_PART = 16
 
-NOTES = 2
-
 
 class TrainingMetrics:
     """All episodes of a worker, in the order of its simulated clock.
@@ -55,13 +50,7 @@ class TrainingMetrics:
         ObjectDamaged: The file in the bucket is damaged.
     """
 
-    def __init__(
-        self,
-        model: ModelStore,
-        share: Share,
-        *,
-        stage: str = "",
-    ) -> None:
+    def __init__(self, model: ModelStore, share: Share, *, stage: str = "") -> None:
         self._stage = stage
         bucket = model.bucket
         key = keys.training_metrics(model.metrics_prefix, share.worker)
@@ -72,39 +61,34 @@ class TrainingMetrics:
         records = _with_iterations(found)
         self._per_iteration = max(share.most, most_episodes(records))
         if share.worker > 0:
-            with contextlib.suppress(ObjectDamaged):
+            with suppress(ObjectDamaged):
                 first = read_all_metrics(bucket, keys.training_metrics(model.metrics_prefix, 0))
                 self._per_iteration = max(self._per_iteration, most_episodes(first))
         records = [
             replace(record, episode=self._number(record.iteration or 0, record.trial))
             for record in records
         ]
-        # Of each iteration: its number, the clock at its end in milliseconds, its last trial.
-        self._iterations = array("q")
-        self._ends_ms = array("d")
-        self._trials = array("q")
-        self._clock_ms, self._newest = 0.0, -1
-        entries = []
-        for iteration, group in groupby(records, lambda record: record.iteration or 0):
-            of_iteration = list(group)
+        # Of each iteration: the clock at its end in milliseconds, and its last trial.
+        self._ends: dict[int, tuple[float, int]] = {}
+        self._clock_ms = 0.0
+        driven: dict[int, list[EpisodeMetrics]] = {}
+        for record in records:
+            driven.setdefault(record.iteration or 0, []).append(record)
+        for iteration, of_iteration in driven.items():
             self._note(iteration, of_iteration)
-            entries.append((iteration, encode_records(of_iteration)))
-        self._file.restore(_joined(entries), parts, outdated=records != found)
+        entries = [(iteration, encode_records(own)) for iteration, own in sorted(driven.items())]
+        self._file.restore(entries, parts, outdated=records != found)
 
     @property
     def clock_s(self) -> float:
         return self._clock_ms / 1000.0
 
     def keep_before(self, iteration: int) -> None:
-        if self._newest < iteration:
-            return
-        self._file.drop_from(iteration)
-        kept = [at for at, number in enumerate(self._iterations) if number < iteration]
-        self._iterations = array("q", (self._iterations[at] for at in kept))
-        self._ends_ms = array("d", (self._ends_ms[at] for at in kept))
-        self._trials = array("q", (self._trials[at] for at in kept))
-        self._clock_ms = max(self._ends_ms, default=0.0)
-        self._newest = max(self._iterations, default=-1)
+        kept = {number: end for number, end in self._ends.items() if number < iteration}
+        if len(kept) < len(self._ends):
+            self._file.drop_from(iteration)
+            self._ends = kept
+            self._clock_ms = max((end_ms for end_ms, _ in kept.values()), default=0.0)
 
     def add(
         self, iteration: int, training: Sequence[Episode], evaluation: Sequence[Episode] = ()
@@ -114,26 +98,24 @@ class TrainingMetrics:
             self._record(episode, iteration, trial)
             for trial, episode in enumerate(training, start=1)
         ]
-        newest = zip(self._iterations[-NOTES:], self._trials[-NOTES:], strict=True)
-        trials = [trial for number, trial in newest if number == iteration]
-        last = max([*trials, *(r.trial for r in records)], default=1)
+        _, before = self._ends.get(iteration, (0.0, 1))
+        last = max([before, *(r.trial for r in records)])
         records += [self._record(episode, iteration, last) for episode in evaluation]
         if records:
             self._note(iteration, records)
-            before = self._file.entry(iteration)
+            written = self._file.entry(iteration)
             text = encode_records(records)
-            self._file.put(iteration, text if before is None else before + SEPARATOR + text)
+            self._file.put(iteration, text if written is None else written + SEPARATOR + text)
         return records
 
     def finish(self) -> None:
         self._file.finish()
 
     def _note(self, iteration: int, records: Sequence[EpisodeMetrics]) -> None:
-        self._iterations.append(iteration)
-        self._ends_ms.append(max(record.metric_time for record in records))
-        self._trials.append(max(record.trial for record in records))
-        self._clock_ms = max(self._clock_ms, self._ends_ms[-1])
-        self._newest = max(self._newest, iteration)
+        end_ms, trial = self._ends.get(iteration, (0.0, 1))
+        end_ms = max([end_ms, *(record.metric_time for record in records)])
+        self._ends[iteration] = end_ms, max([trial, *(record.trial for record in records)])
+        self._clock_ms = max(self._clock_ms, end_ms)
 
     def _record(self, episode: Episode, iteration: int, trial: int) -> EpisodeMetrics:
         number = self._number(iteration, trial)
@@ -142,13 +124,6 @@ class TrainingMetrics:
 
     def _number(self, iteration: int, trial: int) -> int:
         return iteration * self._per_iteration + trial
-
-
-def _joined(entries: Iterable[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-    found: dict[int, bytes] = {}
-    for iteration, entry in entries:
-        found[iteration] = found[iteration] + SEPARATOR + entry if iteration in found else entry
-    return sorted(found.items())
 
 
 def _with_iterations(records: Sequence[EpisodeMetrics]) -> list[EpisodeMetrics]:
@@ -177,17 +152,16 @@ class DriveResults:
         ObjectDamaged: The metrics in the bucket are damaged.
     """
 
-    def __init__(self, job: Job, bucket: Bucket, simulation: TrainingSimulation) -> None:
-        self._config = job.config
-        self._bucket = bucket
-        self._prefix = job.config.model.prefix
-        self._model = ModelStore.of(job.config.model, bucket, self._prefix)
+    def __init__(self, job: Job, model: ModelStore, simulation: TrainingSimulation) -> None:
+        self._bucket = model.bucket
+        self._prefix = model.prefix
+        self._model = model
         self._worker = simulation.share.worker
         self._lag = max_lag(job.config.train)
         self._figures = sender_of_episodes(job.config.figures, self._prefix)
         self._simulation = simulation
         self._metrics = self._open_metrics()
-        self._traces = TraceRetention(ModelStore(bucket, self._prefix), job.config.train.workers, 0)
+        self._traces = TraceRetention(model, job.config.train.workers, 0)
         self._traces.cover(self._worker)
         is_first = self._worker == 0
         self._alone = is_first and job.config.train.workers == 1 and not self._stored(workers=2)
@@ -238,8 +212,9 @@ class DriveResults:
         """
         episodes.sort(key=lambda episode: episode.number)
         schedule(episodes, self._metrics.clock_s)
-        self._send_figures(self._metrics.add(iteration, episodes), wall_clock)
         length_m, worker = self._simulation.track_length_m, self._worker
+        records = self._metrics.add(iteration, episodes)
+        self._figures.send(*episode_points(records, worker, wall_clock))
         assigned = self._simulation.assigned
         if self._alone and assigned is not None and len(assigned.shares.workers) > 1:
             self._alone, self._behind = False, self._stored(workers=1)
@@ -313,7 +288,8 @@ class DriveResults:
             begin: Of the drive, Unix seconds.
         """
         schedule(episodes, self._metrics.clock_s)
-        self._send_figures(self._metrics.add(iteration, [], episodes), (begin, time.time()))
+        records = self._metrics.add(iteration, [], episodes)
+        self._figures.send(*episode_points(records, self._worker, (begin, time.time())))
         if not (self._driven_before and self._evaluated_before):  # else the log has it already
             traces.info(
                 reference_log.evaluation_lines(
@@ -324,9 +300,3 @@ class DriveResults:
     def close(self) -> None:
         self._metrics.finish()
         self._figures.close()
-
-    def _send_figures(
-        self, records: Sequence[EpisodeMetrics], wall_clock: tuple[float, float]
-    ) -> None:
-        if self._figures.is_active:
-            self._figures.send(*episode_points(records, self._worker, wall_clock))

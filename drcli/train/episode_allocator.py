@@ -128,9 +128,7 @@ class EpisodeAllocator:
         self._members: dict[str, Member] = {}
         self._has_looked = False
         self.failure = ""
-        self._fixed = [Share(k, max(1, workers), 1) for k in range(workers)]
-        self._episodes = self._most = 1
-        self._first = 0
+        self.begin_stage(1, 0)
         self._speeds: dict[int, float] = {}
         self._measured: dict[int, int] = {}
         self._shared_s: dict[int, float] = {}

@@ -12,7 +12,7 @@ from drcli.live.live_scene import facts_of
 from drcli.live.live_view import live_show
 from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
-from drcli.train.membership import JoinedStopSignal, Membership
+from drcli.train.membership import Membership
 from drcli.train.sim import SimWorker
 from drcli.workers import worker_process
 from drcli.workers.reward_failures import reward_failure
@@ -23,7 +23,6 @@ _logger = get_logger(__name__)
 
 
 def main(job: Job, stop_signal: StopSignal) -> None:
-    assert isinstance(stop_signal, JoinedStopSignal)
     flush_denormals()
     member, prefix = sys.argv[1], job.config.model.prefix
     bucket = worker_process.open_own_bucket(job, stop_signal, far=True)
@@ -47,4 +46,4 @@ def main(job: Job, stop_signal: StopSignal) -> None:
 
 
 if __name__ == "__main__":
-    worker_process.run(sys.argv[1], main, JoinedStopSignal)
+    worker_process.run(sys.argv[1], main)

@@ -1,4 +1,4 @@
-"""The trainer's side of several learner processes (DR_TRAIN_LEARNERS).
+"""The learner of a training, in the trainer alone or in several processes (DR_TRAIN_LEARNERS).
 
 Only the trainer uses the bucket. The others get everything with each update, so a new one has
 lost nothing.
@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, fields
 from datetime import timedelta
 from mmap import mmap
@@ -22,15 +22,25 @@ import torch
 from torch import Tensor, distributed
 
 from drcli.base.errors import SettingsError, WorkerDied
-from drcli.learn.compute import Compute, gpu_count
+from drcli.base.log import get_logger, plain
+from drcli.config.run_config import TrainConfig
+from drcli.convert.build_network import policy_spec
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithms import PPOConfig, algorithm_config
+from drcli.learn.compute import Compute, choose_compute, gpu_count
 from drcli.learn.data_parallel import GradientGroup, LearnerLostError
-from drcli.learn.learner import Learner
+from drcli.learn.learner import Learner, learner_of
 from drcli.learn.rollout_buffer import Rollout
+from drcli.learn.taught import TaughtLearner
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.training_state import Rollbacks
+from drcli.workers.cores import learning_threads
 
 if TYPE_CHECKING:
     from torch.distributed.distributed_c10d import Store
+
+_logger = get_logger(__name__)
 
 # Memory in which the learner processes of one machine exchange gradients.
 #
@@ -89,13 +99,6 @@ Kinds = tuple[tuple[str, tuple[int, ...], torch.dtype], ...]
 
 
 @dataclass(frozen=True)
-class Join:
-    rank: int
-    size: int
-    port: int
-
-
-@dataclass(frozen=True)
 class Build:
     metadata: ModelMetadata
     parameters: Hyperparameters
@@ -121,9 +124,6 @@ class Update:
 @dataclass(frozen=True)
 class Remember:
     rollout: Kinds
-
-
-Message = Build | Update | Remember
 
 
 def columns_of(rollout: Rollout) -> dict[str, Tensor]:
@@ -182,15 +182,16 @@ class LearnerGroup:
         self._processes = [
             # Each is a stranger to the others' pipes, so that it sees the end of the trainer.
             subprocess.Popen(
-                [sys.executable, "-P", "-m", "drcli.train.learner_process"],
+                [
+                    *(sys.executable, "-P", "-m", "drcli.train.learner_process"),
+                    *map(str, (rank, size, store.port)),
+                ],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
             )
-            for _ in range(1, size)
+            for rank in range(1, size)
         ]
         try:
-            for rank, process in enumerate(self._processes, 1):
-                _send(process, Join(rank, size, store.port))
             for process in self._processes:
                 assert process.stdout is not None
                 if not process.stdout.read(1):
@@ -200,9 +201,6 @@ class LearnerGroup:
         except (LearnerLostError, RuntimeError) as error:
             self.close()
             raise learner_died(error) from error
-
-    def build(self, build: Build) -> None:
-        self._tell(build)
 
     def begin_update(
         self,
@@ -219,7 +217,7 @@ class LearnerGroup:
         memory = self._new_memory(learner)
         columns, state = columns_of(rollout), learner.optimizer.tensors()
         weights = learner.model.state_dict()
-        self._tell(
+        self.tell(
             Update(
                 optimizer=kinds_of(state),
                 rollout=kinds_of(columns),
@@ -249,7 +247,7 @@ class LearnerGroup:
 
     def remember(self, rollout: Rollout) -> None:
         columns = columns_of(rollout)
-        self._tell(Remember(kinds_of(columns)))
+        self.tell(Remember(kinds_of(columns)))
         self.gradients.from_trainer(columns.values())
 
     def close(self) -> None:
@@ -264,9 +262,15 @@ class LearnerGroup:
         if distributed.is_initialized():
             distributed.destroy_process_group()
 
-    def _tell(self, message: Message) -> None:
-        for process in self._processes:
-            _send(process, message)
+    def tell(self, message: Build | Update | Remember) -> None:
+        """LearnerLostError if one of them has ended."""
+        try:
+            for process in self._processes:
+                assert process.stdin is not None
+                pickle.dump(message, process.stdin)
+                process.stdin.flush()
+        except BrokenPipeError:
+            raise LearnerLostError("it does not listen any more") from None
 
 
 def join_group(store: "Store", rank: int, size: int) -> None:
@@ -296,17 +300,61 @@ def learner_group(size: int) -> Iterator[LearnerGroup | None]:
     if size == 1:
         yield None
         return
-    group = LearnerGroup(size)
-    try:
+    with closing(LearnerGroup(size)) as group:
         yield group
-    finally:
-        group.close()
 
 
-def _send(process: "subprocess.Popen[bytes]", message: Join | Message) -> None:
-    assert process.stdin is not None
-    try:
-        pickle.dump(message, process.stdin)
-        process.stdin.flush()
-    except BrokenPipeError:
-        raise LearnerLostError("it does not listen any more") from None
+# Builds the learner from model_metadata.json and hyperparameters.json.
+
+
+def build_learner(
+    metadata: ModelMetadata,
+    parameters: Hyperparameters,
+    compute: Compute,
+    group: GradientGroup | None = None,
+) -> Learner:
+    spec = policy_spec(metadata, parameters)
+    if parameters.taught:
+        config = algorithm_config(PPOConfig, parameters)
+        return TaughtLearner(ActorCritic(spec), config, compute)
+    algorithm = metadata.algorithm
+    learner, own = learner_of(algorithm), algorithm_config(algorithm.config, parameters)
+    return learner(learner.network(spec, own), own, compute, group)
+
+
+def learner_of_training(
+    train: TrainConfig,
+    metadata: ModelMetadata,
+    parameters: Hyperparameters,
+    rollbacks: Rollbacks,
+    number_format: str | None,
+    group: LearnerGroup | None = None,
+) -> Learner:
+    """`number_format` is that with which the training began.
+
+    The processes of a `group` build the same learner and share the cores.
+    """
+    plain.info("Using the following hyper-parameters")
+    plain.info(parameters.canonical_json(metadata.training_algorithm))
+    size = 1 if group is None else group.size
+    compute = choose_compute(
+        train.torch_precision,
+        max(1, parameters.batch_size // size),
+        max(1, learning_threads(train) // size),
+        before=number_format,
+    )
+    where = f" in each of {size} processes" if size > 1 else ""
+    _logger.info("Learning%s in %s", where, compute.reason)
+    if compute.warning:
+        _logger.warning("%s", compute.warning)
+    gradients = None
+    if group is not None:
+        group.tell(Build(metadata, parameters, compute))
+        gradients = group.gradients
+    learner = build_learner(metadata, parameters, compute, gradients)
+    learner.lr_factor = rollbacks.factor(learner.config.lr)
+    if learner.lr_factor != 1.0:
+        rate = learner.lr_factor * learner.config.lr
+        times = "1 rollback" if rollbacks.count == 1 else "the rollbacks"
+        _logger.info("The learning rate is %.3g since %s.", rate, times)
+    return learner

@@ -14,8 +14,7 @@ from drcli.base.errors import StorageError
 from drcli.base.log import get_logger
 from drcli.bucket.bucket import ObjectMissing
 from drcli.metrics.figure_events import Ended, EpochPoint, Point, TrainingFacts
-from drcli.metrics.figure_sender import FigureSender
-from drcli.metrics.open_sinks import sender_of_trainer
+from drcli.metrics.open_sinks import FigureSender, sender_of_trainer
 from drcli.model import keys
 from drcli.model.files.network_shape import Design
 from drcli.model.growing_file import GrowingFile, Layout, list_parts
@@ -208,22 +207,20 @@ class LiveFigures:
 
     def epoch(self, stats: "Stats") -> None:
         entropy = stats.metrics().get("losses/entropy", math.nan)
-        if self._sender.is_active and math.isfinite(entropy):
+        if math.isfinite(entropy):
             self._sender.send(EpochPoint(time.time(), entropy))
 
     def learned(self, row: Row, records: Sequence[IterationRecord]) -> None:
         """An iteration, the last of the records, and new scores."""
-        if self._sender.is_active:
-            values = _named(row) | (progress_of(records[-1]) if records else {})
-            self._sender.send(Point(int(row[STEPS]), time.time(), values))
-            self._send_scores(records)
+        values = _named(row) | (progress_of(records[-1]) if records else {})
+        self._sender.send(Point(int(row[STEPS]), time.time(), values))
+        self._send_scores(records)
 
     def end(self, records: Sequence[IterationRecord], *, finished: bool) -> None:
         """Waits a little until all is sent."""
-        if self._sender.is_active:
-            self._send_scores(records)
-            self._sender.send(Ended(time.time(), finished))
-            self._sender.close()
+        self._send_scores(records)
+        self._sender.send(Ended(time.time(), finished))
+        self._sender.close()
 
     def _send_scores(self, records: Sequence[IterationRecord]) -> None:
         for record in records[-2 * REMEMBERED_SCORES :]:

@@ -15,9 +15,15 @@ from drcli.learn.compute import flush_denormals
 from drcli.learn.data_parallel import GradientGroup, LearnerLostError
 from drcli.learn.learner import Learner
 from drcli.learn.update_result import NonFiniteLossError
-from drcli.train import learner_group
-from drcli.train.build_learner import build_learner
-from drcli.train.learner_group import Build, Join, Update, join_group, received, rollout_from
+from drcli.train.learner_group import (
+    Build,
+    Update,
+    attach,
+    build_learner,
+    join_group,
+    received,
+    rollout_from,
+)
 
 CPU = torch.device("cpu")
 
@@ -45,7 +51,7 @@ def _update(learner: Learner, group: GradientGroup, message: Update) -> None:
     device = learner.compute.device
     if message.memory is not None:
         path, count = message.memory
-        slots = None if path is None else learner_group.attach(path, group.size, count)
+        slots = None if path is None else attach(path, group.size, count)
         group.share_memory(slots)
         if path is not None:
             group.of_all(0)
@@ -65,24 +71,20 @@ def _update(learner: Learner, group: GradientGroup, message: Update) -> None:
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the trainer decides when to end
     flush_denormals()
-    messages = sys.stdin.buffer
-    try:
-        join: Join = pickle.load(messages)
-    except EOFError:
-        return
+    rank, size, port = map(int, sys.argv[1:])
     sys.stdout.write("\n")  # so that the trainer waits for the group only if everybody comes
     sys.stdout.flush()
     # The type is ignored because torch does not export it by name.
     store = distributed.TCPStore(  # type: ignore[attr-defined]
-        "127.0.0.1", join.port, join.size
+        "127.0.0.1", port, size
     )
     try:
-        join_group(store, join.rank, join.size)
-        take_part(messages, GradientGroup())
+        join_group(store, rank, size)
+        take_part(sys.stdin.buffer, GradientGroup())
     except LearnerLostError:
         return
     except (MemoryError, RuntimeError) as error:
-        sys.stderr.write(f"Learner process {join.rank} failed: {type(error).__name__}: {error}\n")
+        sys.stderr.write(f"Learner process {rank} failed: {type(error).__name__}: {error}\n")
         raise SystemExit(1) from None
 
 

@@ -31,20 +31,6 @@ STUCK_S = 120.0
 """Then a worker with an idle main thread no longer renews its record."""
 
 
-class JoinedStopSignal(StopSignal):
-    """Also ends a worker when its training has; `ended` says why."""
-
-    def __init__(self, launcher_pid: int) -> None:
-        super().__init__(launcher_pid)
-        self.ended = ""
-
-    def should_stop(self) -> bool:
-        return super().should_stop() or bool(self.ended)
-
-    def step_done(self) -> bool:
-        return super().step_done() or bool(self.ended)
-
-
 @dataclass
 class _Drive:
     iteration: int
@@ -65,7 +51,7 @@ class Membership:
         model: ModelStore,
         session: str,
         member: str,
-        stop_signal: JoinedStopSignal,
+        stop_signal: StopSignal,
         pause: Callable[[float], object] = time.sleep,
     ) -> None:
         self._model = model
@@ -90,11 +76,10 @@ class Membership:
         while True:
             if self._stop_signal.should_stop():
                 raise StopRequested
-            record = read_shares_record(self._model)
-            if record is not None and record.session == self._record.session:
-                number = record.numbers.get(self._record.member)
-                if number is not None:
-                    return number
+            record = self._shares_record()
+            number = None if record is None else record.numbers.get(self._record.member)
+            if number is not None:
+                return number
             self._pause(ASK_S)
 
     def is_ready(self, checkpoint: int) -> None:
@@ -161,20 +146,15 @@ class Membership:
         return record if known else None
 
     def _write(self) -> None:
-        drive, progress = self._drive, (-1, 0, 0.0)
+        drive, (drives, steps, drive_s) = self._drive, (-1, 0, 0.0)
         if drive is not None:
+            drives, drive_s = drive.iteration, elapsed_s() - drive.began_s
             steps = drive.steps() - drive.steps_before
-            progress = drive.iteration, steps, elapsed_s() - drive.began_s
         with self._lock:
-            drives, steps, drive_s = progress
-            self._record = replace(
-                self._record,
-                beat=self._record.beat + 1,
-                drives=drives,
-                steps=steps,
-                drive_s=drive_s,
+            beat = self._record.beat + 1
+            self._record = record = replace(
+                self._record, beat=beat, drives=drives, steps=steps, drive_s=drive_s
             )
-            record = self._record
         try:
             self._model.bucket.put(keys.member(self._model.prefix, record.member), record.encode())
         except OwnershipLost:

@@ -1,25 +1,36 @@
-"""Waits for the workers' rollouts and reads them."""
+"""The rollouts of simulation workers: waits for them, collects them for the learner, sends them."""
 
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from threading import BoundedSemaphore
+from types import MappingProxyType
+
+import numpy as np
 
 from drcli.base.clock import SLOW_GROWTH, delays_s
 from drcli.base.json_record import Fingerprint, RecordError
+from drcli.base.log import get_logger
 from drcli.bucket.bucket import (
     READS,
     READS_FAR,
     ObjectDamaged,
+    ObjectInfo,
+    ObjectMissing,
     find_record,
 )
+from drcli.learn.rollout_buffer import Rollout
 from drcli.model import keys
+from drcli.model.keys import RolloutKey
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import NO_ROLLBACKS, Rollbacks
 from drcli.records.checkpoint import checkpoint_name
+from drcli.records.iteration import IterationRecord
+from drcli.records.job import WorkerShare
 from drcli.records.rollout import (
     Driving,
     Episodes,
@@ -29,6 +40,8 @@ from drcli.records.rollout import (
     decode_episodes,
     encode_episodes,
 )
+
+_logger = get_logger(__name__)
 
 PREFETCH_BYTES = 24 << 20
 """Three thousand steps."""
@@ -90,40 +103,35 @@ class RolloutReader:
         self,
         iteration: int,
         checkpoints: Collection[str],
-        workers: Iterable[int],
+        workers: Collection[int],
         *,
-        patience_s: float,
-        enough: int | None = None,
-        arrived: Mapping[int, Manifest] | None = None,
-        on_wait: Callable[[str], None] = lambda sentence: None,
+        enough: int,
+        arrived: Mapping[int, Manifest] = MappingProxyType({}),
         should_stop: Callable[[], bool] = lambda: False,
-        goes_on: Callable[[Mapping[int, Manifest], float], bool] = lambda arrived, waited_s: False,
+        is_over: Callable[[Mapping[int, Manifest], float], bool] = lambda arrived, waited_s: False,
     ) -> dict[int, Manifest]:
         """Wait for the workers' rollouts, and fetch parts that have come.
 
         Rollouts of other than `checkpoints`, of a stopped or rolled-back run, count as missing. It
-        ends with `enough` manifests (all by default) or after `patience_s`; each look asks
-        `should_stop` and `goes_on`, with the manifests and seconds so far. `on_wait` gets a
-        sentence every `REPORT_EVERY_S` and at the end.
+        ends with `enough` manifests; each look asks `should_stop` and `is_over`, with the manifests
+        and seconds so far. The log says every `REPORT_EVERY_S`, and at the end, who is missing.
 
         Returns:
             The manifests, by worker.
         """
-        wanted = sorted(workers)
-        enough = len(wanted) if enough is None else enough
-        known = dict(arrived or {})
+        known = dict(arrived)
         started_s = reported_s = self._clock()
         quiet_s = 0.0 if arrived else self._quiet_s()
         first_s = max(self._first_look_s, LATE_SHARE * quiet_s / QUIET_SHARE)
         lists = True
         for delay_s in delays_s(first_s, growth=SLOW_GROWTH):
-            if lists or not self._frugal:
-                self._look(iteration, checkpoints, wanted, known)
-            else:
-                self._ask(iteration, checkpoints, wanted, known)
+            missing = sorted(set(workers) - known.keys())
+            # Without a listing: cheaper for up to twelve workers.
+            asked = self._delivered(iteration, missing) if lists or not self._frugal else missing
+            known |= self._found(iteration, checkpoints, asked)
             lists = False
             if len(known) >= enough:
-                if arrived is None:
+                if not arrived:
                     self._waits_s.append(self._clock() - started_s)
                 break
             if should_stop():
@@ -131,21 +139,21 @@ class RolloutReader:
             now_s = self._clock()
             waited_s = now_s - started_s
             if waited_s < quiet_s:
-                self._keep_quiet(started_s + min(quiet_s, patience_s), should_stop)
+                self._keep_quiet(started_s + quiet_s, should_stop)
                 quiet_s, lists = 0.0, True  # most parts are there now, and can be fetched
                 continue
-            missing = [worker for worker in wanted if worker not in known]
+            names = ", ".join(map(str, sorted(set(workers) - known.keys())))
             waiting = (
                 f"The trainer has been waiting {waited_s:.0f} s for iteration {iteration} of "
-                f"simulation worker {', '.join(map(str, missing))}"
+                f"simulation worker {names}"
             )
-            if waited_s >= patience_s or goes_on(known, waited_s):
-                on_wait(f"{waiting}; going on without.")
+            if is_over(known, waited_s):
+                _logger.info("%s; going on without.", waiting)
                 break
             if now_s - reported_s >= REPORT_EVERY_S:
-                on_wait(f"{waiting}.")
+                _logger.info("%s.", waiting)
                 reported_s = now_s
-            self._pause(min(delay_s, patience_s - waited_s))
+            self._pause(delay_s)
         return dict(sorted(known.items()))
 
     def _quiet_s(self) -> float:
@@ -159,16 +167,14 @@ class RolloutReader:
                 return
 
     def find_manifests(self, iteration: int) -> list[Manifest]:
-        listing = self._model.bucket.list(keys.iteration_folder(self._model.prefix, iteration))
-        named = (keys.rollout_key(self._model.prefix, info.key) for info in listing)
-        workers = sorted(key.worker for key in named if key is not None and key.is_manifest)
+        listed = self._listed(keys.iteration_folder(self._model.prefix, iteration))
+        workers = sorted(key.worker for _, key in listed if key.is_manifest)
         found = (find_manifest(self._model, iteration, k) for k in workers)
         return [each for each in found if each is not None and self._counts(each)]
 
     def iterations(self) -> list[int]:
-        listing = self._model.bucket.list(keys.rollouts_folder(self._model.prefix))
-        found = (keys.rollout_key(self._model.prefix, info.key) for info in listing)
-        return sorted({key.iteration for key in found if key is not None})
+        listed = self._listed(keys.rollouts_folder(self._model.prefix))
+        return sorted({key.iteration for _, key in listed})
 
     def read(self, manifests: Iterable[Manifest]) -> Episodes:
         wanted = [(manifest, part) for manifest in manifests for part in manifest.parts]
@@ -206,12 +212,8 @@ class RolloutReader:
         return data
 
     def delete_learned(self, iteration: int) -> None:
-        learned = []
-        for info in self._model.bucket.list(keys.rollouts_folder(self._model.prefix)):
-            key = keys.rollout_key(self._model.prefix, info.key)
-            if key is not None and key.iteration <= iteration:
-                learned.append(info.key)
-        self._model.bucket.delete(learned)
+        listed = self._listed(keys.rollouts_folder(self._model.prefix))
+        self._model.bucket.delete([info.key for info, key in listed if key.iteration <= iteration])
 
     def reject(self, iteration: int, workers: Iterable[int]) -> None:
         """These must be driven again."""
@@ -228,54 +230,37 @@ class RolloutReader:
         self.forget()
         self._fetcher.shutdown(wait=True, cancel_futures=True)
 
-    def _look(
-        self,
-        iteration: int,
-        checkpoints: Collection[str],
-        wanted: list[int],
-        arrived: dict[int, Manifest],
-    ) -> None:
-        delivered = []
-        for info in self._model.bucket.list(keys.iteration_folder(self._model.prefix, iteration)):
+    def _listed(self, folder: str) -> Iterator[tuple[ObjectInfo, RolloutKey]]:
+        for info in self._model.bucket.list(folder):
             key = keys.rollout_key(self._model.prefix, info.key)
-            if key is None:
-                continue
-            if not key.is_manifest:
-                if self._is_ours(key.name):
-                    self._prefetch(info.key, info.size_bytes)
-            elif key.worker in wanted and key.worker not in arrived:
-                delivered.append(key.worker)
-        self._take_manifests(iteration, checkpoints, delivered, arrived)
+            if key is not None:
+                yield info, key
 
-    def _ask(
-        self,
-        iteration: int,
-        checkpoints: Collection[str],
-        wanted: list[int],
-        arrived: dict[int, Manifest],
-    ) -> None:
-        """Without a listing: cheaper for up to twelve workers."""
-        missing = [worker for worker in wanted if worker not in arrived]
-        self._take_manifests(iteration, checkpoints, missing, arrived)
+    def _delivered(self, iteration: int, missing: Collection[int]) -> list[int]:
+        """Which of these workers have a manifest; begins to fetch parts."""
+        delivered = []
+        for info, key in self._listed(keys.iteration_folder(self._model.prefix, iteration)):
+            if key.is_manifest:
+                delivered += [key.worker] if key.worker in missing else []
+            elif self._is_ours(key.name):
+                self._prefetch(info.key, info.size_bytes)
+        return delivered
 
-    def _take_manifests(
-        self,
-        iteration: int,
-        checkpoints: Collection[str],
-        workers: list[int],
-        arrived: dict[int, Manifest],
-    ) -> None:
-        def find(worker: int) -> Manifest | None:
-            return find_manifest(self._model, iteration, worker)
-
+    def _found(
+        self, iteration: int, checkpoints: Collection[str], workers: Collection[int]
+    ) -> dict[int, Manifest]:
+        find = partial(find_manifest, self._model, iteration)
         # Each takes a round trip to the bucket, so those of many workers are read together.
         together = len(workers) > 1 and self._frugal
-        found_all = self._fetcher.map(find, workers) if together else map(find, workers)
-        for worker, found in zip(workers, found_all, strict=True):
-            if found is None or found.checkpoint not in checkpoints:
-                continue
-            if self._is_ours(found.session) and self._counts(found):
-                arrived[worker] = found
+        found = self._fetcher.map(find, workers) if together else map(find, workers)
+        return {
+            worker: manifest
+            for worker, manifest in zip(workers, found, strict=True)
+            if manifest is not None
+            and manifest.checkpoint in checkpoints
+            and self._is_ours(manifest.session)
+            and self._counts(manifest)
+        }
 
     def _counts(self, manifest: Manifest) -> bool:
         number = checkpoint_name(manifest.checkpoint).number
@@ -303,6 +288,186 @@ class RolloutReader:
             early.cancel()
         self._fetched.clear()
         self._fetched_bytes = 0
+
+
+# Collects the rollouts of all simulation workers for the learner.
+
+
+LEAST_PATIENCE_S = 20.0
+"""After the first worker has delivered: one that died must start again."""
+
+STARTING_PATIENCE_S = 120.0
+"""In the first iteration: analysis tools need the first trace of every worker."""
+
+JOINED_PATIENCE_S = 5.0
+"""Others drive the share of one that dies. With a latency of 100 ms, checkpoint and rollouts take
+1.8 s.
+"""
+
+Hopeless = Callable[[WorkerShare, int, float, float], bool]
+"""Whether not to wait for a share of an iteration, by its steps and the seconds left from the
+beginning of its drive.
+"""
+
+
+@dataclass(frozen=True)
+class Collected:
+    """One iteration's rollouts and what the workers report about them.
+
+    Attributes:
+        record: As far as the workers know; `TrainingProgress` adds what the trainer counts. The
+            checkpoint is what drove, the older one if there were two.
+        simulated_s: Of all episodes together.
+        evaluates: The checkpoint that a worker evaluates now.
+        speeds: Steps per second by worker.
+        late: Workers that were waited for in vain.
+    """
+
+    rollout: Rollout
+    record: IterationRecord
+    simulated_s: float
+    evaluates: int | None = None
+    speeds: Mapping[int, float] = field(default_factory=dict)
+    late: tuple[int, ...] = ()
+
+
+class Collector:
+    """Waits for all simulation workers, but not too long for any of them.
+
+    With `ahead`, workers drive an iteration before the trainer waits for it.
+    """
+
+    def __init__(self, reader: RolloutReader, max_steps: int, *, ahead: bool = False) -> None:
+        self._ahead = ahead
+        self._reader = reader
+        self._max_steps = max_steps
+        self._absent: set[int] = set()
+        self._least_patience_s = STARTING_PATIENCE_S
+
+    def collect(
+        self,
+        iteration: int,
+        checkpoints: Sequence[str],
+        workers: Sequence[WorkerShare],
+        should_stop: Callable[[], bool],
+        is_hopeless: Hopeless = lambda share, iteration, steps, within_s: False,
+    ) -> Collected | None:
+        """Wait for an iteration's rollouts and read them.
+
+        A worker that missed the iteration before is not waited for.
+
+        Returns:
+            None if `should_stop`, or if a part is missing or damaged: workers then drive it
+                again.
+        """
+        everybody = {share.worker for share in workers}
+        joined = {share.worker for share in workers if share.member}
+        wait = partial(
+            self._reader.wait_manifests,
+            iteration,
+            checkpoints,
+            everybody,
+            should_stop=should_stop,
+        )
+        manifests = wait(enough=1)
+        expected = everybody - self._absent
+        if manifests and not expected <= manifests.keys() and not should_stop():
+            only_joined = expected - manifests.keys() <= joined
+            least_s = JOINED_PATIENCE_S if only_joined else self._least_patience_s
+            counts = {share.worker: share.count for share in workers}
+            first_s, most = max(m.notes.drive_s for m in manifests.values()), max(counts.values())
+
+            def is_over(arrived: Mapping[int, Manifest], waited_s: float) -> bool:
+                # Those with the largest share get as long again as the first one would have taken
+                # for it; a joined worker with a part of it gets that part.
+                usual_s = min(m.notes.drive_s * most / counts[k] for k, m in arrived.items())
+                steps = sum(m.steps for m in arrived.values())
+                episodes = sum(counts[k] for k in arrived)
+                for share in workers:
+                    if share.worker in arrived or share.worker not in expected:
+                        continue
+                    part = share.count / most if share.member else 1.0
+                    within_s = usual_s + max(least_s, (1.0 + self._ahead) * part * usual_s)
+                    if first_s + waited_s >= within_s:
+                        continue
+                    own_steps = steps * share.count / episodes
+                    if not (share.member and is_hopeless(share, iteration, own_steps, within_s)):
+                        return False
+                return True
+
+            manifests = wait(
+                enough=len(expected | manifests.keys()), arrived=manifests, is_over=is_over
+            )
+        if not manifests:
+            return None
+        self._least_patience_s = LEAST_PATIENCE_S
+        self._absent = everybody - manifests.keys()
+        if self._absent:
+            _logger.warning("Continuing without simulation worker %s.", sorted(self._absent))
+        try:
+            # In the order of the workers, so that equal seeds give equal minibatches.
+            collected = self._read([manifests[worker] for worker in sorted(manifests)])
+        except (ObjectMissing, ObjectDamaged) as error:
+            # Waiting workers notice that their manifests are gone.
+            _logger.warning("%s Iteration %d is driven again.", error, iteration)
+            self._reader.reject(iteration, manifests)
+            return None
+        return replace(collected, late=tuple(sorted(expected - manifests.keys())))
+
+    def recall(self, iteration: int) -> Rollout | None:
+        """None if they are missing or damaged."""
+        try:
+            manifests = self._reader.find_manifests(iteration)
+            return self._read(manifests).rollout if manifests else None
+        except (ObjectMissing, ObjectDamaged) as error:
+            _logger.warning("Cannot learn from iteration %d again: %s", iteration, error)
+            return None
+
+    def _read(self, manifests: list[Manifest]) -> Collected:
+        driven = self._within_cap(self._reader.read(manifests))
+        rollout = driven.rollout
+        begins = np.cumsum(rollout.lengths) - rollout.lengths
+        rewards = np.add.reduceat(rollout.rewards, begins).tolist()
+        lap_s = driven.duration_s[driven.completed].tolist()
+        record = IterationRecord(
+            iteration=manifests[0].iteration,
+            checkpoint=str(min(checkpoint_name(m.checkpoint) for m in manifests)),
+            episodes=len(rewards),
+            steps=rollout.steps,
+            total_steps=0,
+            mean_reward=float(np.mean(rewards)),
+            mean_progress=float(np.mean(driven.progress.tolist())),
+            full_laps=len(lap_s),
+            best_lap_s=min(lap_s, default=None),
+            drive_s=max(m.notes.drive_s for m in manifests),
+            elapsed_s=0.0,
+            reward_errors=sum(m.notes.reward_errors for m in manifests),
+            discarded=sum(m.notes.discarded for m in manifests),
+        )
+        return Collected(
+            rollout,
+            record,
+            simulated_s=float(driven.duration_s.sum()),
+            evaluates=next((n for m in manifests if (n := m.notes.evaluates) is not None), None),
+            speeds={m.worker: m.steps / max(m.notes.drive_s, 1e-3) for m in manifests},
+        )
+
+    def _within_cap(self, driven: Episodes) -> Episodes:
+        """The limit is for frames: episodes of a teacher have none."""
+        if not driven.rollout.frames.size:
+            return driven
+        order = np.argsort(driven.numbers, kind="stable")
+        fits = np.cumsum(driven.rollout.lengths[order]) <= self._max_steps
+        fits[0] = True
+        if fits.all():
+            return driven
+        _logger.warning(
+            "Learning from %d of %d episodes: DR_TRAIN_MAX_STEPS_PER_ITERATION is %d steps.",
+            fits.sum(),
+            len(order),
+            self._max_steps,
+        )
+        return driven.chosen(np.sort(order[fits]))
 
 
 # Sends a worker's episodes to the bucket while it drives on.

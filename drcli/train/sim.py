@@ -32,7 +32,12 @@ from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
 from drcli.model.repair import repair_metrics
 from drcli.model.training_state import read_shares
-from drcli.records.checkpoint import CheckpointName, CheckpointRecord, checkpoint_name
+from drcli.records.checkpoint import (
+    CheckpointName,
+    CheckpointRecord,
+    Counters,
+    checkpoint_name,
+)
 from drcli.records.iteration import CONFIRMING_LAPS
 from drcli.records.job import Job
 from drcli.records.rollout import Driving, Manifest, session_of_worker
@@ -43,7 +48,7 @@ from drcli.train.episode_share import AssignedShare, EvaluationBudget
 from drcli.train.goals import Goals
 from drcli.train.membership import Membership
 from drcli.train.rollouts import RolloutWriter
-from drcli.train.stage_progress import phase_of, stage_index
+from drcli.train.training_progress import phase_of, stage_index
 from drcli.train.training_simulation import TrainingSimulation, sentence_of
 from drcli.train.wait_for_trainer import POLL_S, WOKEN_POLL_S, CheckpointWaiter
 from drcli.workers import worker_process
@@ -87,14 +92,14 @@ class SimWorker:
         self._stop_signal = stop_signal
         self._live = live
         self._membership = membership
-        self._prefix = model.prefix
-        self._bucket = worker_process.open_own_bucket(job, stop_signal, far=membership is not None)
-        self._store = ModelStore(self._bucket, self._prefix)
+        bucket = worker_process.open_own_bucket(job, stop_signal, far=membership is not None)
+        self._store = ModelStore(
+            bucket, model.prefix, model.metrics_prefix, model.metric, (worker,)
+        )
         self._activity = Activity(self._store, f"sim-{worker}", stop_signal.heartbeat)
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._store)
-        design = Design.of_model(self._store, job.inputs)
-        self._design = design
+        self._design = design = Design.of_model(self._store, job.inputs)
         threads = driving_threads(train) if membership is None else usable_cores(train)
         torch.set_num_threads(1)
         _logger.info("Using %d of %d cores for motion, cameras and policy.", threads, cores())
@@ -112,13 +117,11 @@ class SimWorker:
             self._racers.append(Racer(Teacher(self._model).eval(), actions))
         self._failures = RewardFailures(train, worker)
         self._failures.restore(self._store)
-        own = ModelStore(self._bucket, self._prefix, model.metrics_prefix, model.metric, (worker,))
-        for sentence in repair_metrics(own):
+        for sentence in repair_metrics(self._store):
             _logger.warning(sentence)
         self._result: EvaluationResult | None = None
-        self._first_step = 0
         self._simulation = self._build(self._stage_of(self._checkpoints.stage_of_newest()))
-        self._results = DriveResults(job, self._bucket, self._simulation)
+        self._results = DriveResults(job, self._store, self._simulation)
         self._results.forget_given_up()
         credit_s = GOAL_CREDIT_S if self._simulation.targets else 0.0
         self._budget = EvaluationBudget(train.train_eval_share, credit_s)
@@ -127,8 +130,6 @@ class SimWorker:
         self._evaluated = -1
         self._goals = Goals(job, design.parameters)
         self._has_student_learned = False
-        self._rollbacks = 0
-        self._drives_as_trained = True
         self._loaded: Fingerprint | None = None
         self._drives = 0
         self._driven_steps = 0
@@ -156,7 +157,7 @@ class SimWorker:
     def _build(self, stage: Stage | None) -> TrainingSimulation:
         return TrainingSimulation(
             self._job,
-            self._bucket,
+            self._store,
             self._design,
             self._racers,
             stage,
@@ -214,9 +215,7 @@ class SimWorker:
             iteration = max(iteration, newest)
             record = self._checkpoints.record(str(name))
             counters = record.counters
-            mark = counters.stage
-            stage = self._stage_of(mark)
-            self._first_step = 0 if mark is None else mark.steps
+            stage = self._stage_of(counters.stage)
             if stage is not None and stage is not self._simulation.stage:
                 self._enter(stage)
                 iteration = newest  # what was driven ahead belongs to the stage before
@@ -227,11 +226,8 @@ class SimWorker:
             if record.tensors != self._loaded:  # else it has driven with these weights before
                 self._waiter.learn_from(record)
                 self._load(record)
-            self._rollbacks = counters.rollbacks or 0
-            own = counters.inputs.get(keys.MODEL_METADATA_FILE)
-            self._drives_as_trained = own in (None, self._design.texts[keys.MODEL_METADATA_FILE])
             if self._is_assigned(iteration, counters.shares):
-                self._iterate(iteration, name)
+                self._iterate(iteration, name, counters)
             else:
                 self._driven_steps = 0
             iteration += 1
@@ -248,27 +244,24 @@ class SimWorker:
 
     def _is_assigned(self, iteration: int, version: int | None) -> bool:
         """Whether this worker drives any episodes of an iteration."""
-        if self._membership is None and version is None:
-            self._simulation.assigned = None
-            return True
+        shares, assigned = None, None
         if self._membership is not None:
             shares = self._membership.shares_of(iteration)
-        else:
+        elif version is not None:
             shares = read_shares(self._store, self._job.session, iteration)
-        if shares is None:  # they are lost, or of an earlier start of the training
-            self._simulation.assigned = None
-            return self._membership is None
-        own = shares.of(self._worker)
-        self._simulation.assigned = None if own is None else AssignedShare(shares, own)
-        return own is not None
+        if shares is not None and (own := shares.of(self._worker)) is not None:
+            assigned = AssignedShare(shares, own)
+        self._simulation.assigned = assigned
+        # Without shares, as when they are lost or of an earlier start, ours drive as ever.
+        return assigned is not None or (shares is None and self._membership is None)
 
-    def _iterate(self, iteration: int, name: CheckpointName) -> None:
-        simulation = self._simulation
+    def _iterate(self, iteration: int, name: CheckpointName, counters: Counters) -> None:
+        simulation, rollbacks = self._simulation, counters.rollbacks or 0
         numbers = simulation.part.numbers(iteration)
         self._results.keep_before(iteration)
         self._activity.say(f"drives iteration {iteration}")
         if self._live is not None:
-            facts = facts_of(simulation.race, [self._prefix])
+            facts = facts_of(simulation.race, [self._store.prefix])
             if simulation.phase is not None and simulation.phase.name == "teacher":
                 facts = replace(facts, hint=BLIND)
             self._live.about(iteration, str(name), facts)
@@ -278,9 +271,9 @@ class SimWorker:
         self._driven_steps = 0
         self._drives += 1  # a repeated iteration must not overwrite rollouts that are being read
         session = session_of_worker(self._job.session, os.getpid(), self._drives)
-        manifest = Manifest(iteration, self._worker, str(name), session, rollbacks=self._rollbacks)
+        manifest = Manifest(iteration, self._worker, str(name), session, rollbacks=rollbacks)
         writer = RolloutWriter(self._store, manifest)
-        trials = simulation.trials if self._evaluates(name) else 0
+        trials = simulation.trials if self._evaluates(name, counters) else 0
         self._failures.begin(iteration)
         begin, began_s = time.time(), time.monotonic()
 
@@ -292,7 +285,7 @@ class SimWorker:
                 log_evaluation(episode, name.number, self._worker)
                 evaluation.append(episode)
                 if len(evaluation) == trials:  # now, so that they count even if the drive fails
-                    self._result = self._results.score(name, evaluation, self._rollbacks)
+                    self._result = self._results.score(name, evaluation, rollbacks)
                     if self._result is not None:
                         again = self._laps_to_confirm(self._result)
                         self._give(replace(self._result, confirms=again))
@@ -300,7 +293,7 @@ class SimWorker:
             log_training(episode, iteration, self._worker)
             training.append(episode)
             if episode.discarded:
-                episode.frames.clear()
+                episode.samples.clear()
             else:
                 self._driven_steps += episode.steps
                 shard.append(episode)
@@ -334,7 +327,9 @@ class SimWorker:
 
         def should_stop() -> bool:
             return self._stop_signal.step_done() or (
-                len(training) < len(numbers) and self._is_late()
+                len(training) < len(numbers)
+                and self._membership is not None
+                and self._membership.is_drive_over()
             )
 
         try:
@@ -344,7 +339,8 @@ class SimWorker:
                 plans = simulation.plans(
                     numbers, 0 if attempt else trials, attempt, iteration=iteration
                 )
-                policy_steps = name.steps - self._first_step
+                mark = counters.stage
+                policy_steps = name.steps - (0 if mark is None else mark.steps)
                 simulation.drive(plans, collect, should_stop, policy_steps)
                 if self._driven_steps:
                     break
@@ -418,9 +414,6 @@ class SimWorker:
             self._give(replace(result, second=second))
             _logger.info("Checkpoint %d %s", number, sentence_of(second))
 
-    def _is_late(self) -> bool:
-        return self._membership is not None and self._membership.is_drive_over()
-
     def _give_up_or_repeat(self, iteration: int, training: list[Driven], attempt: int) -> None:
         """After all episodes were declared broken.
 
@@ -442,23 +435,24 @@ class SimWorker:
         _logger.warning("%s; it is driven again with other random numbers.", what)
         training.clear()
 
-    def _evaluates(self, name: CheckpointName) -> bool:
+    def _evaluates(self, name: CheckpointName, counters: Counters) -> bool:
         phase = self._simulation.phase
-        promising = phase is None or phase.name != "distillation" or self._has_student_learned
+        phase_name, assigned = "" if phase is None else phase.name, self._simulation.assigned
+        promising = phase_name != "distillation" or self._has_student_learned
+        trained_with = counters.inputs.get(keys.MODEL_METADATA_FILE)
         allowed = self._budget.allows_another(-self._goals.late_s(), promising=promising)
-        if not self._simulation.trials or name.number == self._evaluated:
-            return False
-        if phase is not None and phase.name == "teacher":
-            return False  # the camera policy has learned nothing yet
-        if not self._drives_as_trained:
-            return False  # its score would be that of other actions
-        assigned = self._simulation.assigned
-        if assigned is not None and not assigned.evaluates:
-            return False
-        if not allowed:
-            return False
-        self._evaluated = name.number
-        return True
+        evaluates = (
+            allowed
+            and bool(self._simulation.trials)
+            and name.number != self._evaluated
+            and phase_name != "teacher"  # the camera policy has learned nothing yet
+            # Else its score would be that of other actions.
+            and trained_with in (None, self._design.texts[keys.MODEL_METADATA_FILE])
+            and (assigned is None or assigned.evaluates)
+        )
+        if evaluates:
+            self._evaluated = name.number
+        return evaluates
 
 
 def main(job: Job, stop_signal: StopSignal) -> None:

@@ -17,7 +17,7 @@ from drcli.learn.data_parallel import LearnerLostError
 from drcli.learn.learner import Learner
 from drcli.learn.taught import TaughtLearner
 from drcli.learn.update_result import NonFiniteLossError, Stats
-from drcli.metrics.figure_sender import FigureSender
+from drcli.metrics.open_sinks import FigureSender
 from drcli.model import keys
 from drcli.model.checkpoints import KEEP, CheckpointStore, KeepRules
 from drcli.model.files.custom_files import write_model_files
@@ -34,7 +34,6 @@ from drcli.records.iteration import IterationRecord
 from drcli.records.job import Job, WorkerExit
 from drcli.records.run_record import TrainingEnd
 from drcli.records.stage import StageNote
-from drcli.train.build_learner import learner_of_training
 from drcli.train.checkpoint_publisher import (
     CheckpointPublisher,
     RollbackControl,
@@ -42,10 +41,9 @@ from drcli.train.checkpoint_publisher import (
     forget_evaluations,
     restore_learner,
 )
-from drcli.train.collect_rollouts import Collected, Collector
 from drcli.train.episode_allocator import EpisodeAllocator
 from drcli.train.goals import Goals, targets_of
-from drcli.train.learner_group import LearnerGroup, learner_died, learner_group
+from drcli.train.learner_group import LearnerGroup, learner_died, learner_group, learner_of_training
 from drcli.train.learner_metrics import (
     LearnerMetrics,
     LiveFigures,
@@ -54,12 +52,16 @@ from drcli.train.learner_metrics import (
     row_of,
     with_losses,
 )
-from drcli.train.rollouts import FIRST_LOOK_S, WOKEN_LOOK_S, RolloutReader
+from drcli.train.rollouts import FIRST_LOOK_S, WOKEN_LOOK_S, Collected, Collector, RolloutReader
 from drcli.train.scoring import Scoring
-from drcli.train.stage_progress import PhaseJudge, episodes_of, numbered_episodes
-from drcli.train.training_progress import LearningAlarms, TrainingProgress
+from drcli.train.training_progress import (
+    LearningAlarms,
+    PhaseJudge,
+    TrainingProgress,
+    episodes_of,
+    numbered_episodes,
+)
 from drcli.train.wait_for_trainer import RECHECK_S
-from drcli.train.write_graph import GraphWriter
 from drcli.workers import worker_process
 from drcli.workers.cores import max_lag
 from drcli.workers.worker_process import Activity, StopRequested, StopSignal
@@ -84,13 +86,11 @@ class Trainer:
         self._job = job
         self._stop_signal = stop_signal
         self._group = group
-        self._prefix = model.prefix
-        self._bucket = worker_process.open_own_bucket(job, stop_signal)
-        self._model = ModelStore(self._bucket, self._prefix)
+        bucket = worker_process.open_own_bucket(job, stop_signal)
+        self._model = ModelStore(bucket, model.prefix, model.metrics_prefix, model.metric, ())
         self._activity = Activity(self._model, "trainer", stop_signal.heartbeat)
         self._activity.say("starting")
-        own = ModelStore(self._bucket, self._prefix, model.metrics_prefix, model.metric, ())
-        for sentence in repair(own):
+        for sentence in repair(self._model):
             _logger.warning(sentence)
         rules = KeepRules(
             train.train_keep_milestones, train.train_keep_every, train.train_keep_max_mb * 1_000_000
@@ -101,11 +101,10 @@ class Trainer:
         self._checkpoints = CheckpointStore(self._model, rules, keep)
         self._history = History(self._model)
         self._metrics = LearnerMetrics(self._model)
-        design = Design.of_model(self._model, job.inputs)
-        metadata, parameters = design.metadata, design.parameters
-        self._design = design
+        self._design = Design.of_model(self._model, job.inputs)
+        metadata, parameters = self._design.metadata, self._design.parameters
         self._has_own_files = False
-        self._rollbacks = RollbackControl(self._bucket, job, self._checkpoints)
+        self._rollbacks = RollbackControl(self._model, job, self._checkpoints)
         self._found = self._rollbacks.load_latest()
         counters = Counters() if self._found is None else self._found.record.counters
         before_s = max(counters.elapsed_s, self._rollbacks.known.elapsed_s)
@@ -152,22 +151,15 @@ class Trainer:
         self._divide_episodes()
         self._traces = TraceRetention(self._model, train.workers, train.train_traces_max_mb << 20)
         self._alarms = LearningAlarms(self._history, self._checkpoints)
-        self._is_short_of_gpu_memory = False
-        self._is_capture_failed = False
+        self._warned: set[str] = set()
         self._figures = LiveFigures(FigureSender([]))
-        graphs = GraphWriter(
-            self._checkpoints,
-            self._learner.model.spec,
-            metadata,
-            enabled=train.train_frozen_graph,
-        )
         self._publisher = CheckpointPublisher(
             self._checkpoints,
-            graphs,
             self._traces,
             stop_signal.should_stop,
             self._wake_workers,
             near=not frugal,
+            sensors=metadata.sensor if train.train_frozen_graph else (),
         )
 
     def _build_learner(self, number_format: str | None) -> Learner:
@@ -406,21 +398,17 @@ class Trainer:
             self._roll_back("nan", what)
             algorithm = self._design.metadata.algorithm
             raise self._rollbacks.nan_failure(error, number, algorithm) from None
-        if self._learner.most_samples is not None and not self._is_short_of_gpu_memory:
-            self._is_short_of_gpu_memory = True
-            _logger.warning(
-                "The memory of the GPU is too small for a whole minibatch. From now on, gradients "
-                "of %d samples at a time are added up, with the same result; a smaller batch_size "
-                "is faster.",
-                self._learner.most_samples,
-            )
-        if self._learner.capture_failure is not None and not self._is_capture_failed:
-            self._is_capture_failed = True
-            _logger.warning(
-                "The GPU gets each operation by itself, because a step could not be captured as "
-                "a CUDA graph: %s",
-                self._learner.capture_failure,
-            )
+        self._warn_once(
+            "The memory of the GPU is too small for a whole minibatch. From now on, gradients "
+            "of %s samples at a time are added up, with the same result; a smaller batch_size "
+            "is faster.",
+            self._learner.most_samples,
+        )
+        self._warn_once(
+            "The GPU gets each operation by itself, because a step could not be captured as "
+            "a CUDA graph: %s",
+            self._learner.capture_failure,
+        )
         ended = time.monotonic()
         cycle_s = ended - self._cycle_began
         self._cycle_began = ended
@@ -433,7 +421,7 @@ class Trainer:
             steps_per_s=driven.steps / cycle_s,
             real_time_factor=collected.simulated_s / cycle_s,
             learn_s=ended - began,
-            exchange_s=max(0.0, cycle_s - collected.drive_s - (ended - began)),
+            exchange_s=max(0.0, cycle_s - driven.drive_s - (ended - began)),
         )
         reason = self._reached(record)
         if reason is not None:
@@ -448,6 +436,12 @@ class Trainer:
         fallen = self._alarms.check()
         if fallen is not None and reason is None:
             self._roll_back("collapse", fallen[0].upper() + fallen[1:])
+
+    def _warn_once(self, sentence: str, what: object) -> None:
+        """Unless there is nothing to say."""
+        if what is not None and sentence not in self._warned:
+            self._warned.add(sentence)
+            _logger.warning(sentence, what)
 
     def _begin_next_phase(self, newest: IterationRecord) -> None:
         """The next checkpoint belongs to the new phase."""
@@ -525,7 +519,7 @@ class Trainer:
             self._activity.wait(f"waits for the evaluation of checkpoint {collected.evaluates}")
             self._scoring.wait(
                 collected.evaluates,
-                collected.drive_s,
+                collected.record.drive_s,
                 lambda: self._stop_signal.should_stop() or self.goals.late_s() > LATE_S,
             )
 
@@ -561,7 +555,7 @@ class Trainer:
 
     def _mark_end(self, reason: str) -> None:
         end = TrainingEnd(self._job.session, reason)
-        self._bucket.put(keys.finished(self._prefix), end.encode())
+        self._model.bucket.put(keys.finished(self._model.prefix), end.encode())
         self._wake_workers()
 
     def _wake_workers(self) -> None:

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from drcli.base.log import plain
-from drcli.bucket.bucket import Bucket
 from drcli.config.run_config import DriveConfig
 from drcli.drive import reference_log
 from drcli.drive.build_race import (
@@ -29,7 +28,12 @@ from drcli.records.scores import SecondEvaluation
 from drcli.records.stage import PhaseMark, Stage
 from drcli.train.episode_share import AssignedShare, Share
 from drcli.train.goals import targets_of
-from drcli.train.stage_progress import episodes_of, numbered_episodes, parameters_of, teacher_drives
+from drcli.train.training_progress import (
+    episodes_of,
+    numbered_episodes,
+    parameters_of,
+    teacher_drives,
+)
 from drcli.workers.cores import driving_threads, usable_cores
 from drcli.workers.reward_failures import RewardFailures
 from drsim.car.conditions import NOMINAL
@@ -137,7 +141,7 @@ class TrainingSimulation:
     def __init__(
         self,
         job: Job,
-        bucket: Bucket,
+        model: ModelStore,
         design: Design,
         racers: Sequence[Racer],
         stage: Stage | None,
@@ -158,10 +162,8 @@ class TrainingSimulation:
                 there is no room for obstacles or bots.
         """
         self._job = job
-        train, prefix, metadata = job.config.train, job.config.model.prefix, design.metadata
-        model = ModelStore(bucket, prefix)
-        race = job.config.race(worker) if stage is None else stage.race(worker)
-        self._race = race
+        train, prefix, metadata = job.config.train, model.prefix, design.metadata
+        self.race = race = job.config.race(worker) if stage is None else stage.race(worker)
         self.stage = stage
         self._parameters = parameters_of(stage, design.parameters)
         self.assigned: AssignedShare | None = None
@@ -234,10 +236,6 @@ class TrainingSimulation:
         return self.assigned or self.share
 
     @property
-    def race(self) -> DriveConfig:
-        return self._race
-
-    @property
     def reward_calls(self) -> int:
         return self._simulation.reward_calls
 
@@ -270,7 +268,7 @@ class TrainingSimulation:
     def plans(
         self, numbers: range, trials: int, attempt: int = 0, *, iteration: int = 0
     ) -> list[Plan]:
-        race = self._race
+        race = self.race
         offset = race.train_start_position_offset
         advance = race.train_round_robin_advance_dist if race.train_change_start_position else 0.0
         alternate = race.train_alternate_driving_direction

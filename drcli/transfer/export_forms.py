@@ -27,7 +27,7 @@ from drcli.convert.reference_checkpoint import (
 )
 from drcli.convert.runtimes import EnginePolicy, fit
 from drcli.convert.tensorflow.graph import decode_graph, encode_graph, encode_meta_graph
-from drcli.learn.network import Network
+from drcli.learn.encoders import Network
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
 from drcli.model import keys
 from drcli.model.checkpoint_list import HYPERPARAMETERS, METADATA, Item

@@ -33,8 +33,6 @@ BEAT_S = 2.0
 STACKS_SIGNAL = getattr(signal, "SIGUSR2", None)
 """A worker writes the stacks of its threads into its log, and goes on."""
 
-_PROC = Path("/proc")
-
 companions: set[int] = set()
 """Processes that work for this one alone."""
 
@@ -128,15 +126,11 @@ def own_open_files() -> int:
 
 def own_memory_bytes() -> int:
     """With its `companions` (resident sets)."""
-    pages = 0
-    for each in [*companions]:
-        with suppress(OSError, IndexError):  # it has just ended
-            pages += int((_PROC / str(each) / "statm").read_bytes().split()[1])
-    try:
-        pages += int((_PROC / "self" / "statm").read_bytes().split()[1])
-        return pages * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError, IndexError):
-        return int(psutil.Process().memory_info().rss)
+    total = 0
+    for each in (os.getpid(), *companions):
+        with suppress(psutil.Error):  # it has just ended
+            total += int(psutil.Process(each).memory_info().rss)
+    return total
 
 
 # Recognises that a worker failed because memory ran out, which is not a bug.

@@ -19,13 +19,17 @@ reward_logger = get_logger("drcli.reward")
 
 
 class PrintLimit:
-    """Too much is left out, and `warn` says how much."""
+    """Too much is left out, and `warn` says how much.
+
+    `copies` also get what `write` prints.
+    """
 
     def __init__(
         self,
         warn: Callable[[str], None] = reward_logger.warning,
         clock: Callable[[], float] = monotonic,
     ) -> None:
+        self.copies: Sequence[Callable[[str], None]] = ()
         self._warn = warn
         self._clock = clock
         self._left = float(BURST_CHARACTERS)
@@ -65,26 +69,16 @@ class PrintLimit:
             )
         self._silent, self._omitted_prints, self._omitted_characters = False, 0, 0
 
-
-_limit = PrintLimit()
-_copies: Sequence[Callable[[str], None]] = ()
-
-
-def install(copies: Sequence[Callable[[str], None]]) -> None:
-    global _copies
-    _copies = copies
-
-
-def print_theirs(text: str) -> None:
-    admitted = _limit.admit(text)
-    if not admitted:
-        return
-    with suppress(OSError):  # a full disk; a print must neither fail nor wait
-        sys.stdout.write(admitted)
-        sys.stdout.flush()
-    for copy in _copies:
-        copy(admitted)
+    def write(self, text: str) -> None:
+        admitted = self.admit(text)
+        if not admitted:
+            return
+        with suppress(OSError):  # a full disk; a print must neither fail nor wait
+            sys.stdout.write(admitted)
+            sys.stdout.flush()
+        for copy in self.copies:
+            copy(admitted)
 
 
-def end_limit() -> None:
-    _limit.report()
+theirs = PrintLimit()
+"""Of this process."""

@@ -9,15 +9,13 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import FrameType
 
 from drcli.base import errors, log
-from drcli.base import log as log_files
 from drcli.base.errors import DrError
 from drcli.base.installation import import_error, lazy_imports
-from drcli.base.log import JsonLog, LogFile, RotatingFile, add_handler, record_text, remove_handler
+from drcli.base.log import JsonLog, LogFile, RotatingLog, record_text
 from drcli.base.processes import handle, lower_priority, search_as_usual
 from drcli.bucket.connect import OUTAGE_PATIENCE_S, open_bucket
 from drcli.bucket.request_count import CountFile
@@ -39,45 +37,30 @@ with lazy_imports():
 # That is in its own log too, where other tools look for it.
 
 
-class WorkerLogs:
-    def __init__(self, job: Job, name: str, path: Path | None) -> None:
-        settings = job.config.logs
-        max_bytes = settings.log_max_mb << 20
-        self._json: JsonLog | None = None
-        self._prints: _RewardLog | None = None
-        copies: list[Callable[[str], None]] = []
-        if path is not None:
-            LogFile(path, max_bytes)
-            prints = log_file(job.directory, job.config.model.prefix, reward_log(name))
-            self._prints = _RewardLog(prints, max_bytes)
-            copies.append(self._prints.file.write)
-            if settings.log_json:
-                self._json = JsonLog(json_log(path), max_bytes, name)
-                copies.append(self._json.printed)
-        print_limit.install(copies)
-
-    def end(self) -> None:
-        if self._prints is not None:
-            self._prints.end()
-        if self._json is not None:
-            self._json.end()
+def open_logs(job: Job, name: str, path: Path) -> list[RotatingLog]:
+    """Besides the worker's own."""
+    settings = job.config.logs
+    max_bytes = settings.log_max_mb << 20
+    LogFile(path, max_bytes)
+    prints = _RewardLog(
+        log_file(job.directory, job.config.model.prefix, reward_log(name)), max_bytes
+    )
+    logs: list[RotatingLog] = [prints]
+    copies = [prints.file.write]
+    if settings.log_json:
+        lines = JsonLog(json_log(path), max_bytes, name)
+        logs.append(lines)
+        copies.append(lines.printed)
+    print_limit.theirs.copies = copies
+    return logs
 
 
-class _RewardLog(logging.Handler):
+class _RewardLog(RotatingLog):
     """Our records between the reward function's prints."""
-
-    def __init__(self, path: Path, max_bytes: int) -> None:
-        super().__init__()
-        self.file = RotatingFile(path, max_bytes)
-        add_handler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
         if record.name == print_limit.reward_logger.name:
             self.file.write(f"{record_text(record)}\n")
-
-    def end(self) -> None:
-        remove_handler(self)
-        self.file.close()
 
 
 FAR_READ_TIMEOUT_S = 20.0
@@ -88,9 +71,13 @@ _logger = log.get_logger(__name__)
 
 
 class StopSignal:
-    """Knows whether this process should stop: a signal came, or its launcher has ended."""
+    """Knows whether this process should stop: a signal came, or its launcher has ended.
+
+    A joined worker also stops when its training has ended; `ended` says why.
+    """
 
     def __init__(self, launcher_pid: int) -> None:
+        self.ended = ""
         self.heartbeat = Heartbeat()
         self._launcher_pid = launcher_pid
         self._signalled = False
@@ -101,12 +88,15 @@ class StopSignal:
 
     def should_stop(self) -> bool:
         self.heartbeat.turn()
-        return self._signalled or os.getppid() != self._launcher_pid
+        return self._is_over()
 
     def step_done(self) -> bool:
         """The same after each step, which counts as progress."""
         self.heartbeat.step_done()
-        return self._signalled or os.getppid() != self._launcher_pid
+        return self._is_over()
+
+    def _is_over(self) -> bool:
+        return self._signalled or bool(self.ended) or os.getppid() != self._launcher_pid
 
 
 class StopRequested(Exception):
@@ -164,11 +154,7 @@ def open_own_bucket(job: Job, stop_signal: StopSignal, *, far: bool = False) -> 
     return bucket.fenced(own.check)
 
 
-def run(
-    name: str,
-    main: Callable[[Job, StopSignal], None],
-    stop_signal_of: Callable[[int], StopSignal] = StopSignal,
-) -> None:
+def run(name: str, main: Callable[[Job, StopSignal], None]) -> None:
     """Run a worker's loop as the main function of a process.
 
     Exits with 0 if the loop ended or was asked to stop, with the code of an explained failure,
@@ -177,11 +163,12 @@ def run(
     """
     search_as_usual()
     job = Job.received_or_exit()
-    stop_signal = stop_signal_of(job.launcher_pid)
+    stop_signal = StopSignal(job.launcher_pid)
     WorkerExit.delete(job.folder, name)
-    path = os.environ.get(log_files.VARIABLE)
-    logs = WorkerLogs(job, name, Path(path) if path else None)
-    sys.excepthook = partial(_explain_unseen, job, name)
+    path = os.environ.get(log.VARIABLE)
+    logs = open_logs(job, name, Path(path)) if path else []
+    # What `except Exception` does not see.
+    sys.excepthook = lambda kind, error, trace: _explain(error, job, name)
     errors.show, errors.warn = _logger.info, _logger.warning
     _logger.info("%s started as process %d.", name, os.getpid())
     if job.config.train.priority == "low":
@@ -197,19 +184,15 @@ def run(
         raise SystemExit(_explain(error, job, name).code) from None
     finally:
         requests.end()
-        print_limit.end_limit()
-        logs.end()
+        print_limit.theirs.report()
+        for each in logs:
+            each.end()
         # Otherwise Python searches all objects for garbage at exit, which takes nearly a second.
         gc.freeze()
 
 
-def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace: object) -> None:
-    """What `except Exception` does not see, as `sys.excepthook`."""
-    _explain(error, job, name)
-
-
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
-    print_limit.end_limit()
+    print_limit.theirs.report()
     memory = memory_shortage(error)
     logger = _logger
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim

@@ -158,7 +158,7 @@ class LaggedTraining:
         self._model.load_state_dict(self._weights[checkpoint])
         driven: list[Driven] = []
         self._driver.drive(self._plans(iteration, worker), driven.append)
-        self._free[worker] = begins[worker] + sum(len(each.actions) for each in driven)
+        self._free[worker] = begins[worker] + sum(len(each.samples) for each in driven)
         self._ended[iteration] = max(self._ended[iteration], self._free[worker])
         self._driven[iteration][worker] = checkpoint, driven
         self._next[worker] += 1

@@ -19,8 +19,7 @@ from drcli.learn.learner import Learner
 from drcli.learn.rollout_buffer import Rollout
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
-from drcli.train.build_learner import build_learner
-from drcli.train.learner_group import Build, LearnerGroup, learner_group
+from drcli.train.learner_group import Build, LearnerGroup, build_learner, learner_group
 from drcli.workers.cores import cores
 
 
@@ -88,7 +87,7 @@ def _shared(
     like: Learner,
 ) -> Learner:
     """The learner of the group, with the weights of another one."""
-    group.build(Build(metadata, parameters, compute))
+    group.tell(Build(metadata, parameters, compute))
     learner = build_learner(metadata, parameters, compute, group.gradients)
     learner.model.load_state_dict(like.model.state_dict())
     return learner

@@ -164,18 +164,9 @@ def _episode(plan: Plan, steps: int) -> Driven:
         )
         for step in range(steps + 1)
     ]
-    frame = np.zeros((1, 12, 16), np.uint8)
-    return Driven(
-        plan.number,
-        plan.phase,
-        rows=rows,
-        frames=[frame] * steps,
-        scans=[np.zeros(0, np.float32)] * steps,
-        states=[np.zeros(0, np.float32)] * steps,
-        actions=[0] * steps,
-        log_probs=[-1.0] * steps,
-        values=[0.0] * steps,
-    )
+    frame, nothing = np.zeros((1, 12, 16), np.uint8), np.zeros(0, np.float32)
+    samples = [(frame, nothing, nothing, 0, -1.0, 0.0, True)] * steps
+    return Driven(plan.number, plan.phase, rows=rows, samples=samples)
 
 
 def sleeping_update(step_s: float) -> Callable[..., list[PPOStats]]:

@@ -1,6 +1,5 @@
 """Server processes that outlive the command."""
 
-import json
 import os
 import shutil
 import signal
@@ -15,11 +14,14 @@ from typing import Literal
 from drcli.base import errors
 from drcli.base.clock import wait_until
 from drcli.base.errors import StorageError
-from drcli.base.files import read_regular
+from drcli.base.files import read_regular, write_private_json
+from drcli.base.installation import lazy_imports
 from drcli.base.json_record import RecordError, decode_json
-from drcli.base.system_calls import flush_descriptor
 from drcli.bucket.endpoint import Endpoint
 from drcli.config.run_config import Engine, StorageConfig
+
+with lazy_imports():
+    import psutil
 
 _TERM_PATIENCE_S = 5.0
 _EXEC_PATIENCE_S = 1.0
@@ -50,7 +52,15 @@ def is_running(pid: int, mark: str) -> bool:
 
     After a reboot, the id may be another's.
     """
-    return mark in _command_line(pid)
+    with suppress(psutil.Error, ValueError):  # the other: not a process id
+        process = psutil.Process(pid)
+        # Linux shows none for a moment after `subprocess.Popen` has returned, for the new program
+        # is not laid out yet; threads of the kernel have none, and no program either.
+        wait_until(
+            lambda: bool(process.cmdline() or not process.exe()), patience_s=_EXEC_PATIENCE_S
+        )
+        return mark in " ".join(process.cmdline())
+    return False
 
 
 def end(pid: int, mark: str) -> None:
@@ -60,38 +70,6 @@ def end(pid: int, mark: str) -> None:
     if not wait_until(lambda: not is_running(pid, mark), patience_s=_TERM_PATIENCE_S):
         os.kill(pid, signal.SIGKILL)
         wait_until(lambda: not is_running(pid, mark), patience_s=_TERM_PATIENCE_S)
-
-
-def _has_command_line(pid: int) -> bool:
-    """Whether /proc tells it by now, or never will.
-
-    Linux shows none for a moment after `subprocess.Popen` has returned, for the new program is not
-    laid out yet. A process that has ended has no program either.
-    """
-    if Path(f"/proc/{pid}/cmdline").read_bytes():
-        return True
-    try:
-        Path(f"/proc/{pid}/exe").readlink()
-    except OSError:
-        return True
-    return False
-
-
-def _command_line(pid: int) -> str:
-    if Path("/proc/self/cmdline").exists():  # Linux, where a small image may lack `ps`
-        try:
-            wait_until(lambda: _has_command_line(pid), patience_s=_EXEC_PATIENCE_S)
-            # Decoded like a path, so that the mark is found in any locale.
-            return os.fsdecode(Path(f"/proc/{pid}/cmdline").read_bytes()).replace("\0", " ")
-        except (FileNotFoundError, ProcessLookupError):
-            return ""
-    answer = subprocess.run(
-        ["ps", "-ww", "-o", "command=", "-p", str(pid)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        check=False,
-    )
-    return os.fsdecode(answer.stdout)
 
 
 # Programs that serve a folder as S3.
@@ -231,17 +209,7 @@ class ServerState:
 
     def write(self, path: Path) -> None:
         """In one step; others can never read the keys."""
-        fresh = path.with_suffix(".new")
-        fresh.unlink(missing_ok=True)
-        try:
-            with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as f:
-                json.dump(asdict(replace(self, inode=path.parent.stat().st_ino)), f)
-                f.flush()
-                flush_descriptor(f.fileno())
-            fresh.replace(path)
-        except OSError:
-            fresh.unlink(missing_ok=True)
-            raise
+        write_private_json(path, asdict(replace(self, inode=path.parent.stat().st_ino)))
 
     @property
     def mark(self) -> str:

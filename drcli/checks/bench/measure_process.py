@@ -40,7 +40,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.records.rollout import encode_episodes
-from drcli.train.build_learner import build_learner
+from drcli.train.learner_group import build_learner
 from drcli.workers.cores import driving_threads, learning_threads, overlaps
 from drsim.car.actions import Actions, ContinuousActions
 from drsim.episode.episode_rules import EpisodeRules

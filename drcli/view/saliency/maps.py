@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from drcli.learn.encoders import Encoder
-from drcli.learn.network import Head
+from drcli.learn.encoders import Encoder, Head
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation
 from drcli.view.saliency.policy_outputs import (
     ExplainedPolicy,

@@ -20,7 +20,7 @@ from drcli.convert.runtimes import policy_of_file
 from drcli.convert.stored_checkpoint import driving_graph, load_checkpoint
 from drcli.drive.build_race import actions_of, sensors_of_model
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.network import Head, Network
+from drcli.learn.encoders import Head, Network
 from drcli.learn.policy import Observation, Policy
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design

@@ -22,12 +22,6 @@ def test_a_named_pipe_that_nobody_writes_to_is_refused_at_once(tmp_path):
         read_regular(tmp_path / "pipe")
 
 
-def test_only_the_start_is_read_if_there_is_a_limit(tmp_path):
-    (tmp_path / "file").write_bytes(b"content")
-
-    assert read_regular(tmp_path / "file", 3) == b"con"
-
-
 @pytest.mark.parametrize("path", ["/dev/zero", "."])
 def test_devices_without_an_end_and_folders_are_refused(path):
     with pytest.raises(OSError, match=r"not an ordinary file|Is a directory"):

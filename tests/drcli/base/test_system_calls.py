@@ -131,7 +131,6 @@ def test_cores_open_files_and_clock_have_another_source_elsewhere(monkeypatch, t
 
 def test_processes_are_recognised_without_proc(monkeypatch, tmp_path):
     monkeypatch.setattr(processes, "_PROC", tmp_path / "absent")
-    monkeypatch.setattr(heartbeat_thread, "_PROC", tmp_path / "absent")
     processes.this_machine.cache_clear()
     try:
         name = processes.this_machine()

@@ -12,7 +12,7 @@ from drcli.learn.compute import Compute
 from drcli.learn.learner import Learner
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
-from drcli.train.build_learner import build_learner
+from drcli.train.learner_group import build_learner
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 

@@ -254,7 +254,7 @@ class Training:
             yield
             self.bucket.put(keys.training_trace(PREFIX, number), f"{self.number}".encode())
             yield
-            arrived = reader.wait_manifests(number, [name], [0], patience_s=0.0)
+            arrived = reader.wait_manifests(number, [name], [0], enough=1)
             assert arrived, "somebody wrote over the rollouts of the owner"
             yield
             record = iteration(number, driven_by=self.number)

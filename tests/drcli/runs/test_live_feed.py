@@ -23,7 +23,8 @@ def received():
 
 @pytest.fixture
 def feed(tmp_path, received):
-    with LiveFeed(tmp_path, received.take, received.leave, poll_s=POLL_S) as feed:
+    feed = LiveFeed(tmp_path, received.take, received.leave, poll_s=POLL_S)
+    with contextlib.closing(feed):
         yield feed
 
 
@@ -126,7 +127,8 @@ def test_a_key_of_an_earlier_worker_opens_nothing(tmp_path, feed, received):
 
 def test_a_worker_that_falls_silent_is_given_up(tmp_path, received, monkeypatch):
     monkeypatch.setattr(live_feed, "SILENCE_S", 0.1)
-    with shown(tmp_path), LiveFeed(tmp_path, received.take, received.leave, poll_s=POLL_S) as feed:
+    feed = LiveFeed(tmp_path, received.take, received.leave, poll_s=POLL_S)
+    with shown(tmp_path), contextlib.closing(feed):
         feed.watch(0, "sim-0", {"state"})
 
         assert received.gone.get(timeout=20.0) == (0, "sim-0")

@@ -4,8 +4,8 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
+import psutil
 import pytest
 
 from drcli.bucket.server import server_process
@@ -45,8 +45,10 @@ def test_a_process_of_a_folder_with_an_umlaut_is_known_in_the_c_locale(sleeper, 
 
 def test_a_process_whose_program_is_not_laid_out_yet_is_known(sleeper, monkeypatch):
     process, mark = sleeper
-    read, answers = Path.read_bytes, [b"", b""]
-    monkeypatch.setattr(Path, "read_bytes", lambda path: answers.pop() if answers else read(path))
+    read, answers = psutil.Process.cmdline, [[], []]
+    monkeypatch.setattr(
+        psutil.Process, "cmdline", lambda own: answers.pop() if answers else read(own)
+    )
 
     assert server_process.is_running(process.pid, mark)
 

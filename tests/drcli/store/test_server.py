@@ -383,17 +383,16 @@ def test_stopping_waits_for_the_first_start_and_ends_that_server(local, monkeypa
 
 
 def test_stopping_works_on_a_full_disk(local, monkeypatch):
-    def refuse(state: object, file: object) -> None:
+    def refuse(path: object, value: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     endpoint = server.ensure_running(local)
     with monkeypatch.context() as full:
-        full.setattr(server_state.json, "dump", refuse)
+        full.setattr(server_state, "write_private_json", refuse)
         stopped = server.stop(local)
 
     assert stopped
     assert not server_process.is_running(endpoint.pid, str(endpoint.url)[7:])
-    assert not list(local.data_dir.glob(".server.new"))
     assert not server.stop(local)
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from drcli.base.errors import NotAvailable
 from drcli.config.loading import load_settings
-from drcli.metrics import figure_sender, open_sinks
+from drcli.metrics import open_sinks
 from drcli.metrics.figure_events import Ended, EpochPoint, Point
-from drcli.metrics.figure_sender import FigureSender
+from drcli.metrics.open_sinks import FigureSender
 
 POINT = Point(1, 2.0, {"losses/entropy": 1.0})
 
@@ -47,7 +47,7 @@ def log():
                 told.append(record.getMessage())
 
     handler = Handler(logging.INFO)
-    logger = figure_sender._logger
+    logger = open_sinks._logger
     logger.addHandler(handler)
     yield lambda: told
     logger.removeHandler(handler)
@@ -64,7 +64,7 @@ def test_events_arrive_in_order_and_the_end_waits_for_them():
     assert sink.got == events
     assert sink.closed
     sender.send(POINT)  # after the end, nothing happens
-    assert not sender.is_active
+    assert sink.got == events
 
 
 def test_without_sinks_there_is_no_thread():
@@ -222,7 +222,7 @@ def test_the_end_of_an_outage_is_logged_when_a_tool_is_closed(log):
 
 
 def test_a_tool_that_hangs_holds_up_nobody(log, monkeypatch):
-    monkeypatch.setattr(figure_sender, "MOST_WAITING", 2)
+    monkeypatch.setattr(open_sinks, "MOST_WAITING", 2)
     released = threading.Event()
 
     class Hanging(Kept):
@@ -255,9 +255,9 @@ def test_the_settings_open_what_they_name_and_nothing_else(tmp_path):
     sender.close()
 
     assert [path.name for path in (tmp_path / "prom").iterdir()] == ["deepracer-m.prom"]
-    assert not open_sinks.sender_of_episodes(figures, "m").is_active
+    assert not open_sinks.sender_of_episodes(figures, "m")._openers
     nothing = settings(tmp_path).run.figures
-    assert not open_sinks.sender_of_trainer(nothing, tmp_path, facts).is_active
+    assert not open_sinks.sender_of_trainer(nothing, tmp_path, facts)._openers
 
 
 def test_a_missing_extra_is_named_before_a_start(tmp_path, monkeypatch):

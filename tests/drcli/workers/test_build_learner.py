@@ -18,8 +18,8 @@ from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
-from drcli.train.build_learner import build_learner
 from drcli.train.checkpoint_publisher import restore_optimizer
+from drcli.train.learner_group import build_learner
 from drsim.episode.teacher_features import PRIVILEGED_DIMS
 
 RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}

@@ -13,13 +13,11 @@ from drcli.learn.compute import Compute
 from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO
 from drcli.model.checkpoints import CheckpointStore
-from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
 from drcli.model.traces import TraceRetention
 from drcli.records.checkpoint import CheckpointName, Counters
 from drcli.train import checkpoint_publisher
 from drcli.train.checkpoint_publisher import CheckpointPublisher
-from drcli.train.write_graph import GraphWriter
 from memory_bucket import MemoryBucket
 from small_model import put_small_model
 
@@ -55,10 +53,8 @@ def publisher(bucket, store):
     made = []
 
     def make(*, ending: bool = False) -> CheckpointPublisher:
-        metadata = Design.of_model(ModelStore(bucket, "model")).metadata
-        graphs = GraphWriter(store, PolicySpec(4, network=COMPACT), metadata, enabled=False)
         traces = TraceRetention(ModelStore(bucket, "model"), 1, 0)
-        made.append(CheckpointPublisher(store, graphs, traces, lambda: ending))
+        made.append(CheckpointPublisher(store, traces, lambda: ending))
         return made[-1]
 
     yield make

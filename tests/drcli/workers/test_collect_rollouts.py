@@ -8,13 +8,15 @@ from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.records.job import WorkerShare
 from drcli.records.rollout import Driving, Episodes, Manifest
-from drcli.train.collect_rollouts import (
+from drcli.train.rollouts import (
     JOINED_PATIENCE_S,
     LEAST_PATIENCE_S,
     STARTING_PATIENCE_S,
     Collector,
+    RolloutReader,
+    RolloutWriter,
+    find_manifest,
 )
-from drcli.train.rollouts import RolloutReader, RolloutWriter, find_manifest
 from memory_bucket import MemoryBucket
 
 PREFIX = "model"
@@ -92,8 +94,8 @@ def test_the_episodes_of_all_workers_come_together(bucket, reader):
     got = Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], TWO, lambda: False)
 
     assert got.rollout.lengths.tolist() == [3, 2, 3, 2]
-    assert (got.rewards, got.lap_s) == ([3.0, 2.0, 3.0, 2.0], [2.0, 2.0])
-    assert (got.drive_s, got.simulated_s, got.evaluates) == (6.0, 8.0, 0)
+    assert (got.record.mean_reward, got.record.full_laps, got.record.best_lap_s) == (2.5, 2, 2.0)
+    assert (got.record.drive_s, got.simulated_s, got.evaluates) == (6.0, 8.0, 0)
 
 
 def test_a_dead_worker_is_waited_for_once_and_then_no_more(bucket, reader, clock):
@@ -138,7 +140,7 @@ def test_a_worker_that_comes_back_counts_again(bucket, reader, clock):
     before_s = clock.now_s
     collector.collect(2, ["2_Step-9.ckpt"], TWO, lambda: False)
 
-    assert len(got.progress) == 4
+    assert got.record.episodes == 4
     assert clock.now_s - before_s == pytest.approx(LEAST_PATIENCE_S, abs=POLL_S)
 
 
@@ -226,7 +228,7 @@ def test_a_small_part_is_not_waited_for_when_the_last_large_one_has_come(bucket,
     reader.close()
 
     assert 60.0 <= clock.now_s < 62.5
-    assert (len(got.progress), got.late) == (16, (1,))
+    assert (got.record.episodes, got.late) == (16, (1,))
 
 
 def test_a_small_part_that_comes_first_does_not_shorten_the_patience_for_larger_ones(
@@ -277,7 +279,7 @@ def test_a_joined_worker_that_came_late_is_waited_for_when_it_has_a_share_again(
     again = collector.collect(1, ["1_Step-9.ckpt"], JOINED, lambda: False)
 
     assert late == (1,)
-    assert (len(again.progress), again.late) == (4, ())
+    assert (again.record.episodes, again.late) == (4, ())
 
 
 def test_only_those_who_have_a_share_are_waited_for(bucket, reader, clock):

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from drcli.drive import driving
-from drcli.drive.driving import Driven, Driver, Plan, Racer
+from drcli.drive.driving import Driven, Driver, Plan, Racer, rollout_of
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.compute import driving_format
 from drcli.learn.data_parallel import DataParallelPolicy
@@ -66,11 +66,11 @@ def test_every_sensor_is_recorded_once_a_step():
 
     episode = drive(spec, sensors=sensors)[0]
 
-    shapes = {frame.shape for frame in episode.frames}
-    assert shapes == {(2, 120, 160)}
-    assert len(episode.frames) == len(episode.scans) == len(episode.states) == episode.steps
-    assert {scan.shape for scan in episode.scans} == {(8,)}
-    assert {state.shape for state in episode.states} == {(PRIVILEGED_DIMS,)}
+    assert len(episode.samples) == episode.steps
+    frames, scans, states, *_ = zip(*episode.samples, strict=True)
+    assert {frame.shape for frame in frames} == {(2, 120, 160)}
+    assert {scan.shape for scan in scans} == {(8,)}
+    assert {state.shape for state in states} == {(PRIVILEGED_DIMS,)}
 
 
 def test_rows_tell_how_long_the_reward_function_took():
@@ -161,9 +161,8 @@ def beside_others(policy: Policy, cars: int, threads: int) -> dict[str, object]:
     simulation.close()
     [own] = [episode for episode in driven if episode.number == 0]
     assert cars == 1 or min(episode.steps for episode in driven) < own.steps
-    names = ("frames", "scans", "states", "actions", "log_probs", "values", "last_value", "steps")
     rows = [replace(row, reward_ms=0.0) for row in own.rows]
-    return {"rows": rows} | {name: getattr(own, name) for name in names}
+    return {"rows": rows, "steps": own.steps, **vars(rollout_of([own]))}
 
 
 Network = ActorCritic | SACAgent
@@ -202,7 +201,7 @@ def test_without_blind_actions_the_likeliest_are_taken_whatever_the_dice():
     one = drive(spec, max_steps=6, epsilon=lambda _: 0.0, seed=5)
     other = drive(spec, max_steps=6, epsilon=lambda _: 0.0, seed=6)
 
-    assert [episode.actions for episode in one] == [episode.actions for episode in other]
+    assert rollout_of(one).actions.tolist() == rollout_of(other).actions.tolist()
 
 
 @pytest.mark.parametrize("stack", [1, 4])
@@ -211,7 +210,8 @@ def test_what_was_seen_can_be_put_together_again_from_single_frames(stack):
     spec = PolicySpec(3, network=COMPACT, stack=stack)
     episode = drive(spec, episodes=1)[0]
     model = fresh(spec)
-    frames = np.stack(episode.frames)
+    rollout = rollout_of([episode])
+    frames = rollout.frames
     rows = np.arange(len(frames))[:, None] - np.minimum(
         np.arange(stack - 1, -1, -1), np.arange(len(frames))[:, None]
     )
@@ -221,7 +221,7 @@ def test_what_was_seen_can_be_put_together_again_from_single_frames(stack):
         together = torch.from_numpy(frames[rows]).flatten(1, 2)
         value = model(Observation(together, nothing, nothing)).value
 
-    np.testing.assert_allclose(value.numpy(), episode.values, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(value.numpy(), rollout.values, rtol=1e-4, atol=1e-5)
 
 
 def test_a_step_of_a_trace_is_one_of_the_simulation():

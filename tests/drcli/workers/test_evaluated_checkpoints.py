@@ -40,9 +40,9 @@ def test_a_checkpoint_that_completes_its_laps_by_luck_does_not_end_the_training(
     training = TrainingInMemory(working_folder, monkeypatch, DR_TRAIN_EVAL_LAPS=2)
     iterate, drive, driving, starts = SimWorker._iterate, Driver.drive, [], []
 
-    def noted(worker, iteration, name):
+    def noted(worker, iteration, name, counters):
         driving.append(name.number)
-        iterate(worker, iteration, name)
+        iterate(worker, iteration, name, counters)
 
     def lucky(driver, plans, on_episode, *args, **options):
         laps = clean.get(driving[-1], 0)

@@ -17,8 +17,7 @@ from drcli.model.files.network_shape import Design
 from drcli.model.history import read_history
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters, checkpoint_name
-from drcli.train.collect_rollouts import Collector
-from drcli.train.rollouts import find_manifest
+from drcli.train.rollouts import Collector, find_manifest
 from drcli.train.sim import SimWorker
 from drcli.workers.cores import max_lag
 from drcli.workers.worker_process import StopRequested

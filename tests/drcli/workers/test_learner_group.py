@@ -14,8 +14,7 @@ from drcli.learn.update_result import NonFiniteLossError
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.train import learner_group as gradient_memory
-from drcli.train.build_learner import build_learner
-from drcli.train.learner_group import Build, LearnerGroup, learner_group
+from drcli.train.learner_group import Build, LearnerGroup, build_learner, learner_group
 from made_up_rollout import made_up_rollout
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
@@ -137,7 +136,7 @@ def test_the_end_of_another_process_is_noticed_at_once(group):
 
 def _learner_of(group, parameters, algorithm="clipped_ppo"):
     build = Build(_metadata(algorithm), parameters, CPU)
-    group.build(build)
+    group.tell(build)
     torch.manual_seed(0)
     return build_learner(build.metadata, parameters, CPU, group.gradients)
 

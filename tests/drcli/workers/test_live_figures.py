@@ -35,8 +35,6 @@ def record(iteration, **changes):
 class Sender:
     """Keeps what is sent."""
 
-    is_active = True
-
     def __init__(self):
         self.got, self.closed = [], False
 

@@ -14,8 +14,8 @@ from drcli.records.checkpoint import CheckpointName
 from drcli.records.job import MemberRecord, Shares, SharesRecord, WorkerShare
 from drcli.records.run_record import Lease
 from drcli.train import membership as module
-from drcli.train.membership import JoinedStopSignal, Membership
-from drcli.workers.worker_process import StopRequested
+from drcli.train.membership import Membership
+from drcli.workers.worker_process import StopRequested, StopSignal
 from memory_bucket import MemoryBucket
 
 PREFIX, NAME = "model", "joined-far-1"
@@ -29,7 +29,7 @@ class Away:
         self.age_s = 0.0
         self.bucket = MemoryBucket()
         write_lease(ModelStore(self.bucket, PREFIX), LEASE)
-        self.stop_signal = JoinedStopSignal(os.getppid())
+        self.stop_signal = StopSignal(os.getppid())
         self.written = threading.Event()
         watched = self.bucket.fenced(self._note)
         self.membership = Membership(

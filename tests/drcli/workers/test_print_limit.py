@@ -2,7 +2,6 @@
 
 import pytest
 
-from drcli.workers import print_limit
 from drcli.workers.print_limit import (
     BURST_CHARACTERS,
     CHARACTERS_S,
@@ -79,12 +78,10 @@ def test_nothing_is_said_where_nothing_is_missing(limit, warnings):
 
 def test_copies_get_what_the_limit_admits_of_what_is_printed(limit, monkeypatch, capsys):
     copied = []
-    monkeypatch.setattr(print_limit, "_limit", limit)
-    monkeypatch.setattr(print_limit, "_copies", ())
-    print_limit.install([copied.append])
+    monkeypatch.setattr(limit, "copies", [copied.append])
 
     for _ in range(40_000):
-        print_limit.print_theirs(STEP)
+        limit.write(STEP)
     print("own\n" * 20_000, end="")
 
     printed = capsys.readouterr().out

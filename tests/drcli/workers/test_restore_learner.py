@@ -16,8 +16,8 @@ from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.records.scores import EvaluationResult
-from drcli.train.build_learner import build_learner
 from drcli.train.checkpoint_publisher import forget_evaluations, restore_learner
+from drcli.train.learner_group import build_learner
 from memory_bucket import MemoryBucket
 
 

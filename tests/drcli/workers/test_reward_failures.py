@@ -12,7 +12,7 @@ from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_reward_errors
 from drcli.records.reward import MOST_ERRORS, RewardErrorRecord, sum_of
 from drcli.records.trace import read_csv
-from drcli.train.collect_rollouts import Collected
+from drcli.train.rollouts import Collected
 from drcli.train.trainer import Trainer
 from drcli.workers.reward_failures import (
     SAVED_EVERY_S,

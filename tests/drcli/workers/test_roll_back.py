@@ -19,10 +19,11 @@ from drcli.model.history import read_history
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import Rollback, Rollbacks, read_rollbacks
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters
+from drcli.records.iteration import IterationRecord
 from drcli.records.scores import EvaluationResult
 from drcli.records.trace import read_csv
 from drcli.train.checkpoint_publisher import RollbackControl
-from drcli.train.collect_rollouts import Collected, Collector
+from drcli.train.rollouts import Collected, Collector
 from drcli.train.trainer import learn
 from training_in_memory import PREFIX, CopiedBucket, TrainingInMemory, UntilFailure
 
@@ -35,6 +36,22 @@ class MadeUp:
     """A rollout that no update looks at."""
 
     steps = 10
+
+
+def driven_record(iteration: int, checkpoint: str, progress: float) -> IterationRecord:
+    return IterationRecord(
+        iteration=iteration,
+        checkpoint=checkpoint,
+        episodes=1,
+        steps=MadeUp.steps,
+        total_steps=0,
+        mean_reward=1.0,
+        mean_progress=progress,
+        full_laps=0,
+        best_lap_s=None,
+        drive_s=0.1,
+        elapsed_s=0.0,
+    )
 
 
 class Killed(BaseException):
@@ -131,10 +148,10 @@ def offline(working_folder, monkeypatch, sick):
     )
 
     def collect(self: Collector, iteration: int, checkpoints: Any, *_more: Any) -> Collected:
-        return Collected(MadeUp(), [50.0], [1.0], [], 1.0, 0.1, checkpoints[-1], None)
+        return Collected(MadeUp(), driven_record(iteration, checkpoints[-1], 50.0), 1.0)
 
     monkeypatch.setattr(Collector, "collect", collect)
-    monkeypatch.setattr("drcli.train.trainer.GraphWriter.write", lambda *_: None)
+    monkeypatch.setattr("drcli.train.checkpoint_publisher.write_graph", lambda *_: None)
     job = training.planned()
 
     def run(bucket: DyingBucket, iterations: int = ITERATIONS) -> None:
@@ -214,7 +231,8 @@ def test_a_collapse_goes_back_to_the_best_checkpoint(offline, sick, monkeypatch)
             write_evaluation(ModelStore(training.bucket, PREFIX), 2, found)
             evaluates = 2
         progress = 60.0 if iteration < 3 or 2 in driven[3:] else 10.0
-        return Collected(MadeUp(), [progress], [1.0], [], 1.0, 0.1, checkpoints[-1], evaluates)
+        record = driven_record(iteration, checkpoints[-1], progress)
+        return Collected(MadeUp(), record, 1.0, evaluates)
 
     monkeypatch.setattr(Collector, "collect", collect)
     bucket = DyingBucket()
@@ -239,7 +257,7 @@ def test_a_rollback_stays_in_its_stage(working_folder, monkeypatch, first, targe
     for number in range(7):
         store.save(number, 10 * number, b"weights")
     store.record_evaluation(EvaluationResult("3_Step-30.ckpt", [90.0], [1.0], []), "progress")
-    control = RollbackControl(training.bucket, job, store)
+    control = RollbackControl(ModelStore(training.bucket, PREFIX), job, store)
 
     decided = control.decide("nan", "It is nan", CheckpointName(6, 60), 0.001, 5.0, first=first)
 

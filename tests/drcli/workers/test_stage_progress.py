@@ -7,10 +7,15 @@ import pytest
 from drcli.config.loading import load_settings
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.records.stage import Stage, StageGoal, StageMark
-from drcli.train.stage_progress import Counted, StageProgress
+from drcli.train.training_progress import StageProgress
 from iterations import iteration_record
 
-BEGUN = Counted(10, 1000, 200, 600.0)
+
+def counted(iteration: int, steps: int, episodes: int, elapsed_s: float) -> StageMark:
+    return StageMark("", 1, 1, "", "", iteration, steps, episodes, elapsed_s)
+
+
+BEGUN = counted(10, 1000, 200, 600.0)
 
 
 @pytest.fixture
@@ -43,10 +48,10 @@ def evaluated(iteration: int, *progress: float, laps=(), **changes):
 @pytest.mark.parametrize(
     ("goal", "now", "said"),
     [
-        (StageGoal(steps=500), Counted(11, 1500, 210, 601.0), "500 steps are done"),
-        (StageGoal(episodes=1), Counted(11, 1001, 201, 601.0), "1 episode is done"),
-        (StageGoal(iterations=2), Counted(12, 1001, 201, 601.0), "2 iterations are done"),
-        (StageGoal(minutes=1), Counted(11, 1001, 201, 660.0), "1 minute has passed"),
+        (StageGoal(steps=500), counted(11, 1500, 210, 601.0), "500 steps are done"),
+        (StageGoal(episodes=1), counted(11, 1001, 201, 601.0), "1 episode is done"),
+        (StageGoal(iterations=2), counted(12, 1001, 201, 601.0), "2 iterations are done"),
+        (StageGoal(minutes=1), counted(11, 1001, 201, 660.0), "1 minute has passed"),
     ],
 )
 def test_a_limit_counts_from_the_beginning_of_its_stage(stages, goal, now, said):
@@ -92,7 +97,7 @@ def test_progress_and_reward_can_be_goals(stages):
 def test_the_next_stage_begins_where_the_last_one_ended(stages):
     progress = StageProgress(stages(StageGoal(steps=1), StageGoal(laps=3)), None, BEGUN)
 
-    mark = progress.begin_next(Counted(11, 1100, 220, 700.0))
+    mark = progress.begin_next(counted(11, 1100, 220, 700.0))
 
     assert (mark.name, mark.number, mark.iteration, mark.steps) == ("s2", 2, 11, 1100)
     assert progress.is_last

@@ -8,7 +8,7 @@ import pytest
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.iteration import IterationRecord
 from drcli.records.stage import PhaseMark
-from drcli.train.stage_progress import (
+from drcli.train.training_progress import (
     MIXED_ITERATIONS,
     MOST_STEPS,
     WINDOW,

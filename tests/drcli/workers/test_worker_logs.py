@@ -24,7 +24,7 @@ def main(job, stop_signal):
     print("our own")
     sys.stdout.flush()
     for text in ("theirs 1.5\\n", "no end"):
-        print_limit.print_theirs(text)
+        print_limit.theirs.write(text)
     print_limit.reward_logger.warning("It failed.")
 
 worker_process.run("sim-1", main)

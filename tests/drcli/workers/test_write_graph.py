@@ -1,6 +1,5 @@
-"""The graph of a checkpoint lies beside it, unless it is switched off."""
+"""The graph of a checkpoint lies beside it."""
 
-import pytest
 import torch
 
 from drcli.convert.build_network import build_policy, load_weights, policy_spec
@@ -9,14 +8,13 @@ from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.network_shape import Design
 from drcli.model.model_store import ModelStore
-from drcli.train.write_graph import GraphWriter
+from drcli.train.checkpoint_publisher import write_graph
 from memory_bucket import MemoryBucket
 from observations import camera_only
 from small_model import put_small_model
 
 
-@pytest.mark.parametrize("enabled", [True, False])
-def test_the_graph_computes_what_the_checkpoint_does(enabled):
+def test_the_graph_computes_what_the_checkpoint_does():
     bucket = MemoryBucket()
     put_small_model(bucket, "model")
     store, design = (
@@ -26,12 +24,10 @@ def test_the_graph_computes_what_the_checkpoint_does(enabled):
     spec = policy_spec(design.metadata, design.parameters)
     found = store.load("5_Step-500.ckpt")
 
-    GraphWriter(store, spec, design.metadata, enabled=enabled).write(5, found.tensors)
+    write_graph(store, 5, found.tensors, spec, design.metadata.sensor)
 
-    key = keys.checkpoint_graph("model", 5)
-    assert bucket.exists(key) == enabled
-    if enabled:
-        model = build_policy(design.metadata, design.parameters)
-        load_weights(model, found.tensors, "5")
-        frames = torch.full((2, 1, 120, 160), 99, dtype=torch.uint8)
-        assert compare_graph(bucket.get(key), model, camera_only(frames), "it").is_equal
+    model = build_policy(design.metadata, design.parameters)
+    load_weights(model, found.tensors, "5")
+    frames = torch.full((2, 1, 120, 160), 99, dtype=torch.uint8)
+    graph = bucket.get(keys.checkpoint_graph("model", 5))
+    assert compare_graph(graph, model, camera_only(frames), "it").is_equal
