@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
-from drcli.bucket.bucket import Listing, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import Listing, ObjectDamaged, ObjectInfo, ObjectMissing
 from drcli.config.value_types import WORDS, CheckpointChoice, CheckpointWord
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_evaluation
@@ -218,7 +218,7 @@ def find_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = ""
     return Chosen(choice, score, _parts(listed, model.prefix, score.name))
 
 
-def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
+def missing_parts(listed: Iterable[ObjectInfo], prefix: str, name: str) -> list[str]:
     """Keys of missing files; those of our format if there are none."""
     there = {info.key for info in listed}
     ours, theirs = (

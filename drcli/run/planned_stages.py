@@ -6,12 +6,12 @@ from pathlib import PurePosixPath
 
 from drcli.base.errors import Problem, refuse, shown
 from drcli.base.json_record import RecordError
-from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.bucket.bucket import ObjectMissing
 from drcli.checks.stage_rules import SETTING, StagesReview, review_stages
 from drcli.config.fields import setting_problem
+from drcli.config.run_config import CustomFilesConfig
 from drcli.config.settings import Settings
 from drcli.model import keys
-from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.custom_files import (
     InputFile,
     Inputs,
@@ -42,19 +42,21 @@ class StagesPlan:
 
 
 def plan_stages(
-    settings: Settings, files: Mapping[str, InputFile], bucket: Bucket, *, resumes: bool
+    settings: Settings,
+    files: Mapping[str, InputFile],
+    model: ModelStore,
+    mark: StageMark | None,
+    *,
+    resumes: bool,
 ) -> StagesPlan:
-    """`before_start.examine_stages` finds problems of stages.
+    """`before_start.examine_stages` finds problems of stages; `mark` is that of a resumed model.
 
     Raises:
         ProblemsError: The curriculum cannot be read, or has lost the model's stage.
     """
-    review = review_stages(settings, files, bucket, resumes=resumes)
+    review = review_stages(settings, files, model.bucket, resumes=resumes)
     if not review.stages:
         refuse(review.problems)
-    mark = None
-    if resumes:
-        mark = CheckpointStore(ModelStore(bucket, settings.model_prefix)).stage_of_newest()
     if review.frozen is None:
         return StagesPlan(settings, review, warnings=_without_curriculum(mark))
     first = 0 if mark is None else review.index(mark.name)
@@ -65,7 +67,7 @@ def plan_stages(
         review.stages[first].settings,
         review,
         first,
-        (*(_changed(settings, bucket, review.frozen, mark) if resumes else ()),),
+        (*(_changed(settings, model, review.frozen, mark) if resumes else ()),),
     )
 
 
@@ -92,11 +94,11 @@ def _lost_stage(
 
 
 def _changed(
-    settings: Settings, bucket: Bucket, now: FrozenCurriculum, mark: StageMark | None
+    settings: Settings, model: ModelStore, now: FrozenCurriculum, mark: StageMark | None
 ) -> tuple[str, ...]:
     place = settings.place(SETTING)
     try:
-        before = FrozenCurriculum.decode(bucket.get(keys.curriculum(settings.model_prefix)))
+        before = FrozenCurriculum.decode(model.bucket.get(keys.curriculum(model.prefix)))
     except ObjectMissing:
         return (
             f"{place}: The model was trained without stages until now; the first one begins with "
@@ -129,26 +131,22 @@ def files_to_train_with(settings: Settings, inputs: Inputs, design: Design) -> d
 
 
 def freeze(
-    settings: Settings,
-    bucket: Bucket,
+    places: CustomFilesConfig,
+    model: ModelStore,
     inputs: Inputs,
     files: Mapping[str, str],
-    curriculum: FrozenCurriculum | None = None,
-    resumed: Design | None = None,
+    curriculum: FrozenCurriculum | None,
+    resumed: Design | None,
 ) -> None:
     """Copy the files of a start and its curriculum below the model prefix.
 
     Those of a `resumed` training become the model's with the first checkpoint that has learned
     with them.
     """
-    prefix = settings.model_prefix
-    model = ModelStore(bucket, prefix)
     if curriculum is not None:
-        bucket.put(keys.curriculum(prefix), curriculum.encode())
-    upload_custom_files(settings.custom_files, bucket, inputs)
-    if resumed is not None:
-        write_model_files(model, resumed.texts)
-    write_model_files(model, files, only_missing=resumed is not None)
+        model.bucket.put(keys.curriculum(model.prefix), curriculum.encode())
+    upload_custom_files(places, model.bucket, inputs)
+    write_model_files(model, files, None if resumed is None else resumed.texts)
 
 
 def parameter_files(settings: Settings) -> dict[str, Settings]:

@@ -13,7 +13,7 @@ from drcli.model.files.custom_files import InputFile
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
-from drcli.model.model_prefix import is_tensorflow
+from drcli.model.model_prefix import ModelListing, is_tensorflow
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.scores import Score, Scores
@@ -80,7 +80,7 @@ class Conversion:
         write_scores(model, Scores(last, last))
 
 
-def plan_conversion(model: ModelStore) -> Conversion | None:
+def plan_conversion(listed: ModelListing) -> Conversion | None:
     """Read the newest checkpoint if it is TensorFlow's, else None.
 
     The pointer names it or, if that is incomplete, it has the highest number, as in the reference.
@@ -88,14 +88,14 @@ def plan_conversion(model: ModelStore) -> Conversion | None:
     Raises:
         DrError: It cannot be read or trained here.
     """
-    listed = model.bucket.list(keys.model_folder(model.prefix))
-    names = {keys.checkpoint_of(model.prefix, info.key) for info in listed}
-    whole = {name for name in names if name and not missing_parts(listed, model.prefix, str(name))}
+    if not listed.has_tensorflow:
+        return None
+    model, objects = listed.model, listed.objects
+    names, infos = set(listed.checkpoints.values()), objects.values()
+    whole = {name for name in names if not missing_parts(infos, model.prefix, str(name))}
     pointed = CheckpointStore(model).pointed()
     newest: CheckpointName | None = pointed if pointed in whole else max(whole, default=None)
-    if newest is None or not is_tensorflow(
-        [info.key for info in listed], model.prefix, str(newest)
-    ):
+    if newest is None or not is_tensorflow(objects, model.prefix, str(newest)):
         return None
     try:
         scores = read_scores(model)
