@@ -172,13 +172,10 @@ def review_pretrained(
 ) -> tuple[Transfer | None, list[Problem]]:
     """V-10 and V-35: the model to start from exists, is complete, and fits."""
     try:
-        if design is None:
-            pretrained.named_weights(config, bucket)
-            return None, []
         transfer = pretrained.find(config, bucket, new, design, wiping=wiping)
     except ProblemsError as error:
         return None, list(error.problems)
-    return transfer, transfer.warnings
+    return transfer, [] if transfer is None else transfer.warnings
 
 
 def probe(model: ModelStore) -> list[Problem]:

@@ -514,12 +514,3 @@ def checkpoint_objects(model: ModelStore) -> dict[str, CheckpointName]:
 def checkpoints_among(prefix: str, listed: Iterable[str]) -> dict[str, CheckpointName]:
     found = {key: keys.checkpoint_of(prefix, key) for key in listed}
     return {key: name for key, name in found.items() if name is not None}
-
-
-def whole_among(prefix: str, objects: Mapping[str, CheckpointName]) -> list[CheckpointName]:
-    return sorted(
-        name
-        for name in set(objects.values())
-        if keys.checkpoint_record(prefix, str(name)) in objects
-        and keys.checkpoint_tensors(prefix, str(name)) in objects
-    )

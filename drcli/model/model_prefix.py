@@ -6,7 +6,7 @@ from typing import Literal
 
 from drcli.bucket.bucket import TEST_FOLDER
 from drcli.model import keys
-from drcli.model.checkpoints import checkpoint_objects, checkpoints_among, whole_among
+from drcli.model.checkpoints import checkpoint_objects, checkpoints_among
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 
@@ -30,7 +30,17 @@ class ModelListing:
         test = folder + TEST_FOLDER
         self.objects = {info.key: info for info in listed if not info.key.startswith(test)}
         self.checkpoints = checkpoints_among(self.model.prefix, self.objects)
-        self.whole = whole_among(self.model.prefix, self.checkpoints)
+
+    @property
+    def whole(self) -> list[CheckpointName]:
+        """The checkpoints of ours that have weights and record."""
+        prefix = self.model.prefix
+        return sorted(
+            name
+            for name in set(self.checkpoints.values())
+            if keys.checkpoint_record(prefix, str(name)) in self.objects
+            and keys.checkpoint_tensors(prefix, str(name)) in self.objects
+        )
 
     @property
     def kind(self) -> "Kind":

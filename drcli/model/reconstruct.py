@@ -24,7 +24,7 @@ from drcli.model.best_checkpoint import (
     score_of,
     with_evaluation,
 )
-from drcli.model.checkpoints import KEEP, CheckpointStore, checkpoint_objects, whole_among
+from drcli.model.checkpoints import KEEP, CheckpointStore
 from drcli.model.growing_file import combined_history, list_parts
 from drcli.model.history import HistoryReader
 from drcli.model.history import with_evaluation as evaluated_record
@@ -89,12 +89,8 @@ def _readable(read: Callable[[K], T], items: Iterable[K]) -> dict[K, T]:
     return found
 
 
-def whole_checkpoints(model: ModelStore) -> list[CheckpointName]:
-    return whole_among(model.prefix, checkpoint_objects(model))
-
-
 def readable_records(model: ModelStore) -> list[CheckpointRecord]:
-    names = map(str, whole_checkpoints(model))
+    names = map(str, ModelListing(model).whole)
     return list(_readable(CheckpointStore(model).record, names).values())
 
 
@@ -216,7 +212,7 @@ def reconstruct_milestones(model: ModelStore) -> Milestones:
 
     All checkpoints stay: every n-th are unknown.
     """
-    names = map(str, whole_checkpoints(model)[:-KEEP])
+    names = map(str, ModelListing(model).whole[:-KEEP])
     scores = reconstruct_scores(model, "progress")
     best = None if scores is None else scores.best_checkpoint.name
     known = replace(NO_MILESTONES, spaced=[name for name in names if name != best])

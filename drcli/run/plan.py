@@ -29,7 +29,7 @@ from drcli.model.files.hyperparameters import (
     Hyperparameters,
     TrainingMethod,
     chosen_method,
-    kept_method,
+    is_taught,
 )
 from drcli.model.files.network_shape import Design, model_files
 from drcli.model.model_prefix import ModelListing, is_aborted_start, is_used, what_helps, wipe
@@ -50,7 +50,6 @@ from drcli.run.run_logs import begin_logs
 from drcli.run.take_model import taken
 from drcli.train.goals import ending
 from drcli.transfer.continue_reference import plan_conversion
-from drcli.transfer.pretrained import sentence_of
 from drcli.workers.ray_extra import has_cluster
 
 # Makes the job of a start, and the record of its begin.
@@ -227,16 +226,15 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         # Show these now: the plan's warnings are lost if the start is refused.
         errors.warn(sentence)
     before = read_start(model) if options.resume else None
-    resumed, trained, damaged = None, None, []
+    damaged: list[str] = []
     if conversion is not None:
-        resumed, trained = conversion.checkpoint.record, conversion.design
-        damaged = [conversion.sentence]
+        found, damaged = conversion.checkpoint, [conversion.sentence]
     elif options.resume:
         if found is None or repairs:
             found = CheckpointStore(model).load_latest(with_optimizer=True)
-        if found is not None:
-            resumed, trained = found.record, Design.of_record(model, found.record)
-            damaged = _damaged(model, found)
+        damaged = [] if found is None else _damaged(model, found)
+    resumed = found.record if found is not None and options.resume else None
+    trained = None if resumed is None else Design.of_record(model, resumed)
     resumes = None if resumed is None else resumed.name
     continues = options.resume or options.over_aborted
     previous = read_outcome(model) if continues else None
@@ -246,10 +244,10 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     if conversion is not None:
         found_files |= conversion.own_files(found_files)
     before_this = prefix if options.resume else settings.pretrained_prefix
-    taught = None
-    if options.resume or settings.pretrained:
-        taught = kept_method(ModelStore(bucket, before_this))
-    files = chosen_method(found_files, options.method, taught)
+    taught = trained is not None and trained.parameters.taught
+    if settings.pretrained and not options.resume:
+        taught = is_taught(ModelStore(bucket, before_this))
+    files = chosen_method(found_files, options.method, taught=taught)
     mark = None if resumed is None else resumed.counters.stage
     staged = plan_stages(settings, files, model, mark, resumes=options.resume)
     settings = staged.settings
@@ -273,8 +271,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         warnings += _replay_lost(design.metadata.algorithm, model, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
-    if source is not None:
-        errors.show(sentence_of(bucket, source))
+    if transfer is not None:
+        errors.show(transfer.sentence)
     ends = ending(job, design.parameters)
 
     def review() -> None:
@@ -293,7 +291,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
         write_outcome(model, begun)
-        freeze(settings.custom_files, model, inputs, job.inputs, staged.frozen, trained)
+        freeze(settings.custom_files, model, inputs, job.inputs, staged.review.frozen, trained)
         warnings += _forget_other_scores(settings, model, before)
         start = describe_start(settings, directory, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())

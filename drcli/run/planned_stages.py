@@ -1,6 +1,6 @@
 """Plans the stages of a training, and finds the one to begin with."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -36,10 +36,6 @@ class StagesPlan:
     def stages(self) -> tuple[Stage, ...]:
         return tuple(planned.stage for planned in self.review.stages)
 
-    @property
-    def frozen(self) -> FrozenCurriculum | None:
-        return self.review.frozen
-
 
 def plan_stages(
     settings: Settings,
@@ -59,10 +55,10 @@ def plan_stages(
         refuse(review.problems)
     if review.frozen is None:
         return StagesPlan(settings, review, warnings=_without_curriculum(mark))
-    first = 0 if mark is None else review.index(mark.name)
-    if first is None or mark is None:
-        refuse(_lost_stage(settings, mark, review) if first is None else ())
-        first = 0
+    names = [stage.name for stage in review.stages]
+    if mark is not None and mark.name not in names:
+        refuse([_lost_stage(settings, mark.name, names)])
+    first = 0 if mark is None else names.index(mark.name)
     return StagesPlan(
         review.stages[first].settings,
         review,
@@ -80,17 +76,13 @@ def _without_curriculum(mark: StageMark | None) -> tuple[str, ...]:
     )
 
 
-def _lost_stage(
-    settings: Settings, mark: StageMark | None, review: StagesReview
-) -> tuple[Problem, ...]:
-    name = "" if mark is None else mark.name
-    names = ", ".join(stage.name for stage in review.stages)
+def _lost_stage(settings: Settings, name: str, names: Sequence[str]) -> Problem:
     what = (
         f"{SETTING}={shown(settings.curriculum_file)} has no stage {name}, in which the training "
-        f"of {settings.model_prefix} is; its stages are {names}."
+        f"of {settings.model_prefix} is; its stages are {', '.join(names)}."
     )
     remedy = f"Give one of the stages the name {name} again; the training goes on with that one."
-    return (setting_problem(SETTING, settings.place(SETTING), what, remedy),)
+    return setting_problem(SETTING, settings.place(SETTING), what, remedy)
 
 
 def _changed(

@@ -3,16 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from drcli.bucket.bucket import Bucket, ObjectDamaged
+from drcli.bucket.bucket import ObjectDamaged
 from drcli.convert.stored_checkpoint import load_checkpoint
-from drcli.model import keys
 from drcli.model.best_checkpoint import read_scores, write_scores
 from drcli.model.checkpoint_choice import missing_parts
 from drcli.model.checkpoints import Checkpoint, CheckpointStore
 from drcli.model.files.custom_files import InputFile
-from drcli.model.files.hyperparameters import Hyperparameters
-from drcli.model.files.model_metadata import ModelMetadata
-from drcli.model.files.network_shape import Design
+from drcli.model.files.network_shape import model_files
 from drcli.model.model_prefix import ModelListing, is_tensorflow
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
@@ -23,8 +20,7 @@ from drcli.records.scores import Score, Scores
 class Conversion:
     """The newest TensorFlow checkpoint as one of ours; nothing is written yet."""
 
-    bucket: Bucket
-    prefix: str
+    model: ModelStore
     checkpoint: Checkpoint
     best: str | None
 
@@ -32,29 +28,13 @@ class Conversion:
     def name(self) -> str:
         return self.checkpoint.record.name
 
-    @property
-    def design(self) -> Design:
-        inputs = self.checkpoint.record.counters.inputs
-        files = {name: text.encode() for name, text in inputs.items()}
-        metadata, parameters = keys.MODEL_METADATA_FILE, keys.HYPERPARAMETERS_FILE
-        return Design(
-            ModelMetadata.from_bytes(files[metadata], metadata),
-            Hyperparameters.from_bytes(files[parameters], parameters),
-            metadata,
-            parameters,
-            files,
-        )
-
     def own_files(self, files: Mapping[str, InputFile]) -> dict[str, InputFile]:
         """Corrected by the policy: the reference ignores some values, such as `stack_size`."""
-        own = {
-            keys.MODEL_METADATA_FILE: keys.model_metadata(self.prefix),
-            keys.HYPERPARAMETERS_FILE: keys.hyperparameters(self.prefix),
-        }
+        fitted = self.checkpoint.record.counters.inputs
         return {
-            name: replace(files[name], data=self.design.files[name])
-            for name, key in own.items()
-            if name in files and files[name].origin == f"{self.bucket.name}/{key}"
+            name: replace(files[name], data=fitted[name].encode())
+            for name, key in model_files(self.model.prefix).items()
+            if name in files and files[name].origin == f"{self.model.bucket.name}/{key}"
         }
 
     @property
@@ -71,13 +51,12 @@ class Conversion:
         )
 
     def write(self) -> None:
-        model = ModelStore(self.bucket, self.prefix)
         record = self.checkpoint.record
-        CheckpointStore(model).save(
+        CheckpointStore(self.model).save(
             record.number, record.steps, self.checkpoint.tensors, counters=record.counters
         )
         last = Score(record.name)
-        write_scores(model, Scores(last, last))
+        write_scores(self.model, Scores(last, last))
 
 
 def plan_conversion(listed: ModelListing) -> Conversion | None:
@@ -103,4 +82,4 @@ def plan_conversion(listed: ModelListing) -> Conversion | None:
         scores = None
     best = None if scores is None else scores.best_checkpoint.name
     found = load_checkpoint(model, str(newest))
-    return Conversion(model.bucket, model.prefix, found, None if best == str(newest) else best)
+    return Conversion(model, found, None if best == str(newest) else best)
