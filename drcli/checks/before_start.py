@@ -17,7 +17,7 @@ from drcli.config.settings import Settings
 from drcli.model import keys
 from drcli.model.files.custom_files import InputFile, Inputs, missing_files
 from drcli.model.files.network_shape import Design, weight_problems
-from drcli.model.model_store import ModelStore
+from drcli.model.model_prefix import ModelListing
 from drcli.records.job import Job
 from drcli.rewards.reward_rules import Source, read_source
 from drcli.rewards.try_inputs import try_inputs
@@ -26,10 +26,11 @@ from drcli.transfer.pretrained import Transfer
 
 @dataclass(frozen=True)
 class Plans:
-    """`wiping` deletes the model first, `resumed` is continued."""
+    """`wiping` deletes the model first, `resumed` is continued; a new one finds `listed`."""
 
     wiping: bool = False
     resumed: Design | None = None
+    listed: ModelListing | None = None
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ def _of_bucket(
     if plans.resumed is not None:
         model = f"s3://{bucket.name}/{settings.model_prefix}"
         return None, [] if design is None else weight_problems(plans.resumed, design, model)
-    found = [] if plans.wiping else review_prefix(ModelStore(bucket, settings.model_prefix))
+    found = [] if plans.listed is None else review_prefix(plans.listed)
     if settings.pretrained_model is None:
         return None, found
     transfer, problems = review_pretrained(

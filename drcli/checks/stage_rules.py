@@ -134,11 +134,6 @@ class StagesReview:
     frozen: FrozenCurriculum | None = None
     problems: tuple[Problem, ...] = ()
 
-    def index(self, name: str) -> int | None:
-        """From 0."""
-        names = [stage.name for stage in self.stages]
-        return names.index(name) if name in names else None
-
 
 def review_stages(
     settings: Settings,

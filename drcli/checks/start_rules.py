@@ -23,9 +23,9 @@ from drcli.metrics.open_sinks import check_figures
 from drcli.model import keys, lease
 from drcli.model.checkpoints import CheckpointsLost
 from drcli.model.files.network_shape import Design
-from drcli.model.model_prefix import KIND_WORDS, is_used, model_kind
+from drcli.model.model_prefix import KIND_WORDS, ModelListing
 from drcli.model.model_store import ModelStore
-from drcli.model.repair import refuse_lost
+from drcli.model.repair import load_unless_lost
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.records.training_record import budget_of
 from drcli.transfer import pretrained
@@ -141,14 +141,13 @@ LARGEST_SKEW_S = 300.0
 """Servers refuse requests from 15 minutes on."""
 
 
-def review_prefix(store: ModelStore) -> list[Problem]:
+def review_prefix(listed: ModelListing) -> list[Problem]:
     """V-09: the prefix of the new model is empty."""
-    if not is_used(store):
+    if not listed.objects:
         return []
-    model = store.url
-    kind = model_kind(store)
+    model, kind = listed.model.url, listed.kind
     try:
-        refuse_lost(store)
+        load_unless_lost(listed)
     except CheckpointsLost as lost:
         return [Problem("V-09", "error", model, None, str(lost), lost.remedy)]
     what = f"Selected path {model} exists. It holds {KIND_WORDS[kind]}. Exiting."
@@ -173,13 +172,10 @@ def review_pretrained(
 ) -> tuple[Transfer | None, list[Problem]]:
     """V-10 and V-35: the model to start from exists, is complete, and fits."""
     try:
-        if design is None:
-            pretrained.named_weights(config, bucket)
-            return None, []
         transfer = pretrained.find(config, bucket, new, design, wiping=wiping)
     except ProblemsError as error:
         return None, list(error.problems)
-    return transfer, transfer.warnings
+    return transfer, [] if transfer is None else transfer.warnings
 
 
 def probe(model: ModelStore) -> list[Problem]:

@@ -22,6 +22,7 @@ from drcli.config.settings import Settings
 from drcli.config.track_names import track_problems
 from drcli.model import keys
 from drcli.model.files.custom_files import FILE_RULES, InputFile, find, local_file
+from drcli.model.model_prefix import ModelListing
 from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
 from drcli.records.run_record import RunRecord, run_folder
@@ -179,6 +180,9 @@ class _Validation:
             )
             plans = Plans(wiping=trains)  # the prefix of a running training may be in use
             try:
+                if bucket is not None and not trains:
+                    model = ModelStore(bucket, settings.model_prefix)
+                    plans = Plans(listed=ModelListing(model))
                 examined = examine_stages(settings, staged, job, files, bucket, plans)
             except StorageError as error:
                 self.found.append(_unusable(error))

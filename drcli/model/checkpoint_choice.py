@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError
-from drcli.bucket.bucket import Listing, ObjectDamaged, ObjectMissing
+from drcli.bucket.bucket import Listing, ObjectDamaged, ObjectInfo, ObjectMissing
 from drcli.config.value_types import WORDS, CheckpointChoice, CheckpointWord
 from drcli.model import keys
 from drcli.model.best_checkpoint import read_evaluation
@@ -36,71 +36,6 @@ class CheckpointGone(SettingsError):
 
 
 @dataclass(frozen=True)
-class ModelCheckpoints:
-    url: str
-    prefix: str
-    listed: Listing
-    names: tuple[CheckpointName, ...]
-    scores: Scores | None
-    milestones: Milestones
-    history: list[IterationRecord]
-    damaged: tuple[str, ...]
-
-    @staticmethod
-    def read(model: ModelStore) -> "ModelCheckpoints":
-        """Reconstructs damaged records, but writes nothing."""
-        listed = model.bucket.list(keys.model_folder(model.prefix))
-        found = {keys.checkpoint_of(model.prefix, info.key) for info in listed}
-        scores, damaged = readable_scores(model)
-        history, of_history = readable_history(model)
-        milestones, of_milestones = readable_milestones(model, history)
-        return ModelCheckpoints(
-            model.url,
-            model.prefix,
-            listed,
-            tuple(sorted(name for name in found if name is not None)),
-            scores,
-            milestones,
-            history,
-            (*damaged, *of_history, *of_milestones),
-        )
-
-    def words_for(self, name: CheckpointName) -> list[CheckpointWord]:
-        found: list[CheckpointWord] = []
-        if self.scores is not None:
-            last, best = self.scores.last_checkpoint.name, self.scores.best_checkpoint.name
-            found += ["last"] * (last == str(name))
-            found += ["best"] * (best == str(name))
-        found += [kind for kind, each in self.milestones.reached() if each.name == name]
-        return found
-
-    def missing_parts(self, name: str) -> list[str]:
-        return missing_parts(self.listed, self.prefix, name)
-
-    @property
-    def summary(self) -> str:
-        whole = [name for name in self.names if not self.missing_parts(str(name))]
-        if not whole:
-            return "It has no complete checkpoint."
-        shown = self._few(whole)
-        words = {name: self.words_for(name) for name in shown}
-        texts = [
-            f"{name.number} ({', '.join(words[name])})" if words[name] else f"{name.number}"
-            for name in shown
-        ]
-        more = len(whole) - len(shown)
-        rest = f", and {more} more (`dr-list-checkpoints {self.prefix}`)" if more else ""
-        return f"It has {', '.join(texts)}{rest}."
-
-    def _few(self, whole: list[CheckpointName]) -> list[CheckpointName]:
-        if len(whole) <= MOST_LISTED:
-            return whole
-        marked = [name for name in whole if self.words_for(name)]
-        others = [name for name in whole if name not in marked]
-        return sorted([*marked, *others[-max(0, MOST_LISTED - len(marked)) :]])
-
-
-@dataclass(frozen=True)
 class Chosen:
     choice: CheckpointChoice
     score: Score
@@ -124,36 +59,158 @@ class Chosen:
         return f"Chosen checkpoint: {self.number}"
 
 
+@dataclass(frozen=True)
+class ModelCheckpoints:
+    model: ModelStore
+    listed: Listing
+    names: tuple[CheckpointName, ...]
+    scores: Scores | None
+    milestones: Milestones
+    history: list[IterationRecord]
+    damaged: tuple[str, ...]
+
+    @staticmethod
+    def read(model: ModelStore) -> "ModelCheckpoints":
+        """Reconstructs damaged records, but writes nothing."""
+        listed = model.bucket.list(keys.model_folder(model.prefix))
+        found = {keys.checkpoint_of(model.prefix, info.key) for info in listed}
+        scores, damaged = readable_scores(model)
+        history, of_history = readable_history(model)
+        milestones, of_milestones = readable_milestones(model, history)
+        return ModelCheckpoints(
+            model,
+            listed,
+            tuple(sorted(name for name in found if name is not None)),
+            scores,
+            milestones,
+            history,
+            (*damaged, *of_history, *of_milestones),
+        )
+
+    def words_for(self, name: CheckpointName) -> list[CheckpointWord]:
+        found: list[CheckpointWord] = []
+        if self.scores is not None:
+            last, best = self.scores.last_checkpoint.name, self.scores.best_checkpoint.name
+            found += ["last"] * (last == str(name))
+            found += ["best"] * (best == str(name))
+        found += [kind for kind, each in self.milestones.reached() if each.name == name]
+        return found
+
+    def missing_parts(self, name: str) -> list[str]:
+        return missing_parts(self.listed, self.model.prefix, name)
+
+    @property
+    def summary(self) -> str:
+        whole = [name for name in self.names if not self.missing_parts(str(name))]
+        if not whole:
+            return "It has no complete checkpoint."
+        shown = self._few(whole)
+        words = {name: self.words_for(name) for name in shown}
+        texts = [
+            f"{name.number} ({', '.join(words[name])})" if words[name] else f"{name.number}"
+            for name in shown
+        ]
+        more = len(whole) - len(shown)
+        rest = f", and {more} more (`dr-list-checkpoints {self.model.prefix}`)" if more else ""
+        return f"It has {', '.join(texts)}{rest}."
+
+    def _few(self, whole: list[CheckpointName]) -> list[CheckpointName]:
+        if len(whole) <= MOST_LISTED:
+            return whole
+        marked = [name for name in whole if self.words_for(name)]
+        others = [name for name in whole if name not in marked]
+        return sorted([*marked, *others[-max(0, MOST_LISTED - len(marked)) :]])
+
+    def choose(self, choice: CheckpointChoice, remedy: str = "") -> Chosen:
+        """The complete checkpoint that a word or a number chooses.
+
+        Raises:
+            CheckpointGone: It is missing, incomplete, or was never reached.
+            SettingsError: The model has no checkpoint.
+        """
+        model, scores = self.model, self.scores
+        known = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
+        if choice == "last" or choice == "best":
+            if scores is None:
+                raise SettingsError(
+                    f"No checkpoint file available at s3://{model.bucket.name}/"
+                    f"{keys.deepracer_checkpoints(model.prefix)}. Exiting.",
+                    remedy=what_helps(model),
+                )
+            score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
+        elif not self.names:
+            raise SettingsError(f"{model.url} has no checkpoint.", remedy=what_helps(model))
+        else:
+            found = (
+                self._numbered(choice, remedy)
+                if isinstance(choice, int)
+                else self._reached(choice, remedy)
+            )
+            score = next((s for s in known if s.name == str(found)), Score(str(found)))
+        missing = self.missing_parts(score.name)
+        if missing:
+            raise self._gone(f"s3://{model.bucket.name}/{missing[0]} is missing.", remedy)
+        start = keys.checkpoint_part(model.prefix, score.name, "")
+        parts = [info.key for info in self.listed if info.key.startswith(f"{start}.")]
+        return Chosen(choice, score, tuple(key.removeprefix(start) for key in parts))
+
+    def _numbered(self, number: int, remedy: str) -> CheckpointName:
+        same = [name for name in self.names if name.number == number]
+        if same:
+            return ([name for name in same if not self.missing_parts(str(name))] or same)[-1]
+        newest = self.names[-1].number
+        if number > newest:
+            raise self._gone(f"There is no checkpoint {number}: the newest is {newest}.", remedy)
+        raise self._gone(f"Checkpoint {number} was deleted, or this copy never had it.", remedy)
+
+    def _reached(self, word: MilestoneKind, remedy: str) -> CheckpointName:
+        reached = self.milestones.reached()
+        milestone = next((found for kind, found in reached if kind == word), None)
+        if milestone is None:
+            raise self._gone(f"There is no checkpoint {word}: {_NEVER[word]}.", remedy)
+        if milestone.name not in self.names:
+            number = milestone.name.number
+            raise self._gone(
+                f"Checkpoint {number}, which is {word}, is not there: it was deleted.", remedy
+            )
+        return milestone.name
+
+    def _gone(self, why: str, remedy: str) -> CheckpointGone:
+        return CheckpointGone(
+            "No model files found. Files possibly deleted. Try again. "
+            f"{self.model.url}: {why} {self.summary}",
+            remedy=remedy
+            or f"Choose one of these with --checkpoint N, or one of {', '.join(WORDS)}. If a "
+            "training runs, try again.",
+        )
+
+    def sentence_about(self, chosen: Chosen, option: str = "--checkpoint") -> str:
+        """Such as "Takes checkpoint 77 of m-1, the last: never evaluated. ..."."""
+        scores, of = self.scores, f"{chosen.number} of {self.model.prefix}"
+        driven = _driven(self.model, self.history, chosen.score)
+        if chosen.choice not in ("last", "best") or scores is None:
+            return f"Takes checkpoint {of}: {driven}."
+        word = "best" if chosen.choice == "last" else "last"
+        other = scores.best_checkpoint if word == "best" else scores.last_checkpoint
+        of_other = _driven(self.model, self.history, other)
+        if other.name == chosen.name:
+            unknown = of_other in (NEVER_EVALUATED, UNTAUGHT)
+            words = "the last" if unknown else "the best and the last"
+            return f"Takes checkpoint {of}, {words}: {driven}."
+        if of_other == UNTAUGHT:
+            return f"Takes checkpoint {of}, the {chosen.choice}: {driven}."
+        return (
+            f"Takes checkpoint {of}, the {chosen.choice}: {driven}. {option} "
+            f"{word} takes {checkpoint_name(other.name).number}: {of_other}."
+        )
+
+
 def take_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
-    """As `find_choice`, but says which one it took."""
-    chosen = find_choice(model, choice, remedy=remedy)
-    errors.show(sentence_about(model, chosen))
+    """As `ModelCheckpoints.choose`, but says which one it took."""
+    has = ModelCheckpoints.read(model)
+    chosen = has.choose(choice, remedy)
+    errors.show(has.sentence_about(chosen))
     return chosen
-
-
-def sentence_about(model: ModelStore, chosen: Chosen, option: str = "--checkpoint") -> str:
-    """Such as "Takes checkpoint 77 of m-1, the last: never evaluated. ..."."""
-    history, _ = readable_history(model)
-    scores, _ = readable_scores(model)
-
-    def driven(score: Score) -> str:
-        return _driven(model, history, score)
-
-    of = f"{chosen.number} of {model.prefix}"
-    if chosen.choice not in ("last", "best") or scores is None:
-        return f"Takes checkpoint {of}: {driven(chosen.score)}."
-    word = "best" if chosen.choice == "last" else "last"
-    other = scores.best_checkpoint if word == "best" else scores.last_checkpoint
-    if other.name == chosen.name:
-        unknown = driven(other) in (NEVER_EVALUATED, UNTAUGHT)
-        words = "the last" if unknown else "the best and the last"
-        return f"Takes checkpoint {of}, {words}: {driven(chosen.score)}."
-    if driven(other) == UNTAUGHT:
-        return f"Takes checkpoint {of}, the {chosen.choice}: {driven(chosen.score)}."
-    return (
-        f"Takes checkpoint {of}, the {chosen.choice}: {driven(chosen.score)}. {option} "
-        f"{word} takes {checkpoint_name(other.name).number}: {driven(other)}."
-    )
 
 
 def best_and_last(model: ModelStore) -> str:
@@ -191,34 +248,7 @@ def _driven(model: ModelStore, history: Iterable[IterationRecord], score: Score)
     return NEVER_EVALUATED
 
 
-def find_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
-    """The complete checkpoint that a word or a number chooses.
-
-    Raises:
-        CheckpointGone: It is missing, incomplete, or was never reached.
-        SettingsError: The model has no checkpoint.
-    """
-    scores, _ = readable_scores(model)
-    listed = model.bucket.list(keys.model_folder(model.prefix))
-    if choice == "last" or choice == "best":
-        if scores is None:
-            raise SettingsError(
-                f"No checkpoint file available at s3://{model.bucket.name}/"
-                f"{keys.deepracer_checkpoints(model.prefix)}. Exiting.",
-                remedy=what_helps(model),
-            )
-        score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
-    else:
-        name = _whole(listed, model.prefix, choice) if isinstance(choice, int) else None
-        score = _score(scores, name or _found(model, choice, remedy))
-    missing = missing_parts(listed, model.prefix, score.name)
-    if missing:
-        why = f"s3://{model.bucket.name}/{missing[0]} is missing."
-        raise _gone(ModelCheckpoints.read(model), why, remedy)
-    return Chosen(choice, score, _parts(listed, model.prefix, score.name))
-
-
-def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
+def missing_parts(listed: Iterable[ObjectInfo], prefix: str, name: str) -> list[str]:
     """Keys of missing files; those of our format if there are none."""
     there = {info.key for info in listed}
     ours, theirs = (
@@ -229,62 +259,3 @@ def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
         return []  # also where a conversion was cut off that began to write ours beside it
     is_tensorflow = len(ours) == len(OUR_PARTS) and len(theirs) < len(keys.TENSORFLOW_PARTS)
     return theirs if is_tensorflow else ours
-
-
-def _parts(listed: Listing, prefix: str, name: str) -> tuple[str, ...]:
-    start = keys.checkpoint_part(prefix, name, "")
-    found = [info.key for info in listed if info.key.startswith(f"{start}.")]
-    return tuple(key.removeprefix(start) for key in found)
-
-
-def _whole(listed: Listing, prefix: str, number: int) -> CheckpointName | None:
-    found = {keys.checkpoint_of(prefix, info.key) for info in listed}
-    same = (name for name in found if name is not None and name.number == number)
-    whole = (name for name in same if not missing_parts(listed, prefix, str(name)))
-    return max(whole, default=None)
-
-
-def _score(scores: Scores | None, name: CheckpointName) -> Score:
-    known = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
-    return next((score for score in known if score.name == str(name)), Score(str(name)))
-
-
-def _found(model: ModelStore, choice: MilestoneKind | int, remedy: str) -> CheckpointName:
-    has = ModelCheckpoints.read(model)
-    if not has.names:
-        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(model))
-    if isinstance(choice, int):
-        return _numbered(has, choice, remedy)
-    return _reached(has, choice, remedy)
-
-
-def _numbered(has: ModelCheckpoints, number: int, remedy: str) -> CheckpointName:
-    same = [name for name in has.names if name.number == number]
-    if same:
-        return same[-1]
-    newest = has.names[-1].number
-    if number > newest:
-        raise _gone(has, f"There is no checkpoint {number}: the newest is {newest}.", remedy)
-    raise _gone(has, f"Checkpoint {number} was deleted, or this copy never had it.", remedy)
-
-
-def _reached(has: ModelCheckpoints, word: MilestoneKind, remedy: str) -> CheckpointName:
-    reached = has.milestones.reached()
-    milestone = next((found for kind, found in reached if kind == word), None)
-    if milestone is None:
-        raise _gone(has, f"There is no checkpoint {word}: {_NEVER[word]}.", remedy)
-    if milestone.name not in has.names:
-        number = milestone.name.number
-        raise _gone(
-            has, f"Checkpoint {number}, which is {word}, is not there: it was deleted.", remedy
-        )
-    return milestone.name
-
-
-def _gone(has: ModelCheckpoints, why: str, remedy: str) -> CheckpointGone:
-    return CheckpointGone(
-        f"No model files found. Files possibly deleted. Try again. {has.url}: {why} {has.summary}",
-        remedy=remedy
-        or f"Choose one of these with --checkpoint N, or one of {', '.join(WORDS)}. If a training "
-        "runs, try again.",
-    )

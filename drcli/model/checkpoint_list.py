@@ -137,7 +137,7 @@ def list_checkpoints(model: ModelStore, *, check: bool = False) -> CheckpointLis
         )
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(model))
+        raise SettingsError(f"{has.model.url} has no checkpoint.", remedy=what_helps(model))
     history = has.history
     results = readable_evaluations(model).values()
     # By number: where driving and learning overlap, an older one drove the iteration.
@@ -197,9 +197,9 @@ def list_checkpoints(model: ModelStore, *, check: bool = False) -> CheckpointLis
         for kind, found in has.milestones.reached()
     ]
     words_known = {entry.word for entry in reached}
-    records = [str(n) for n in has.names if keys.checkpoint_record(has.prefix, str(n)) in there]
+    records = [str(n) for n in has.names if keys.checkpoint_record(model.prefix, str(n)) in there]
     return CheckpointList(
-        has.url,
+        has.model.url,
         listed,
         reached,
         [kind for kind in KINDS if kind not in words_known],
@@ -224,9 +224,9 @@ def _mean(progress: list[float]) -> float | None:
 
 def _sizes(has: ModelCheckpoints) -> dict[CheckpointName, int]:
     sizes = dict.fromkeys(has.names, 0)
-    graphs = {keys.checkpoint_graph(has.prefix, name.number): name for name in has.names}
+    graphs = {keys.checkpoint_graph(has.model.prefix, name.number): name for name in has.names}
     for info in has.listed:
-        name = keys.checkpoint_of(has.prefix, info.key) or graphs.get(info.key)
+        name = keys.checkpoint_of(has.model.prefix, info.key) or graphs.get(info.key)
         if name is not None:
             sizes[name] += info.size_bytes
     return sizes
@@ -238,7 +238,7 @@ def _problem(
     missing = has.missing_parts(str(name))
     if missing:
         return f"{missing[0].rpartition('/')[2]} is missing."
-    tensors = keys.checkpoint_tensors(has.prefix, str(name))
+    tensors = keys.checkpoint_tensors(has.model.prefix, str(name))
     if not check or not any(info.key == tensors for info in has.listed):
         return ""
     try:

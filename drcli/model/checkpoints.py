@@ -471,7 +471,7 @@ class CheckpointStore:
     def _prune(self, newest: CheckpointRecord) -> None:
         listed = self._model.bucket.list(keys.model_folder(self._model.prefix))
         objects, theirs = self._own(
-            _of_checkpoints(self._model.prefix, [info.key for info in listed])
+            checkpoints_among(self._model.prefix, [info.key for info in listed])
         )
         names = set(objects.values())
         older = sorted(name for name in names if name.number < newest.number)
@@ -506,11 +506,11 @@ class CheckpointStore:
 
 
 def checkpoint_objects(model: ModelStore) -> dict[str, CheckpointName]:
-    return _of_checkpoints(
+    return checkpoints_among(
         model.prefix, [info.key for info in model.bucket.list(keys.model_folder(model.prefix))]
     )
 
 
-def _of_checkpoints(prefix: str, listed: Iterable[str]) -> dict[str, CheckpointName]:
+def checkpoints_among(prefix: str, listed: Iterable[str]) -> dict[str, CheckpointName]:
     found = {key: keys.checkpoint_of(prefix, key) for key in listed}
     return {key: name for key, name in found.items() if name is not None}

@@ -1,4 +1,4 @@
-"""One model in a bucket: exists, newest checkpoint, deletion."""
+"""One model in a bucket: what lies there, newest checkpoint, deletion."""
 
 import re
 from collections.abc import Collection
@@ -6,20 +6,69 @@ from typing import Literal
 
 from drcli.bucket.bucket import TEST_FOLDER
 from drcli.model import keys
-from drcli.model.checkpoints import checkpoint_objects
+from drcli.model.checkpoints import checkpoint_objects, checkpoints_among
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 
+_TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
-def is_used(model: ModelStore) -> bool:
-    """Whether there are objects below the prefix; `model-10` does not count for `model-1`.
+
+class ModelListing:
+    """What lies below a prefix, listed once; `model-10` does not count for `model-1`.
 
     Nor do test objects, which `dr doctor` may be writing at the moment.
     """
-    test = keys.folder(model.prefix) + TEST_FOLDER
-    return any(
-        not item.key.startswith(test) for item in model.bucket.list(keys.folder(model.prefix))
-    )
+
+    def __init__(self, model: ModelStore) -> None:
+        self.model = model
+        self.look()
+
+    def look(self) -> None:
+        """Once more, after something was written."""
+        folder = keys.folder(self.model.prefix)
+        listed = self.model.bucket.list(folder)
+        test = folder + TEST_FOLDER
+        self.objects = {info.key: info for info in listed if not info.key.startswith(test)}
+        self.checkpoints = checkpoints_among(self.model.prefix, self.objects)
+
+    @property
+    def whole(self) -> list[CheckpointName]:
+        """The checkpoints of ours that have weights and record."""
+        prefix = self.model.prefix
+        return sorted(
+            name
+            for name in set(self.checkpoints.values())
+            if keys.checkpoint_record(prefix, str(name)) in self.objects
+            and keys.checkpoint_tensors(prefix, str(name)) in self.objects
+        )
+
+    @property
+    def kind(self) -> "Kind":
+        folder = keys.folder(self.model.prefix)
+        return kind_of([key.removeprefix(folder) for key in self.objects])
+
+    @property
+    def has_tensorflow(self) -> bool:
+        return any(map(keys.is_tensorflow_part, self.objects))
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Ours or TensorFlow's, maybe damaged."""
+        return any(key.endswith((".ckpt.json", ".ckpt.index")) for key in self.checkpoints)
+
+    @property
+    def traces(self) -> dict[int, dict[int, str]]:
+        """Of iterations, by worker."""
+        found: dict[int, dict[int, str]] = {}
+        for key in self.objects:
+            match = _TRACE.fullmatch(key.removeprefix(keys.folder(self.model.prefix)))
+            if match is not None:
+                found.setdefault(int(match[2]), {})[int(match[1] or 0)] = key
+        return dict(sorted(found.items()))
+
+
+def is_used(model: ModelStore) -> bool:
+    return bool(ModelListing(model).objects)
 
 
 def newest_checkpoint(model: ModelStore) -> CheckpointName | None:
@@ -54,17 +103,12 @@ def wipe(model: ModelStore, *, spared: Collection[str] = ()) -> None:
         )
 
 
-def has_checkpoint(model: ModelStore) -> bool:
-    """Ours or TensorFlow's, maybe damaged."""
-    ends = (".ckpt.json", ".ckpt.index")
-    return any(key.endswith(ends) for key in checkpoint_objects(model))
-
-
-def is_aborted_start(model: ModelStore, parameter_files: Collection[str]) -> bool:
+def is_aborted_start(listed: ModelListing, parameter_files: Collection[str]) -> bool:
     """Whether there is only what a start wrote before its checkpoint.
 
     A new start may overwrite that.
     """
+    model = listed.model
     known = {
         keys.reward_function(model.prefix),
         keys.model_metadata(model.prefix),
@@ -79,18 +123,17 @@ def is_aborted_start(model: ModelStore, parameter_files: Collection[str]) -> boo
         keys.journal_folder(model.prefix),
         keys.notes_folder(model.prefix),
     )
-    unfinished = checkpoint_objects(model)
+    unfinished = listed.checkpoints
     if any(
         name.number or key.endswith(".ckpt.json") or keys.is_tensorflow_part(key)
         for key, name in unfinished.items()
     ):
         return False
-    listed = {info.key for info in model.bucket.list(keys.folder(model.prefix))}
-    ours = keys.training_start(model.prefix) in listed or model.bucket.exists(
+    ours = keys.training_start(model.prefix) in listed.objects or model.bucket.exists(
         keys.outcome(model.prefix)
     )
     return ours and all(
-        key in known or key in unfinished or key.startswith(folders) for key in listed
+        key in known or key in unfinished or key.startswith(folders) for key in listed.objects
     )
 
 
@@ -130,13 +173,6 @@ def is_tensorflow(listed: Collection[str], prefix: str, name: str) -> bool:
     return index in listed and keys.checkpoint_record(prefix, name) not in listed
 
 
-def model_kind(model: ModelStore) -> Kind:
-    folder = keys.folder(model.prefix)
-    test = folder + TEST_FOLDER
-    listed = [info.key for info in model.bucket.list(folder)]
-    return kind_of([key.removeprefix(folder) for key in listed if not key.startswith(test)])
-
-
 KIND_WORDS: dict[Kind, str] = {
     "drcli": "a model of drcli",
     "tensorflow": "a model of DeepRacer-for-Cloud or a console, with TensorFlow checkpoints",
@@ -152,7 +188,7 @@ def what_helps(model: ModelStore, *, setting: str = "", variables: str = "") -> 
 
     `variables` (each followed by a space) precede it if the bucket is not that of the settings.
     """
-    kind = model_kind(model)
+    kind = ModelListing(model).kind
     url = model.url
     if kind == "drcli":
         resume = f"{variables}dr-start-training --resume"

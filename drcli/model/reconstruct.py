@@ -6,7 +6,6 @@ scores, milestones and metrics are worked out from them, and so is what the curv
 
 import json
 import math
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -25,7 +24,7 @@ from drcli.model.best_checkpoint import (
     score_of,
     with_evaluation,
 )
-from drcli.model.checkpoints import KEEP, CheckpointStore, checkpoint_objects
+from drcli.model.checkpoints import KEEP, CheckpointStore
 from drcli.model.growing_file import combined_history, list_parts
 from drcli.model.history import HistoryReader
 from drcli.model.history import with_evaluation as evaluated_record
@@ -37,6 +36,7 @@ from drcli.model.milestones import (
     with_history,
     with_results,
 )
+from drcli.model.model_prefix import ModelListing
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_rollbacks
 from drcli.records.checkpoint import CheckpointName, CheckpointRecord, Counters
@@ -47,8 +47,6 @@ from drcli.records.trace import read_csv
 
 with lazy_imports():
     import safetensors
-
-_TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -91,18 +89,8 @@ def _readable(read: Callable[[K], T], items: Iterable[K]) -> dict[K, T]:
     return found
 
 
-def whole_checkpoints(model: ModelStore) -> list[CheckpointName]:
-    objects = checkpoint_objects(model)
-    return sorted(
-        name
-        for name in set(objects.values())
-        if keys.checkpoint_record(model.prefix, str(name)) in objects
-        and keys.checkpoint_tensors(model.prefix, str(name)) in objects
-    )
-
-
 def readable_records(model: ModelStore) -> list[CheckpointRecord]:
-    names = map(str, whole_checkpoints(model))
+    names = map(str, ModelListing(model).whole)
     return list(_readable(CheckpointStore(model).record, names).values())
 
 
@@ -224,7 +212,7 @@ def reconstruct_milestones(model: ModelStore) -> Milestones:
 
     All checkpoints stay: every n-th are unknown.
     """
-    names = map(str, whole_checkpoints(model)[:-KEEP])
+    names = map(str, ModelListing(model).whole[:-KEEP])
     scores = reconstruct_scores(model, "progress")
     best = None if scores is None else scores.best_checkpoint.name
     known = replace(NO_MILESTONES, spaced=[name for name in names if name != best])
@@ -253,7 +241,7 @@ def reconstruct_metrics(model: ModelStore, worker: int) -> list[EpisodeMetrics]:
     numbers = {r.episode for r in training if r.iteration is None}  # of version 0.1.0
     most = max((r.trial for r in training), default=0)
     counts = Counter(iteration for iteration, _ in known)
-    for iteration, of_iteration in traced_iterations(model).items():
+    for iteration, of_iteration in ModelListing(model).traces.items():
         if worker not in of_iteration or (most and counts[iteration] == most):
             continue  # a trace of a known iteration need not be read
         traced = read_csv(model.bucket.get(of_iteration[worker]))
@@ -265,21 +253,11 @@ def reconstruct_metrics(model: ModelStore, worker: int) -> list[EpisodeMetrics]:
     return sorted(kept, key=lambda r: (r.metric_time, r.phase != "training"))
 
 
-def traced_iterations(model: ModelStore) -> dict[int, dict[int, str]]:
-    start = keys.folder(model.prefix)
-    found: dict[int, dict[int, str]] = {}
-    for info in model.bucket.list(start):
-        match = _TRACE.fullmatch(info.key.removeprefix(start))
-        if match is not None:
-            found.setdefault(int(match[2]), {})[int(match[1] or 0)] = info.key
-    return dict(sorted(found.items()))
-
-
 def _traced_history(
     model: ModelStore, known: Mapping[int, IterationRecord]
 ) -> list[IterationRecord]:
     found: list[IterationRecord] = []
-    traced = traced_iterations(model)
+    traced = ModelListing(model).traces
     total: int | None = 0
     elapsed_s, began_s = 0.0, math.nan
     for iteration in range(max([*traced, *known], default=-1) + 1):

@@ -19,13 +19,13 @@ from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, ObjectNewer, read_
 from drcli.config.editing import raised
 from drcli.model import keys, lease
 from drcli.model.best_checkpoint import evaluated_numbers, write_scores
-from drcli.model.checkpoints import CheckpointsLost, CheckpointStore
+from drcli.model.checkpoints import Checkpoint, CheckpointsLost, CheckpointStore
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.growing_file import list_parts, read_all_metrics, write_whole
 from drcli.model.history import read_history, write_history
 from drcli.model.milestones import Milestones, write_milestones
-from drcli.model.model_prefix import is_used, model_kind
+from drcli.model.model_prefix import ModelListing, is_used
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import (
     readable_history,
@@ -35,8 +35,6 @@ from drcli.model.reconstruct import (
     reconstruct_milestones,
     reconstruct_record,
     reconstruct_scores,
-    traced_iterations,
-    whole_checkpoints,
 )
 from drcli.records.checkpoint import CheckpointRecord, checkpoint_name, decode_pointer
 from drcli.records.episode_metrics import decode_metrics, encode_metrics
@@ -71,14 +69,16 @@ def repair(model: ModelStore, *, missing: bool = True) -> list[str]:
     Raises:
         ObjectNewer: Something is damaged, but some records are a newer drcli's; nothing is changed.
     """
-    if model_kind(model) == "tensorflow":
+    listed = ModelListing(model)
+    if listed.kind == "tensorflow":
         return []
-    return _repaired(model, model_objects(model, missing=missing))
+    return _repaired(listed, model_objects(listed, missing=missing))
 
 
 def repair_metrics(model: ModelStore) -> list[str]:
     """Each worker writes its own."""
-    return _repaired(model, _metrics(model))
+    listed = ModelListing(model)
+    return _repaired(listed, _metrics(listed))
 
 
 def set_aside(model: ModelStore, key: str, data: bytes) -> str:
@@ -112,50 +112,51 @@ class ModelObject:
     missing: Callable[[], str] = lambda: ""
 
 
-def _repaired(model: ModelStore, objects: Iterable[ModelObject]) -> list[str]:
-    place = model.bucket.name
+def _repaired(listed: ModelListing, objects: Iterable[ModelObject]) -> list[str]:
+    place = listed.model.bucket.name
     done = []
-    for item in objects:  # the next one is listed after this one is repaired
-        fault, damaged = _fault(model, item)
+    for item in objects:  # the next one is looked for after this one is repaired
+        fault, damaged = _fault(listed, item)
         result = item.write() if fault else ""
         if result:
+            listed.look()
             sentences = f"{place}/{item.key} {fault} {result}"
             if damaged is not None:
-                kept = set_aside(model, item.key, damaged)
+                kept = set_aside(listed.model, item.key, damaged)
                 sentences += f" The damaged one is kept as {place}/{kept}."
             done.append(sentences)
     return done
 
 
-def _fault(model: ModelStore, item: ModelObject) -> tuple[str, bytes | None]:
+def _fault(listed: ModelListing, item: ModelObject) -> tuple[str, bytes | None]:
     """What is wrong, and the content if it is damaged."""
     try:
-        data = model.bucket.get(item.key)
+        data = listed.model.bucket.get(item.key)
         item.decode(data)
     except ObjectMissing:
         pass
     except NewerFormat:
         return "", None
     except RecordError as error:
-        _refuse_newer(model)
+        _refuse_newer(listed)
         return f"is damaged: {str(error).removesuffix('.')}.", data
     with suppress(ObjectNewer):  # then what is missing may be in an object that cannot be read
         missing = item.missing()
         if missing:
-            _refuse_newer(model)
+            _refuse_newer(listed)
         return missing, None
     return "", None
 
 
-def _refuse_newer(model: ModelStore) -> None:
-    for item in model_objects(model):
+def _refuse_newer(listed: ModelListing) -> None:
+    for item in model_objects(listed):
         with suppress(ObjectMissing, ObjectDamaged):
-            read_record(model.bucket, item.key, item.decode)
+            read_record(listed.model.bucket, item.key, item.decode)
 
 
-def model_objects(model: ModelStore, *, missing: bool = False) -> Iterator[ModelObject]:
+def model_objects(listed: ModelListing, *, missing: bool = False) -> Iterator[ModelObject]:
     """All that a training reads again, in the order in which each needs those before."""
-    prefix = model.prefix
+    model, prefix = listed.model, listed.model.prefix
 
     def dropped(key: str, decode: Callable[[bytes], object], result: str) -> ModelObject:
         return ModelObject(key, decode, partial(_drop, model, key, result))
@@ -164,37 +165,38 @@ def model_objects(model: ModelStore, *, missing: bool = False) -> Iterator[Model
         key = keys.evaluation_result(prefix, number)
         yield dropped(key, EvaluationResult.decode, "Training continues without it.")
     history, write = keys.history(prefix), partial(_write_history, model)
-    for part in list_parts(model.bucket, history):
-        yield ModelObject(part, decode_history, write)
-    yield ModelObject(history, decode_history, write, partial(_missing_iterations, model))
-    for name in map(str, whole_checkpoints(model)):
+    for part in listed.objects:
+        if keys.part_number(history, part) is not None:
+            yield ModelObject(part, decode_history, write)
+    yield ModelObject(history, decode_history, write, partial(_missing_iterations, listed))
+    for name in map(str, listed.whole):
         key, record = keys.checkpoint_record(prefix, name), partial(_write_record, model, name)
         yield ModelObject(key, partial(CheckpointRecord.decode_of, name), record)
 
     def pointer(data: bytes) -> None:
-        _refuse_missing(model, str(decode_pointer(data)))
+        _refuse_missing(listed, str(decode_pointer(data)))
 
     def scores(data: bytes) -> None:
         found = Scores.decode(data)
-        _refuse_missing(model, found.best_checkpoint.name, found.last_checkpoint.name)
+        _refuse_missing(listed, found.best_checkpoint.name, found.last_checkpoint.name)
 
     key = keys.coach_checkpoint(prefix)
     yield ModelObject(
         key,
         pointer if missing else decode_pointer,
-        partial(_write_pointer, model),
-        partial(_missing, model, key),
+        partial(_write_pointer, listed),
+        partial(_missing, listed, key),
     )
     key = keys.deepracer_checkpoints(prefix)
     yield ModelObject(
         key,
         scores if missing else Scores.decode,
         partial(_write_scores, model),
-        partial(_missing, model, key),
+        partial(_missing, listed, key),
     )
     key = keys.milestones(prefix)
     yield ModelObject(key, Milestones.decode, partial(_write_milestones, model))
-    yield from _metrics(model)
+    yield from _metrics(listed)
     again = "It will be rewritten when the training continues."
     yield dropped(keys.lease(prefix), Lease.decode, again)
     yield dropped(keys.outcome(prefix), RunOutcome.decode, again)
@@ -206,51 +208,55 @@ def model_objects(model: ModelStore, *, missing: bool = False) -> Iterator[Model
     ):
         check = partial(_check_parameters, read, name)
         restore = partial(_restore_parameters, model, key, name, check)
-        yield ModelObject(key, check, restore, partial(_missing, model, key))
+        yield ModelObject(key, check, restore, partial(_missing, listed, key))
     key = keys.training_start(prefix)
     yield ModelObject(key, TrainingStart.decode, partial(_write_start, model, key))
 
 
-def _metrics(model: ModelStore) -> Iterator[ModelObject]:
+def _metrics(listed: ModelListing) -> Iterator[ModelObject]:
+    model = listed.model
     for worker in model.workers:
         key = keys.training_metrics(model.metrics_prefix, worker)
         write = partial(_write_metrics, model, worker)
         for part in list_parts(model.bucket, key):
             yield ModelObject(part, decode_metrics, write)
-        yield ModelObject(key, decode_metrics, write, partial(_missing_episodes, model, worker))
+        yield ModelObject(key, decode_metrics, write, partial(_missing_episodes, listed, worker))
 
 
-def _missing(model: ModelStore, key: str) -> str:
-    return "is missing." if whole_checkpoints(model) and not model.bucket.exists(key) else ""
+def _missing(listed: ModelListing, key: str) -> str:
+    return "is missing." if listed.whole and key not in listed.objects else ""
 
 
-def _missing_iterations(model: ModelStore) -> str:
-    newest = max(whole_checkpoints(model), default=None)
-    known = len(read_history(model))
-    if newest is None or known >= newest.number - 1:
+def _missing_iterations(listed: ModelListing) -> str:
+    if not listed.whole:
+        return ""
+    known = len(read_history(listed.model))
+    if known >= listed.whole[-1].number - 1:
         return ""  # the newest iteration is in the checkpoint's record
-    lost = len(reconstruct_history(model)) - known
+    lost = len(reconstruct_history(listed.model)) - known
     return f"is missing, or {lost} iterations of it." if lost > 0 else ""
 
 
-def _missing_episodes(model: ModelStore, worker: int) -> str:
-    finished = max((name.number for name in whole_checkpoints(model)), default=0)
+def _missing_episodes(listed: ModelListing, worker: int) -> str:
+    lost = [n for n, traces in listed.traces.items() if worker in traces]
+    if not lost:
+        return ""
+    model, finished = listed.model, max((name.number for name in listed.whole), default=0)
     records = read_all_metrics(model.bucket, keys.training_metrics(model.metrics_prefix, worker))
     known = {r.iteration for r in records if r.phase == "training"}
-    traced = traced_iterations(model).items()
-    lost = [n for n, traces in traced if worker in traces and n not in known]
+    lost = [n for n in lost if n not in known]
     # Version 0.1.0 has not written which they are of.
     if any(r.iteration is None for r in records) or not any(n < finished for n in lost):
         return ""
     return f"is missing, or {len(lost)} iterations of it."
 
 
-def _refuse_missing(model: ModelStore, *names: str) -> None:
+def _refuse_missing(listed: ModelListing, *names: str) -> None:
     """Raise RecordError without PyTorch or TensorFlow weights."""
-    listed = {info.key for info in model.bucket.list(keys.model_folder(model.prefix))}
     for name in names:
         parts = (".safetensors", ".index")
-        if not listed & {keys.checkpoint_part(model.prefix, name, part) for part in parts}:
+        weights = {keys.checkpoint_part(listed.model.prefix, name, part) for part in parts}
+        if weights.isdisjoint(listed.objects):
             raise RecordError(f"it names {name}, which does not exist")
 
 
@@ -274,8 +280,9 @@ def _write_record(model: ModelStore, name: str) -> str:
     return "It was reconstructed from the weights and the history."
 
 
-def _write_pointer(model: ModelStore) -> str:
-    key, newest = keys.coach_checkpoint(model.prefix), max(whole_checkpoints(model), default=None)
+def _write_pointer(listed: ModelListing) -> str:
+    model, newest = listed.model, max(listed.whole, default=None)
+    key = keys.coach_checkpoint(model.prefix)
     if newest is None:
         return _drop(model, key, "The model has no checkpoint to point to.")
     model.bucket.put(key, str(newest).encode())
@@ -347,33 +354,44 @@ def _write_start(model: ModelStore, key: str) -> str:
 _PREFIX, _METRICS = "DR_LOCAL_S3_MODEL_PREFIX", "DR_LOCAL_S3_METRICS_PREFIX"
 
 
-def refuse_lost(
-    model: ModelStore, *, metrics_too: bool = False, in_environment: bool = False
-) -> None:
+def refuse_lost(model: ModelStore) -> None:
+    """As `load_unless_lost`."""
+    load_unless_lost(ModelListing(model))
+
+
+def load_unless_lost(
+    listed: ModelListing,
+    *,
+    metrics_too: bool = False,
+    in_environment: bool = False,
+    with_optimizer: bool = False,
+) -> Checkpoint | None:
     """Raise CheckpointsLost if a training must not begin here, with the command that starts over.
 
     Unless a checkpoint can be read or reconstructed, or none was published. The reference's count
     as readable. Nothing is changed. `metrics_too`: a setting names their place, too;
     `in_environment`: these settings are there.
+
+    Returns:
+        The newest checkpoint; None if none was looked for, or it must be reconstructed.
     """
-    listed = {info.key: info.size_bytes for info in model.bucket.list(keys.folder(model.prefix))}
-    if not any(_tells_of_training(model.prefix, key) for key in listed):
-        return
+    model = listed.model
+    if not any(_tells_of_training(model.prefix, key) for key in listed.objects):
+        return None
     store = CheckpointStore(model)
-    try:
-        found = store.load_latest() is not None
-    except CheckpointsLost:
-        found = False
-    if found or any(map(keys.is_tensorflow_part, listed)):
-        return
+    with suppress(CheckpointsLost):
+        found = store.load_latest(with_optimizer=with_optimizer)
+        if found is not None:
+            return found
+    if listed.has_tensorflow:
+        return None
     history = reconstruct_history(model)
-    whole = whole_checkpoints(model)
-    if any(reconstruct_record(model, name, history) is not None for name in whole):
-        return
-    names = {keys.checkpoint_of(model.prefix, key) for key in listed} | {store.pointed()}
+    if any(reconstruct_record(model, name, history) is not None for name in listed.whole):
+        return None
+    names = {*listed.checkpoints.values(), store.pointed()}
     numbers = sorted({name.number for name in names if name is not None})
-    traced = traced_iterations(model).items()
-    traces = [n for n, own in traced if all(listed[key] for key in own.values())]
+    sizes = {key: info.size_bytes for key, info in listed.objects.items()}
+    traces = [n for n, own in listed.traces.items() if all(sizes[key] for key in own.values())]
     known = [r.iteration for r in history]
     trained = max([-1, *traces, *known, *(n - 1 for n in numbers)]) + 1
     beside = _free_name(model)
@@ -385,7 +403,7 @@ def refuse_lost(
         f"{model.url} was trained for {trained} iterations, but has no checkpoint that can be "
         f"read. Lost: {_counted(numbers, 'checkpoint')}. Left: the learning curve of "
         f"{_counted(known, 'iteration')}, traces of {_counted(traces, 'iteration')}, "
-        f"{sum(map(bool, listed.values()))} files with content in all. Nothing was changed.",
+        f"{sum(map(bool, sizes.values()))} files with content in all. Nothing was changed.",
         remedy="Restore a checkpoint from a copy, or start over beside it, which deletes "
         f"nothing: `{command}dr-start-training`.",
     )

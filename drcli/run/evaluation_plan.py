@@ -18,11 +18,10 @@ from drcli.config.value_types import parse_checkpoint
 from drcli.convert.engines import RUNS, check_runtime
 from drcli.convert.policy_file import read_policy_file
 from drcli.model import keys
-from drcli.model.checkpoint_choice import Chosen, find_choice, sentence_about
+from drcli.model.checkpoint_choice import ModelCheckpoints
 from drcli.model.files.params_yaml import evaluation_parameters
 from drcli.model.model_prefix import what_helps
 from drcli.model.model_store import ModelStore
-from drcli.model.reconstruct import readable_scores
 from drcli.model.repair import repair_unless_trained
 from drcli.model.write_probe import prove_writing
 from drcli.records.evaluation_task import PolicySource, Runtime
@@ -175,10 +174,9 @@ def _driven(
 ) -> str:
     if source.file is not None:
         return source.file.name
-    chosen = _found(settings, model, choice)
-    on_progress(
-        sentence_about(ModelStore.of(settings.model, model.bucket, model.prefix), chosen, option)
-    )
+    has = _checkpoints(settings, model)
+    chosen = has.choose(parse_checkpoint(choice))
+    on_progress(has.sentence_about(chosen, option))
     return chosen.name
 
 
@@ -195,18 +193,15 @@ def check_model(model: ModelStore, setting: str) -> None:
 
 def choose_checkpoint(settings: Settings, model: ModelStore) -> str:
     """The one of DR_EVAL_CHECKPOINT; SettingsError if the model has none."""
-    return _found(settings, model, settings.eval_checkpoint).name
+    choice = parse_checkpoint(settings.eval_checkpoint)
+    return _checkpoints(settings, model).choose(choice).name
 
 
-def _found(settings: Settings, store: ModelStore, choice: str) -> Chosen:
-    model = ModelStore.of(settings.model, store.bucket, store.prefix)
-    scores, _ = readable_scores(model)
-    if scores is None:
-        raise SettingsError(
-            f"{store.url} has no checkpoint yet.",
-            remedy=what_helps(store),
-        )
-    return find_choice(model, parse_checkpoint(choice))
+def _checkpoints(settings: Settings, model: ModelStore) -> ModelCheckpoints:
+    has = ModelCheckpoints.read(ModelStore.of(settings.model, model.bucket, model.prefix))
+    if has.scores is None:
+        raise SettingsError(f"{model.url} has no checkpoint yet.", remedy=what_helps(model))
+    return has
 
 
 def _cloned(settings: Settings, bucket: Bucket) -> Settings:

@@ -32,7 +32,7 @@ from drcli.records.training_record import Pretrained
 from drcli.rewards.reward_rules import read_source, review_source
 from drcli.rewards.source import read_files
 from drcli.transfer.copy_custom_files import write_file
-from drcli.transfer.pretrained import read_weights, sentence_of
+from drcli.transfer.pretrained import read_weights
 
 # What else changes with the next model: run.env, the racer's own files.
 
@@ -288,8 +288,8 @@ def plan_increment(
     repair_unless_trained(model)
     checkpoint = parse_checkpoint(others.get(CHECKPOINT, settings.pretrained_checkpoint))
     place = settings.place(MODEL)
-    pretrained, _ = read_weights(model, checkpoint, MODEL, place)
-    errors.show(sentence_of(bucket, pretrained))
+    pretrained, _, sentence = read_weights(model, checkpoint, MODEL, place)
+    errors.show(sentence)
     files = changed_files(settings, overrides, bucket, pretrained.name)
     used = is_used(store)
     if used and not wiping:

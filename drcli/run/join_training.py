@@ -346,7 +346,7 @@ class JoinedMachine:
             goals="" if previous is None else previous.goals,
         )
         try:
-            with taken(job, self._bucket, lambda: None):
+            with taken(job, self._store, lambda: None):
                 write_outcome(self._store, begun)
                 begin_logs(job.directory, self._prefix, job.config.logs.log_max_mb)
             self._took_over = True

@@ -23,19 +23,19 @@ from drcli.learn.algorithms import Algorithm
 from drcli.learn.phases import FINE_LR
 from drcli.model import keys, lease
 from drcli.model.best_checkpoint import forget_scores
-from drcli.model.checkpoints import CheckpointStore
+from drcli.model.checkpoints import Checkpoint, CheckpointStore
 from drcli.model.files.custom_files import Inputs, find
 from drcli.model.files.hyperparameters import (
     Hyperparameters,
     TrainingMethod,
     chosen_method,
-    kept_method,
+    is_taught,
 )
 from drcli.model.files.network_shape import Design, model_files
-from drcli.model.model_prefix import is_aborted_start, is_used, newest_checkpoint, what_helps, wipe
+from drcli.model.model_prefix import ModelListing, is_aborted_start, is_used, what_helps, wipe
 from drcli.model.model_store import ModelStore
 from drcli.model.notes import describe
-from drcli.model.repair import refuse_lost, repair
+from drcli.model.repair import load_unless_lost, repair
 from drcli.model.run_metadata import describe_start, read_start
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.records.checkpoint import CheckpointName, Counters
@@ -50,7 +50,6 @@ from drcli.run.run_logs import begin_logs
 from drcli.run.take_model import taken
 from drcli.train.goals import ending
 from drcli.transfer.continue_reference import plan_conversion
-from drcli.transfer.pretrained import sentence_of
 from drcli.workers.ray_extra import has_cluster
 
 # Makes the job of a start, and the record of its begin.
@@ -211,48 +210,50 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         )
     refuse_start(settings)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    store = ModelStore(bucket, prefix)
-    clock = probe(store)
-    lease.refuse_other_owner(store)
-
-    if not options.wipe:
-        _refuse_lost(settings, bucket)
-    newest = newest_checkpoint(store)
-    if options.resume and newest is None:
-        raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has no checkpoint to resume from.",
-            remedy=what_helps(store),
-        )
     model = ModelStore.of(settings.model, bucket, prefix)
-    conversion = plan_conversion(store) if options.resume else None
+    clock = probe(model)
+    lease.refuse_other_owner(model)
+
+    listed = ModelListing(model)
+    found = None if options.wipe else _load_unless_lost(settings, listed, options)
+    if options.resume and not listed.checkpoints:
+        raise SettingsError(
+            f"{model.url} has no checkpoint to resume from.", remedy=what_helps(model)
+        )
+    conversion = plan_conversion(listed) if options.resume else None
     repairs = repair(model) if options.resume and conversion is None else []
     for sentence in repairs:
         # Show these now: the plan's warnings are lost if the start is refused.
         errors.warn(sentence)
-    before = read_start(store) if options.resume else None
-    resumes, damaged = None, []
+    before = read_start(model) if options.resume else None
+    damaged: list[str] = []
     if conversion is not None:
-        resumes, damaged = conversion.name, [conversion.sentence]
+        found, damaged = conversion.checkpoint, [conversion.sentence]
     elif options.resume:
-        resumes, damaged = _resumable(store)
+        if found is None or repairs:
+            found = CheckpointStore(model).load_latest(with_optimizer=True)
+        damaged = [] if found is None else _damaged(model, found)
+    resumed = found.record if found is not None and options.resume else None
+    trained = None if resumed is None else Design.of_record(model, resumed)
+    resumes = None if resumed is None else resumed.name
     continues = options.resume or options.over_aborted
-    previous = read_outcome(store) if continues else None
+    previous = read_outcome(model) if continues else None
     began_at = first_start(previous, before)
     custom = settings.custom_files
     found_files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
     if conversion is not None:
         found_files |= conversion.own_files(found_files)
-    before_this = store if options.resume else _pretrained(settings, bucket)
-    kept = kept_method(before_this) if before_this is not None and not options.method else None
-    files = chosen_method(found_files, options.method, kept)
-    staged = plan_stages(settings, files, bucket, resumes=options.resume)
+    before_this = prefix if options.resume else settings.pretrained_prefix
+    taught = trained is not None and trained.parameters.taught
+    if settings.pretrained and not options.resume:
+        taught = is_taught(ModelStore(bucket, before_this))
+    files = chosen_method(found_files, options.method, taught=taught)
+    mark = None if resumed is None else resumed.counters.stage
+    staged = plan_stages(settings, files, model, mark, resumes=options.resume)
     settings = staged.settings
     job = _job(settings, options, _seed(settings, options, before), began_at)
-    trained = Design.of_checkpoint(store, resumes) if resumes else None
-    plans = Plans(
-        wiping=options.wipe or options.over_aborted,
-        resumed=trained if conversion is None else conversion.design,
-    )
+    wiping = options.wipe or options.over_aborted
+    plans = Plans(wiping, trained, None if wiping or options.resume else listed)
     examined = examine_stages(
         settings, staged.review, job, files, bucket, plans, first=staged.first
     )
@@ -260,48 +261,48 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     if keys.HYPERPARAMETERS_FILE in found_files:  # the racer's file keeps what it says
         inputs = replace(inputs, hyperparameters=found_files[keys.HYPERPARAMETERS_FILE])
-    found = of_severity([*clock, *examined.problems], "warning")
-    warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, found)]
-    if before_this is not None and not design.parameters.taught:
+    noticed = of_severity([*clock, *examined.problems], "warning")
+    warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, noticed)]
+    if taught and not design.parameters.taught:
         warnings += _steps_too_large(before_this, design)
-    if files != found_files and kept is not None and before_this is not None:
-        warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this.prefix))
+    if taught and not options.method and files != found_files:
+        warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this))
     if resumes is not None and design.metadata.algorithm.replay:
-        warnings += _replay_lost(design.metadata.algorithm, store, CheckpointName.parse(resumes))
+        warnings += _replay_lost(design.metadata.algorithm, model, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
-    if source is not None:
-        errors.show(sentence_of(bucket, source))
+    if transfer is not None:
+        errors.show(transfer.sentence)
     ends = ending(job, design.parameters)
 
     def review() -> None:
         if options.wipe or options.resume:
             return
-        files = parameter_files(settings)
-        if not (options.over_aborted and is_aborted_start(store, files)):
-            refuse(review_prefix(store))
+        now, files = ModelListing(model), parameter_files(settings)
+        if not (options.over_aborted and is_aborted_start(now, files)):
+            refuse(review_prefix(now))
 
-    with taken(job, bucket, review):
+    with taken(job, model, review):
         records = StartRecorder(model, settings)
         training = records.prepare(before, resumes=options.resume)
-        wiping = options.wipe and is_used(store)
+        wiping = options.wipe and is_used(model)
         if wiping:
-            wipe(store, spared=[keys.lease(prefix)])
+            wipe(model, spared=[keys.lease(prefix)])
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
-        write_outcome(store, begun)
-        freeze(settings, bucket, inputs, job.inputs, staged.frozen, plans.resumed)
-        warnings += _forget_other_scores(settings, bucket, before)
+        write_outcome(model, begun)
+        freeze(settings.custom_files, model, inputs, job.inputs, staged.review.frozen, trained)
+        warnings += _forget_other_scores(settings, model, before)
         start = describe_start(settings, directory, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())
         training = records.record(start, begun, resumes, previous, job.inputs)
-        describe(store, settings.model_description, is_new=not options.resume)
+        describe(model, settings.model_description, is_new=not options.resume)
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
             own = {name: job.inputs[name] for name in model_files(prefix)}
             counters = Counters(critic_warmup=transfer.critic_warmup, inputs=own)
-            CheckpointStore(store).save(0, 0, transfer.tensors, counters=counters)
+            CheckpointStore(model).save(0, 0, transfer.tensors, counters=counters)
         if conversion is not None:
             conversion.write()
         if not options.resume:
@@ -323,7 +324,8 @@ def prepare_end_work(settings: Settings, outcome: RunOutcome) -> EndWorkPlan:
     text = f"A start on {begun.host} tries what is left to do: {', '.join(outcome.left)}."
     noted = JournalEntry(time.time(), "start", text, {"host": begun.host})
     job = replace(job, begun=begun, end_work=outcome.left, noted=(noted,))
-    with taken(job, bucket, lambda: None):
+    model = ModelStore(bucket, settings.model_prefix)
+    with taken(job, model, lambda: None):
         return EndWorkPlan(job, outcome)
 
 
@@ -335,23 +337,20 @@ def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, buc
     if file is None:
         return ""  # a start says which file is missing
     parameters = Hyperparameters.from_bytes(file.data, file.origin)
-    staged = plan_stages(settings, files, bucket, resumes=True)
+    model = ModelStore(bucket, settings.model_prefix)
+    mark = CheckpointStore(model).stage_of_newest()
+    staged = plan_stages(settings, files, model, mark, resumes=True)
     refuse(staged.review.problems)
     job = _job(staged.settings, options, 0, outcome.began_at)
     return ending(replace(job, stages=staged.stages), parameters)
 
 
-def _pretrained(settings: Settings, bucket: Bucket) -> ModelStore | None:
-    given = settings.pretrained_model
-    return None if given is None else ModelStore(bucket, given.prefix)
-
-
-def _steps_too_large(before: ModelStore, design: Design) -> list[str]:
+def _steps_too_large(before: str, design: Design) -> list[str]:
     lr = design.parameters.lr
-    if lr <= FINE_LR or kept_method(before) is None:
+    if lr <= FINE_LR:
         return []
     return [
-        f"{design.parameters_origin}: lr={lr:g} is high for the weights of {before.prefix}, which "
+        f"{design.parameters_origin}: lr={lr:g} is high for the weights of {before}, which "
         f"learned from a teacher: they may be lost within a few updates. Write lr={FINE_LR:g} and "
         "target_kl=0.03 to go on without a teacher."
     ]
@@ -402,15 +401,7 @@ def _replay_lost(
     ]
 
 
-def _resumable(model: ModelStore) -> tuple[str | None, list[str]]:
-    """The checkpoint, and sentences about damaged newer ones.
-
-    Raises:
-        StorageError: All checkpoints are damaged.
-    """
-    found = CheckpointStore(model).load_latest(with_optimizer=True)
-    if found is None:
-        return None, []
+def _damaged(model: ModelStore, found: Checkpoint) -> list[str]:
     name = found.record.name
     warnings = [f"Checkpoint {why} The training continues from {name}." for why in found.damaged]
     if found.record.optimizer is not None and found.optimizer is None:
@@ -419,16 +410,19 @@ def _resumable(model: ModelStore) -> tuple[str | None, list[str]]:
             f"{model.bucket.name}/{key} is missing or damaged. The optimizer starts with an empty "
             "state, which costs a few iterations."
         )
-    return name, warnings
+    return warnings
 
 
-def _refuse_lost(settings: Settings, bucket: Bucket) -> None:
+def _load_unless_lost(
+    settings: Settings, listed: ModelListing, options: StartOptions
+) -> Checkpoint | None:
     """Rather than iteration 0 among a model's remains."""
     metrics = written(settings, METRICS)
-    refuse_lost(
-        ModelStore(bucket, settings.model_prefix),
+    return load_unless_lost(
+        listed,
         metrics_too=metrics is not None and "$" not in metrics,  # it would be that of the old model
         in_environment=settings.source(MODEL) == "environment",
+        with_optimizer=options.resume,
     )
 
 
@@ -444,7 +438,7 @@ def _seed(settings: Settings, options: StartOptions, before: TrainingStart | Non
 
 
 def _forget_other_scores(
-    settings: Settings, bucket: Bucket, before: TrainingStart | None
+    settings: Settings, model: ModelStore, before: TrainingStart | None
 ) -> list[str]:
     if before is None or before.settings is None:
         return []
@@ -458,7 +452,7 @@ def _forget_other_scores(
         setting = catalogue()[name]
         known = before.settings.get(name, setting.default)
         if known != getattr(settings, setting.field):
-            forget_scores(ModelStore(bucket, settings.model_prefix))
+            forget_scores(model)
             return [
                 f"{settings.source(name)}: {name} was {known or 'not set'} until now, so the next "
                 "checkpoint that is evaluated becomes the best."

@@ -1,17 +1,17 @@
 """Plans the stages of a training, and finds the one to begin with."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
 from drcli.base.errors import Problem, refuse, shown
 from drcli.base.json_record import RecordError
-from drcli.bucket.bucket import Bucket, ObjectMissing
+from drcli.bucket.bucket import ObjectMissing
 from drcli.checks.stage_rules import SETTING, StagesReview, review_stages
 from drcli.config.fields import setting_problem
+from drcli.config.run_config import CustomFilesConfig
 from drcli.config.settings import Settings
 from drcli.model import keys
-from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.custom_files import (
     InputFile,
     Inputs,
@@ -36,36 +36,34 @@ class StagesPlan:
     def stages(self) -> tuple[Stage, ...]:
         return tuple(planned.stage for planned in self.review.stages)
 
-    @property
-    def frozen(self) -> FrozenCurriculum | None:
-        return self.review.frozen
-
 
 def plan_stages(
-    settings: Settings, files: Mapping[str, InputFile], bucket: Bucket, *, resumes: bool
+    settings: Settings,
+    files: Mapping[str, InputFile],
+    model: ModelStore,
+    mark: StageMark | None,
+    *,
+    resumes: bool,
 ) -> StagesPlan:
-    """`before_start.examine_stages` finds problems of stages.
+    """`before_start.examine_stages` finds problems of stages; `mark` is that of a resumed model.
 
     Raises:
         ProblemsError: The curriculum cannot be read, or has lost the model's stage.
     """
-    review = review_stages(settings, files, bucket, resumes=resumes)
+    review = review_stages(settings, files, model.bucket, resumes=resumes)
     if not review.stages:
         refuse(review.problems)
-    mark = None
-    if resumes:
-        mark = CheckpointStore(ModelStore(bucket, settings.model_prefix)).stage_of_newest()
     if review.frozen is None:
         return StagesPlan(settings, review, warnings=_without_curriculum(mark))
-    first = 0 if mark is None else review.index(mark.name)
-    if first is None or mark is None:
-        refuse(_lost_stage(settings, mark, review) if first is None else ())
-        first = 0
+    names = [stage.name for stage in review.stages]
+    if mark is not None and mark.name not in names:
+        refuse([_lost_stage(settings, mark.name, names)])
+    first = 0 if mark is None else names.index(mark.name)
     return StagesPlan(
         review.stages[first].settings,
         review,
         first,
-        (*(_changed(settings, bucket, review.frozen, mark) if resumes else ()),),
+        (*(_changed(settings, model, review.frozen, mark) if resumes else ()),),
     )
 
 
@@ -78,25 +76,21 @@ def _without_curriculum(mark: StageMark | None) -> tuple[str, ...]:
     )
 
 
-def _lost_stage(
-    settings: Settings, mark: StageMark | None, review: StagesReview
-) -> tuple[Problem, ...]:
-    name = "" if mark is None else mark.name
-    names = ", ".join(stage.name for stage in review.stages)
+def _lost_stage(settings: Settings, name: str, names: Sequence[str]) -> Problem:
     what = (
         f"{SETTING}={shown(settings.curriculum_file)} has no stage {name}, in which the training "
-        f"of {settings.model_prefix} is; its stages are {names}."
+        f"of {settings.model_prefix} is; its stages are {', '.join(names)}."
     )
     remedy = f"Give one of the stages the name {name} again; the training goes on with that one."
-    return (setting_problem(SETTING, settings.place(SETTING), what, remedy),)
+    return setting_problem(SETTING, settings.place(SETTING), what, remedy)
 
 
 def _changed(
-    settings: Settings, bucket: Bucket, now: FrozenCurriculum, mark: StageMark | None
+    settings: Settings, model: ModelStore, now: FrozenCurriculum, mark: StageMark | None
 ) -> tuple[str, ...]:
     place = settings.place(SETTING)
     try:
-        before = FrozenCurriculum.decode(bucket.get(keys.curriculum(settings.model_prefix)))
+        before = FrozenCurriculum.decode(model.bucket.get(keys.curriculum(model.prefix)))
     except ObjectMissing:
         return (
             f"{place}: The model was trained without stages until now; the first one begins with "
@@ -129,26 +123,22 @@ def files_to_train_with(settings: Settings, inputs: Inputs, design: Design) -> d
 
 
 def freeze(
-    settings: Settings,
-    bucket: Bucket,
+    places: CustomFilesConfig,
+    model: ModelStore,
     inputs: Inputs,
     files: Mapping[str, str],
-    curriculum: FrozenCurriculum | None = None,
-    resumed: Design | None = None,
+    curriculum: FrozenCurriculum | None,
+    resumed: Design | None,
 ) -> None:
     """Copy the files of a start and its curriculum below the model prefix.
 
     Those of a `resumed` training become the model's with the first checkpoint that has learned
     with them.
     """
-    prefix = settings.model_prefix
-    model = ModelStore(bucket, prefix)
     if curriculum is not None:
-        bucket.put(keys.curriculum(prefix), curriculum.encode())
-    upload_custom_files(settings.custom_files, bucket, inputs)
-    if resumed is not None:
-        write_model_files(model, resumed.texts)
-    write_model_files(model, files, only_missing=resumed is not None)
+        model.bucket.put(keys.curriculum(model.prefix), curriculum.encode())
+    upload_custom_files(places, model.bucket, inputs)
+    write_model_files(model, files, None if resumed is None else resumed.texts)
 
 
 def parameter_files(settings: Settings) -> dict[str, Settings]:

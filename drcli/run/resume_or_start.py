@@ -7,7 +7,7 @@ from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, OUTAGE_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.model import lease
-from drcli.model.model_prefix import has_checkpoint, is_aborted_start, is_used
+from drcli.model.model_prefix import ModelListing, is_aborted_start
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome
 from drcli.records.job import Job
@@ -73,12 +73,11 @@ def was_overtaken(settings: Settings, job: Job) -> bool:
 
 
 def _plan(settings: Settings, options: StartOptions, bucket: Bucket) -> Next:
-    prefix = settings.model_prefix
-    store = ModelStore(bucket, prefix)
-    if not is_used(store):
+    store = ModelStore(bucket, settings.model_prefix)
+    listed = ModelListing(store)
+    if not listed.objects:
         return prepare(settings, options)
-    outcome = read_outcome(store)
-    model = f"s3://{bucket.name}/{prefix}"
+    outcome, model = read_outcome(store), store.url
     if outcome is not None and outcome.stays_ended:
         return NothingToDo(_stays_ended(outcome, model))
     if outcome is not None and outcome.state == "finished":
@@ -90,9 +89,9 @@ def _plan(settings: Settings, options: StartOptions, bucket: Bucket) -> Next:
                 "run.env or hyperparameters.json."
             )
         return prepare(settings, replace(options, resume=True))
-    if has_checkpoint(store):
+    if listed.has_checkpoint:
         return prepare(settings, replace(options, resume=True))
-    if is_aborted_start(store, parameter_files(settings)):
+    if is_aborted_start(listed, parameter_files(settings)):
         return prepare(settings, replace(options, over_aborted=True))
     return prepare(settings, options)  # which explains what is in the way
 

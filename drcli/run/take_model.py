@@ -21,14 +21,12 @@ from drcli.records.run_record import Lease, RunRecord, WaitingStart
 
 
 @contextmanager
-def taken(job: Job, bucket: Bucket, review: Callable[[], None]) -> Iterator[None]:
+def taken(job: Job, model: ModelStore, review: Callable[[], None]) -> Iterator[None]:
     """Take the lease of the model prefix; released if the `with` block fails.
 
     Raises:
         SettingsError: Another start was faster.
     """
-    prefix = job.config.model.prefix
-    model = ModelStore(bucket, prefix)
     with only_writer(job.directory):
         refuse_second_run(job.config.run_id, job.folder)
         lease.refuse_other_owner(model, job.session)

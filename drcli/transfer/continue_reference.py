@@ -3,17 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from drcli.bucket.bucket import Bucket, ObjectDamaged
+from drcli.bucket.bucket import ObjectDamaged
 from drcli.convert.stored_checkpoint import load_checkpoint
-from drcli.model import keys
 from drcli.model.best_checkpoint import read_scores, write_scores
 from drcli.model.checkpoint_choice import missing_parts
 from drcli.model.checkpoints import Checkpoint, CheckpointStore
 from drcli.model.files.custom_files import InputFile
-from drcli.model.files.hyperparameters import Hyperparameters
-from drcli.model.files.model_metadata import ModelMetadata
-from drcli.model.files.network_shape import Design
-from drcli.model.model_prefix import is_tensorflow
+from drcli.model.files.network_shape import model_files
+from drcli.model.model_prefix import ModelListing, is_tensorflow
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.scores import Score, Scores
@@ -23,8 +20,7 @@ from drcli.records.scores import Score, Scores
 class Conversion:
     """The newest TensorFlow checkpoint as one of ours; nothing is written yet."""
 
-    bucket: Bucket
-    prefix: str
+    model: ModelStore
     checkpoint: Checkpoint
     best: str | None
 
@@ -32,29 +28,13 @@ class Conversion:
     def name(self) -> str:
         return self.checkpoint.record.name
 
-    @property
-    def design(self) -> Design:
-        inputs = self.checkpoint.record.counters.inputs
-        files = {name: text.encode() for name, text in inputs.items()}
-        metadata, parameters = keys.MODEL_METADATA_FILE, keys.HYPERPARAMETERS_FILE
-        return Design(
-            ModelMetadata.from_bytes(files[metadata], metadata),
-            Hyperparameters.from_bytes(files[parameters], parameters),
-            metadata,
-            parameters,
-            files,
-        )
-
     def own_files(self, files: Mapping[str, InputFile]) -> dict[str, InputFile]:
         """Corrected by the policy: the reference ignores some values, such as `stack_size`."""
-        own = {
-            keys.MODEL_METADATA_FILE: keys.model_metadata(self.prefix),
-            keys.HYPERPARAMETERS_FILE: keys.hyperparameters(self.prefix),
-        }
+        fitted = self.checkpoint.record.counters.inputs
         return {
-            name: replace(files[name], data=self.design.files[name])
-            for name, key in own.items()
-            if name in files and files[name].origin == f"{self.bucket.name}/{key}"
+            name: replace(files[name], data=fitted[name].encode())
+            for name, key in model_files(self.model.prefix).items()
+            if name in files and files[name].origin == f"{self.model.bucket.name}/{key}"
         }
 
     @property
@@ -71,16 +51,15 @@ class Conversion:
         )
 
     def write(self) -> None:
-        model = ModelStore(self.bucket, self.prefix)
         record = self.checkpoint.record
-        CheckpointStore(model).save(
+        CheckpointStore(self.model).save(
             record.number, record.steps, self.checkpoint.tensors, counters=record.counters
         )
         last = Score(record.name)
-        write_scores(model, Scores(last, last))
+        write_scores(self.model, Scores(last, last))
 
 
-def plan_conversion(model: ModelStore) -> Conversion | None:
+def plan_conversion(listed: ModelListing) -> Conversion | None:
     """Read the newest checkpoint if it is TensorFlow's, else None.
 
     The pointer names it or, if that is incomplete, it has the highest number, as in the reference.
@@ -88,14 +67,14 @@ def plan_conversion(model: ModelStore) -> Conversion | None:
     Raises:
         DrError: It cannot be read or trained here.
     """
-    listed = model.bucket.list(keys.model_folder(model.prefix))
-    names = {keys.checkpoint_of(model.prefix, info.key) for info in listed}
-    whole = {name for name in names if name and not missing_parts(listed, model.prefix, str(name))}
+    if not listed.has_tensorflow:
+        return None
+    model, objects = listed.model, listed.objects
+    names, infos = set(listed.checkpoints.values()), objects.values()
+    whole = {name for name in names if not missing_parts(infos, model.prefix, str(name))}
     pointed = CheckpointStore(model).pointed()
     newest: CheckpointName | None = pointed if pointed in whole else max(whole, default=None)
-    if newest is None or not is_tensorflow(
-        [info.key for info in listed], model.prefix, str(newest)
-    ):
+    if newest is None or not is_tensorflow(objects, model.prefix, str(newest)):
         return None
     try:
         scores = read_scores(model)
@@ -103,4 +82,4 @@ def plan_conversion(model: ModelStore) -> Conversion | None:
         scores = None
     best = None if scores is None else scores.best_checkpoint.name
     found = load_checkpoint(model, str(newest))
-    return Conversion(model.bucket, model.prefix, found, None if best == str(newest) else best)
+    return Conversion(model, found, None if best == str(newest) else best)

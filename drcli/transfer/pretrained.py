@@ -6,21 +6,18 @@ from drcli.base.errors import Place, Problem, ProblemsError, SettingsError, refu
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.config.fields import setting_problem
 from drcli.config.run_config import PretrainedConfig
-from drcli.config.value_types import CheckpointChoice, parse_checkpoint
+from drcli.config.value_types import CheckpointChoice
 from drcli.convert.stored_checkpoint import load_checkpoint
 from drcli.model import keys
 from drcli.model.checkpoint_choice import (
     CheckpointGone,
     Chosen,
     ModelCheckpoints,
-    find_choice,
-    sentence_about,
 )
 from drcli.model.checkpoints import Checkpoint, CheckpointStore
 from drcli.model.files.network_shape import Design, weight_problems
 from drcli.model.model_prefix import contains, what_helps
 from drcli.model.model_store import ModelStore
-from drcli.model.reconstruct import readable_scores
 from drcli.records.scores import Score
 from drcli.records.training_record import Pretrained
 
@@ -29,18 +26,19 @@ PREFIX = "DR_LOCAL_S3_PRETRAINED_PREFIX"
 
 @dataclass(frozen=True)
 class Transfer:
-    """Weights as safetensors; `critic_warmup` is as in `Counters`."""
+    """Weights as safetensors; `sentence` says which; `critic_warmup` is as in `Counters`."""
 
     source: Pretrained
+    sentence: str
     tensors: bytes
     warnings: list[Problem]
     critic_warmup: int | None = None
 
 
 def find(
-    config: PretrainedConfig, bucket: Bucket, new: str, wanted: Design, *, wiping: bool
-) -> Transfer:
-    """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name.
+    config: PretrainedConfig, bucket: Bucket, new: str, wanted: Design | None, *, wiping: bool
+) -> Transfer | None:
+    """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name; None without a design.
 
     Raises:
         ProblemsError: Model or checkpoint is missing, or does not fit.
@@ -50,38 +48,41 @@ def find(
         what = f"-w would delete that model, because it is inside DR_LOCAL_S3_MODEL_PREFIX={new}."
         remedy = "Choose another DR_LOCAL_S3_MODEL_PREFIX."
         raise _wrong(PREFIX, place, prefix, what, remedy)
-    source, found = named_weights(config, bucket)
+    store = ModelStore(bucket, prefix)
+    source, found, sentence = read_weights(store, config.checkpoint, PREFIX, place)
+    if wanted is None:
+        return None
     try:
-        trained = Design.of_record(ModelStore(bucket, prefix), found.record)
+        trained = Design.of_record(store, found.record)
     except ObjectMissing as e:
         remedy = "Restore that file from a copy, or choose another model."
         raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e
-    model = f"s3://{bucket.name}/{prefix}"
-    warnings = weight_problems(trained, wanted, model)
+    warnings = weight_problems(trained, wanted, store.url)
     refuse(warnings)
     if config.checkpoint == "best" and source.metric is None:
         name = "DR_LOCAL_S3_PRETRAINED_CHECKPOINT"
         what = (
-            f"no checkpoint of {model} has been evaluated yet, so its first one, {source.name}, "
-            "counts as its best."
+            f"no checkpoint of {store.url} has been evaluated yet, so its first one, "
+            f"{source.name}, counts as its best."
         )
         remedy = "Ignore this if you want that checkpoint."
         warnings.append(
             setting_problem(name, config.checkpoint_place, what, remedy, severity="warning")
         )
-    return Transfer(source, found.tensors, warnings, found.record.counters.critic_warmup)
-
-
-def named_weights(config: PretrainedConfig, bucket: Bucket) -> tuple[Pretrained, Checkpoint]:
-    return read_weights(ModelStore(bucket, config.prefix), config.checkpoint, PREFIX, config.place)
+    return Transfer(source, sentence, found.tensors, warnings, found.record.counters.critic_warmup)
 
 
 def read_weights(
     model: ModelStore, checkpoint: CheckpointChoice, name: str, place: Place
-) -> tuple[Pretrained, Checkpoint]:
-    """Read the setting's checkpoint; ProblemsError if missing or incomplete."""
+) -> tuple[Pretrained, Checkpoint, str]:
+    """Read the setting's checkpoint, and say which one it is.
+
+    Raises:
+        ProblemsError: It is missing or incomplete.
+    """
     folder = f"s3://{model.bucket.name}/{keys.model_folder(model.prefix)}"
-    scores, _ = readable_scores(model)
+    has = ModelCheckpoints.read(model)
+    scores = has.scores
     try:
         pointed = CheckpointStore(model).pointed()
         if scores is None and pointed is not None:
@@ -90,12 +91,12 @@ def read_weights(
             remedy = what_helps(model, setting=name)
             raise _wrong(name, place, model.prefix, f"there is no checkpoint at {folder}.", remedy)
         else:
-            chosen = find_choice(model, checkpoint).name
+            chosen = has.choose(checkpoint).name
         found = load_checkpoint(model, chosen)
     except (ObjectMissing, ObjectDamaged, CheckpointGone) as e:
         what = f"its {checkpoint} checkpoint cannot be used: {e}"
         if not isinstance(e, CheckpointGone):
-            what += f" {ModelCheckpoints.read(model).summary}"
+            what += f" {has.summary}"
         other = "last" if checkpoint == "best" else "best"
         remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other} or to another one of these, or "
         raise _wrong(name, place, model.prefix, what, f"{remedy}choose another model.") from e
@@ -105,13 +106,8 @@ def read_weights(
         raise _wrong(name, place, model.prefix, str(e), e.remedy) from e
     metric = None if scores is None else scores.metric_of(chosen)
     sha256 = found.record.tensors.sha256
-    return Pretrained(model.prefix, str(checkpoint), chosen, metric, sha256), found
-
-
-def sentence_of(bucket: Bucket, source: Pretrained) -> str:
-    model = ModelStore(bucket, source.prefix)
-    score = Score(source.name, source.metric)
-    return sentence_about(model, Chosen(parse_checkpoint(source.checkpoint), score, ()))
+    sentence = has.sentence_about(Chosen(checkpoint, Score(chosen, metric), ()))
+    return Pretrained(model.prefix, str(checkpoint), chosen, metric, sha256), found, sentence
 
 
 def _wrong(name: str, place: Place, prefix: str, message: str, remedy: str) -> ProblemsError:

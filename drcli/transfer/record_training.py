@@ -71,7 +71,8 @@ def texts_of(bucket: Bucket, record: TrainingRecord) -> dict[str, str | None]:
     return {name: kept.get(sha256) for name, sha256 in record.newest.files.items()}
 
 
-def files_of(model: ModelStore) -> dict[str, str]:
+def files_of(model: ModelStore, known: Mapping[str, str] = {}) -> dict[str, str]:
+    """What is `known` is not read."""
     places = {
         keys.REWARD_FUNCTION_FILE: keys.reward_function(model.prefix),
         keys.HYPERPARAMETERS_FILE: keys.hyperparameters(model.prefix),
@@ -81,7 +82,8 @@ def files_of(model: ModelStore) -> dict[str, str]:
     found = {}
     for name, key in places.items():
         with suppress(ObjectMissing):
-            found[name] = model.bucket.get(key).decode("utf-8-sig", "replace")
+            text = known.get(name)
+            found[name] = text or model.bucket.get(key).decode("utf-8-sig", "replace")
     return found
 
 
@@ -351,8 +353,7 @@ def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) ->
     """Once the files are in place; StorageError if refused."""
     settings, prefix = new.settings, new.settings.model_prefix
     model = ModelStore(bucket, prefix)
-    texts = files_of(model)
-    texts |= {name: text for name, text in new.inputs.items() if name in texts}
+    texts = files_of(model, new.inputs)
     own = RecordedStart(
         session=new.outcome.session,
         host=new.outcome.host,

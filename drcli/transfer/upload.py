@@ -18,7 +18,12 @@ from drcli.config.settings import Settings, catalogue
 from drcli.config.value_types import CheckpointChoice, retention_rules
 from drcli.convert.car_rules import END
 from drcli.model import keys
-from drcli.model.checkpoint_choice import CheckpointGone, Chosen, find_choice, take_choice
+from drcli.model.checkpoint_choice import (
+    CheckpointGone,
+    Chosen,
+    ModelCheckpoints,
+    take_choice,
+)
 from drcli.model.checkpoint_list import (
     SHAPING,
     Item,
@@ -435,8 +440,7 @@ def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Ite
                     f"No model files found. Files possibly deleted. Try again. {e}",
                     remedy="Run the command again, or choose another checkpoint.",
                 ) from e
-            model = store
-            chosen = find_choice(model, planned.options.choice)
+            chosen = ModelCheckpoints.read(store).choose(planned.options.choice)
     raise AssertionError("the last attempt returns or raises")
 
 

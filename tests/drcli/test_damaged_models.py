@@ -25,8 +25,8 @@ from drcli.model.checkpoints import CheckpointStore
 from drcli.model.growing_file import read_all_metrics
 from drcli.model.history import read_history
 from drcli.model.model_list import list_models
+from drcli.model.model_prefix import ModelListing
 from drcli.model.model_store import ModelStore
-from drcli.model.reconstruct import whole_checkpoints
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.run.evaluation_plan import prepare_evaluation
 from drcli.run.increment import plan_increment
@@ -145,7 +145,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> CopiedBucket:
 
 def shrink(bucket: MemoryBucket) -> None:
     """Give the checkpoints small weights, which are quick to compare."""
-    for name in map(str, whole_checkpoints(ModelStore(bucket, PREFIX))):
+    for name in map(str, ModelListing(ModelStore(bucket, PREFIX)).whole):
         record = CheckpointStore(ModelStore(bucket, PREFIX)).record(name)
         small = save({"weights": np.zeros(record.number + 1, np.float32)})
         bucket.put(keys.checkpoint_tensors(PREFIX, name), small)
@@ -183,7 +183,7 @@ def world(working_folder: Path, trained: CopiedBucket, monkeypatch: pytest.Monke
 
 
 def test_every_checkpoint_has_its_graph_beside_it(trained):
-    numbers = {name.number for name in whole_checkpoints(ModelStore(trained, PREFIX))}
+    numbers = {name.number for name in ModelListing(ModelStore(trained, PREFIX)).whole}
 
     graphs = {info.key for info in trained.list(f"{PREFIX}/model/") if info.key.endswith(".pb")}
 
@@ -320,7 +320,7 @@ def assert_whole(bucket: MemoryBucket) -> None:
     records = read_all_metrics(bucket, keys.training_metrics(keys.metrics_prefix(PREFIX)))
     driven = [r.episode for r in records if r.phase == "training"]
     assert driven == list(range(1, 2 * ITERATIONS + 1))
-    for name in whole_checkpoints(ModelStore(bucket, PREFIX)):
+    for name in ModelListing(ModelStore(bucket, PREFIX)).whole:
         CheckpointStore(ModelStore(bucket, PREFIX)).load(str(name))
 
 

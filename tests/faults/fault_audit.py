@@ -16,8 +16,8 @@ from drcli.model.best_checkpoint import read_scores
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.growing_file import read_all_metrics, read_complete
 from drcli.model.history import read_history
+from drcli.model.model_prefix import ModelListing
 from drcli.model.model_store import ModelStore
-from drcli.model.reconstruct import traced_iterations
 from drcli.model.repair import model_objects
 from drcli.records.episode_metrics import EpisodeMetrics
 from drcli.records.iteration import IterationRecord
@@ -74,7 +74,7 @@ class Audit:
         """Every object is readable, or its damage is named."""
         metrics = keys.metrics_prefix(self.prefix)
         model = ModelStore(self.bucket, self.prefix, metrics, workers=range(self.workers))
-        for item in model_objects(model):
+        for item in model_objects(ModelListing(model)):
             try:
                 read_record(self.bucket, item.key, item.decode)
             except ObjectMissing:
@@ -120,7 +120,7 @@ class Audit:
 
     def _check_rows(self, history: Sequence[IterationRecord]) -> None:
         """History, traces and metrics tell the same of each finished iteration."""
-        traced = traced_iterations(ModelStore(self.bucket, self.prefix))
+        traced = ModelListing(ModelStore(self.bucket, self.prefix)).traces
         metrics: dict[int, list[EpisodeMetrics]] = {}
         for worker in range(self.workers):
             key = keys.training_metrics(keys.metrics_prefix(self.prefix), worker)

@@ -20,8 +20,8 @@ from drcli.bucket.connect import FolderBucket
 from drcli.bucket.server import server
 from drcli.model.checkpoints import CheckpointStore, checkpoint_objects
 from drcli.model.history import read_history
+from drcli.model.model_prefix import ModelListing
 from drcli.model.model_store import ModelStore
-from drcli.model.reconstruct import traced_iterations
 from fault_audit import Audit
 from fault_machine import PREFIX, Machine, Storage, now_s, works_in
 
@@ -264,7 +264,7 @@ class PowerCuts:
             return -1
 
     def _lost_traces(self, finished: int) -> list[int]:
-        traced = traced_iterations(ModelStore(self.bucket, PREFIX))
+        traced = ModelListing(ModelStore(self.bucket, PREFIX)).traces
         whole = [n for n, own in traced.items() if all(map(self.bucket.get, own.values()))]
         return [n for n in range(finished) if n not in whole]
 

@@ -31,7 +31,7 @@ from drcli.config import secret_environment
 from drcli.config.settings import Settings
 from drcli.config.value_types import CheckpointChoice
 from drcli.model import keys
-from drcli.model.checkpoint_choice import find_choice, sentence_about
+from drcli.model.checkpoint_choice import ModelCheckpoints
 from drcli.model.model_store import ModelStore
 from drcli.outside.droa.droa_package import Files, read_package
 from drcli.outside.droa.droa_rules import INDEX, POINTER
@@ -220,7 +220,8 @@ def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice)
     bucket = transfer_buckets.bucket_to_look_at(settings.transfer, upload=False)
     model = ModelStore(bucket, prefix)
     checkpoint_list.refuse_incomplete(settings.model, model)
-    chosen = find_choice(ModelStore.of(settings.model, bucket, prefix), choice)
+    has = ModelCheckpoints.read(ModelStore.of(settings.model, bucket, prefix))
+    chosen = has.choose(choice)
     if not set(keys.TENSORFLOW_PARTS) <= set(chosen.parts):
         exported = export_droa.read_droa_export(
             settings, export_model.Selection(choice, prefix), world=None
@@ -228,7 +229,7 @@ def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice)
         for note in exported.notes:
             errors.show(note)
         return export_droa.package_files(exported)
-    errors.show(sentence_about(ModelStore.of(settings.model, bucket, prefix), chosen))
+    errors.show(has.sentence_about(chosen))
     items = [
         *checkpoint_list.read_checkpoint(model, chosen),
         *checkpoint_list.read_model_files(

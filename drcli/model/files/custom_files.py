@@ -97,18 +97,20 @@ def texts_of(inputs: Inputs) -> dict[str, str]:
 
 
 def write_model_files(
-    model: ModelStore, files: Mapping[str, str], *, only_missing: bool = False
+    model: ModelStore, files: Mapping[str, str], trained: Mapping[str, str] | None = None
 ) -> None:
-    """Write `Job.inputs`, unless equal."""
+    """Write `Job.inputs`, unless equal; of a `trained` model its own ones, and what is missing."""
     own = {
         keys.REWARD_FUNCTION_FILE: keys.reward_function(model.prefix),
         keys.HYPERPARAMETERS_FILE: keys.hyperparameters(model.prefix),
         keys.MODEL_METADATA_FILE: keys.model_metadata(model.prefix),
     }
-    for name, text in files.items():
+    for name, text in (files if trained is None else {**files, **trained}).items():
         key, data = own.get(name) or keys.parameter_file(model.prefix, name), text.encode()
-        if not model.bucket.exists(key) or not (only_missing or model.bucket.get(key) == data):
-            model.bucket.put(key, data)
+        with suppress(ObjectMissing):
+            if model.bucket.get(key) == data or (trained is not None and name not in trained):
+                continue
+        model.bucket.put(key, data)
 
 
 def _content(path: Path) -> bytes | None:

@@ -588,22 +588,22 @@ def plan_with_method(plan: FolderPlan, teacher: bool) -> FolderPlan:
 
 
 def chosen_method(
-    files: Mapping[str, InputFile], method: TrainingMethod | None, kept: TrainingMethod | None
+    files: Mapping[str, InputFile], method: TrainingMethod | None, *, taught: bool
 ) -> dict[str, InputFile]:
-    """An option's `method`, else the file's, else that `kept` by the model."""
+    """An option's `method`, else the file's, else the teacher of a `taught` model."""
     file = files.get(keys.HYPERPARAMETERS_FILE)
-    wanted = method or kept
+    wanted = method or ("teacher" if taught else None)
     if file is None or wanted is None or (method is None and _WRITTEN.search(_text(file))):
         return dict(files)
     return {**files, file.name: replace(file, data=with_method(file.data, wanted))}
 
 
-def kept_method(model: ModelStore) -> TrainingMethod | None:
-    """A model's, if it has a teacher."""
+def is_taught(model: ModelStore) -> bool:
+    """Whether a model has a teacher."""
     with suppress(ObjectMissing, ProblemsError):
         data = model.bucket.get(keys.hyperparameters(model.prefix))
-        return "teacher" if Hyperparameters.from_bytes(data).taught else None
-    return None
+        return Hyperparameters.from_bytes(data).taught
+    return False
 
 
 def _text(file: InputFile) -> str:

@@ -15,7 +15,7 @@ from drcli.base.installation import lazy_imports
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
-from drcli.model.checkpoint_choice import ModelCheckpoints, find_choice
+from drcli.model.checkpoint_choice import ModelCheckpoints
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import readable_history
@@ -94,7 +94,8 @@ def open_checkpoint(model: ModelStore, config: ModelConfig, number: int) -> "Exp
     """
     name = ""
     try:
-        name = find_choice(ModelStore.of(config, model.bucket, model.prefix), number).name
+        own = ModelStore.of(config, model.bucket, model.prefix)
+        name = ModelCheckpoints.read(own).choose(number).name
     except SettingsError:
         if not model.bucket.exists(keys.checkpoint_graph(model.prefix, number)):
             raise

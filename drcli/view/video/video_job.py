@@ -11,7 +11,7 @@ from drcli.bucket.bucket import Bucket
 from drcli.config.run_config import DriveConfig, ModelConfig
 from drcli.config.value_types import parse_checkpoint
 from drcli.model import keys, race_keys
-from drcli.model.checkpoint_choice import find_choice
+from drcli.model.checkpoint_choice import ModelCheckpoints
 from drcli.model.model_store import ModelStore
 from drcli.view.video.film import View
 from drcli.view.video.make_video import VideoOptions, VideoReport, chosen_laps, film_trace
@@ -160,7 +160,8 @@ def _checkpoint(
         choice = parse_checkpoint(name)
     except BadValue as error:
         raise SettingsError(f"--policy {name:.60} {error.reason}.", remedy=error.remedy) from None
-    found = find_choice(ModelStore.of(defaults.model, bucket, model), choice).name
+    has = ModelCheckpoints.read(ModelStore.of(defaults.model, bucket, model))
+    found = has.choose(choice).name
     number = found.partition("_")[0]
     title = f"{race_keys.submitted_model(model)} · checkpoint {number}"
     return policy_outputs.open_policy(ModelStore(bucket, model), found), title, []

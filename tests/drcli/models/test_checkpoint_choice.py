@@ -6,7 +6,7 @@ from drcli.base.errors import SettingsError
 from drcli.config.run_config import ModelConfig
 from drcli.model import keys
 from drcli.model.best_checkpoint import write_evaluation
-from drcli.model.checkpoint_choice import CheckpointGone, find_choice, take_choice
+from drcli.model.checkpoint_choice import CheckpointGone, ModelCheckpoints, take_choice
 from drcli.model.checkpoint_list import list_checkpoints
 from drcli.model.checkpoints import KEEP_ALL_MARKED, CheckpointStore, KeepRules
 from drcli.model.history import History
@@ -46,7 +46,9 @@ def trained(rules: KeepRules = KEEP_ALL_MARKED, *, laps: bool = True) -> ModelSt
     ],
 )
 def test_each_word_and_number_finds_its_checkpoint(choice, number):
-    assert find_choice(trained(), choice).name == f"{number}_Step-{number * 100}.ckpt"
+    assert (
+        ModelCheckpoints.read(trained()).choose(choice).name == f"{number}_Step-{number * 100}.ckpt"
+    )
 
 
 @pytest.fixture
@@ -95,7 +97,7 @@ def test_the_sentence_lists_what_there_is(choice):
     model = trained(KeepRules(milestones=False))
 
     with pytest.raises(CheckpointGone) as caught:
-        find_choice(model, choice)
+        ModelCheckpoints.read(model).choose(choice)
 
     said = str(caught.value)
     why = {
@@ -110,17 +112,17 @@ def test_the_sentence_lists_what_there_is(choice):
 
 def test_a_milestone_that_was_never_reached_is_said():
     with pytest.raises(CheckpointGone, match="no evaluation during its training has completed a"):
-        find_choice(trained(laps=False), "best-lap")
+        ModelCheckpoints.read(trained(laps=False)).choose("best-lap")
 
 
 @pytest.mark.parametrize("choice", [19, "last", "first-lap"])
 def test_a_checkpoint_that_lacks_a_file_is_said_and_not_offered(choice):
     model = trained()
-    name = find_choice(model, choice).name
+    name = ModelCheckpoints.read(model).choose(choice).name
     model.bucket.delete([keys.checkpoint_tensors(PREFIX, name)])
 
     with pytest.raises(CheckpointGone) as caught:
-        find_choice(model, choice)
+        ModelCheckpoints.read(model).choose(choice)
 
     assert f"{name}.safetensors is missing." in str(caught.value)
     assert f" {name.partition('_')[0]} " not in str(caught.value).partition("It has")[2]
@@ -131,7 +133,7 @@ def test_a_model_without_checkpoints_is_said():
 
     for choice in ("last", "first-lap", 3):
         with pytest.raises(SettingsError, match="checkpoint"):
-            find_choice(model, choice)
+            ModelCheckpoints.read(model).choose(choice)
 
 
 @pytest.mark.parametrize("damage", [b"", b"{}", b'{"best_lap": [1]}'])

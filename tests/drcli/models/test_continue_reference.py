@@ -10,6 +10,7 @@ from drcli.convert.stored_checkpoint import load_checkpoint
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_list import list_models
+from drcli.model.model_prefix import ModelListing
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.transfer.continue_reference import plan_conversion
@@ -179,8 +180,8 @@ def test_another_model_begins_with_its_weights(theirs, choice, name):
 def test_a_model_of_ours_is_not_converted(racer):
     CheckpointStore(ModelStore(racer.bucket, MODEL)).save(3, 300, b"weights")
 
-    assert plan_conversion(ModelStore(racer.bucket, MODEL)) is None
-    assert plan_conversion(ModelStore(racer.bucket, "nothing")) is None
+    assert plan_conversion(ModelListing(ModelStore(racer.bucket, MODEL))) is None
+    assert plan_conversion(ModelListing(ModelStore(racer.bucket, "nothing"))) is None
 
 
 def test_lists_tell_its_kind(theirs):

@@ -98,7 +98,7 @@ def test_a_new_folder_gets_the_model_into_its_bucket(working_folder, dr, capsys)
     bucket = FolderBucket(folder / "data" / "s3" / "bucket")
     place = settings.place("DR_LOCAL_S3_MODEL_PREFIX")
     for choice in ("last", "best"):
-        source, found = read_weights(ModelStore(bucket, name), choice, "X", place)
+        source, found, _ = read_weights(ModelStore(bucket, name), choice, "X", place)
         assert source.name == expected.card.checkpoint == report["checkpoint"]
     design = Design.of_model(ModelStore(bucket, name))
     model = build_policy(design.metadata, design.parameters)

@@ -12,8 +12,8 @@ from drcli.config.loading import load_settings
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointsLost, checkpoint_objects
 from drcli.model.history import write_history
+from drcli.model.model_prefix import ModelListing
 from drcli.model.model_store import ModelStore
-from drcli.model.reconstruct import traced_iterations
 from drcli.model.repair import refuse_lost
 from drcli.records.iteration import IterationRecord
 from drcli.run.plan import StartOptions, prepare
@@ -116,7 +116,7 @@ def test_the_command_of_the_refusal_starts_over_beside_it(trained, metrics):
     assert values["DR_LOCAL_S3_MODEL_PREFIX"] == "model-3"
     there = load_settings(trained.folder, environ=values)
     assert there.metrics_prefix == "model-3/metrics"
-    assert review_prefix(ModelStore(trained.bucket, "model-3")) == []
+    assert review_prefix(ModelListing(ModelStore(trained.bucket, "model-3"))) == []
 
 
 def test_a_prefix_of_the_environment_is_changed_there(trained, monkeypatch):
@@ -132,7 +132,7 @@ def test_a_prefix_of_the_environment_is_changed_there(trained, monkeypatch):
 def test_the_rule_about_the_prefix_says_it_too(trained):
     empty_checkpoints(trained.bucket)
 
-    [problem] = review_prefix(ModelStore(trained.bucket, MODEL))
+    [problem] = review_prefix(ModelListing(ModelStore(trained.bucket, MODEL)))
 
     assert "has no checkpoint that can be read" in problem.message
     assert "--resume" not in problem.remedy
@@ -144,7 +144,7 @@ def test_a_trainer_does_not_begin_again_either(trained):
     with pytest.raises(CheckpointsLost):
         refuse_lost(ModelStore(trained.bucket, MODEL))
 
-    assert len(traced_iterations(ModelStore(trained.bucket, MODEL))) == 2
+    assert len(ModelListing(ModelStore(trained.bucket, MODEL)).traces) == 2
 
 
 def test_one_readable_checkpoint_is_enough(trained):

@@ -61,12 +61,12 @@ def test_a_resumed_training_keeps_its_teacher_until_somebody_says_otherwise(race
 
 
 def test_a_model_with_the_weights_of_one_that_has_a_teacher_keeps_it(racer):
-    from drcli.model.files.hyperparameters import kept_method
+    from drcli.model.files.hyperparameters import is_taught
 
     begun(racer, method="teacher")
 
-    assert kept_method(ModelStore(racer.bucket, "model-1")) == "teacher"
-    assert kept_method(ModelStore(racer.bucket, "another")) is None
+    assert is_taught(ModelStore(racer.bucket, "model-1"))
+    assert not is_taught(ModelStore(racer.bucket, "another"))
 
 
 def test_a_teacher_does_not_go_with_sac(racer):

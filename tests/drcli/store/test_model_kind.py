@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.model.model_prefix import import_command, kind_of, model_kind, what_helps
+from drcli.model.model_prefix import ModelListing, import_command, kind_of, what_helps
 from drcli.model.model_store import ModelStore
 from memory_bucket import MemoryBucket
 
@@ -70,4 +70,4 @@ def test_a_test_object_of_the_doctor_is_no_model():
     bucket = MemoryBucket("bucket")
     bucket.put("m/.drcli-test-1/x", b"")
 
-    assert model_kind(ModelStore(bucket, "m")) == "nothing"
+    assert ModelListing(ModelStore(bucket, "m")).kind == "nothing"
