@@ -24,7 +24,7 @@ from drcli.workers.reward_failures import reward_failure
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
 from drsim.car.car_parameters import MIN_SPEED_MPS, CarParameters, car_of
-from drsim.car.realism import Realism
+from drsim.car.conditions import Realism
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import RewardFunction, RewardHost
 from drsim.episode.simulation import Simulation

@@ -23,9 +23,8 @@ from drcli.records.trace import STATUS_LABELS, STEP_S, Episode, Phase, Row
 from drcli.workers.worker_process import StopRequested
 from drsim.car.actions import Actions
 from drsim.car.conditions import Conditions
-from drsim.episode.episode_rules import Status
+from drsim.episode.episode_rules import Status, StepResult
 from drsim.episode.simulation import Simulation
-from drsim.episode.step import StepResult
 from drsim.race.traffic import Traffic
 
 # An episode of a worker: what is planned, and what the learner gets of it.

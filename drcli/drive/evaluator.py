@@ -60,8 +60,8 @@ from drcli.workers.reward_failures import RewardFailures
 from drcli.workers.worker_process import StopSignal
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
+from drsim.episode.placing import Side, offset_of, start_pose
 from drsim.episode.reward import centre_line_reward
-from drsim.episode.start_poses import Side, offset_of, start_pose
 from drsim.race.solids import Shape
 from drsim.track.track import Track
 from drsim.track.worlds import directed

@@ -19,7 +19,7 @@ from drcli.learn.policy import Decision, Observation, Policy
 from drcli.live.live_record import ShownCar
 from drcli.records.trace import Episode, Phase, Row
 from drsim.car.actions import Actions
-from drsim.episode.step import StepResult
+from drsim.episode.episode_rules import StepResult
 from drsim.race.solids import Shape
 from drsim.track.track import Track
 

@@ -20,7 +20,7 @@ from drcli.rewards.sandbox.sample_calls import LATE
 from drcli.rewards.scripted_drive import FAST, LEAVING, STANDING, STEADY, drive, each_race
 from drcli.rewards.source import read_racers_file
 from drcli.rewards.try_inputs import races_of, tolerated_share
-from drsim.episode.reward_errors import names_in
+from drsim.episode.reward import names_in
 
 # Finds what a drive shows of a reward function.
 #

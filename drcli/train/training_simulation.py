@@ -36,8 +36,7 @@ from drcli.train.training_progress import (
 )
 from drcli.workers.cores import driving_threads, usable_cores
 from drcli.workers.reward_failures import RewardFailures
-from drsim.car.conditions import NOMINAL
-from drsim.car.realism import Realism
+from drsim.car.conditions import NOMINAL, Realism
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.errors import RewardError
 from drsim.track.worlds import directed

@@ -3,17 +3,14 @@
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, CarBatch
 from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR, CarParameters, CarSet
-from drsim.car.conditions import Conditions
-from drsim.car.realism import Realism
-from drsim.episode.episode_rules import EpisodeRules, Status
+from drsim.car.conditions import Conditions, Realism
+from drsim.episode.episode_rules import EpisodeRules, Status, StepResult
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import RewardFunction, RewardParams, centre_line_reward, checked_reward
 from drsim.episode.simulation import Simulation
-from drsim.episode.step import StepResult
 from drsim.errors import DiscardEpisode, RewardError, TrackError
-from drsim.gym.racer import RacerEnv
+from drsim.gym.racer import RacerEnv, register
 from drsim.gym.racer_vector import RacerVectorEnv
-from drsim.gym.registration import register
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track

@@ -40,10 +40,9 @@ from numpy.typing import NDArray
 from opengl_scene import OpenGLCamera, choose_opengl, shrunk
 
 from drsim.arrays import Cuboids
-from drsim.car.camera_mount import FRONT
+from drsim.car.car import FRONT
 from drsim.race.solids import SHAPES, Solids
-from drsim.sensing.camera import lens_pose, render
-from drsim.sensing.scene import Scene, build_scene
+from drsim.sensing.scene import Scene, build_scene, lens_pose, render
 from drsim.track.track import Track
 from drsim.track.worlds import known_worlds, load_track
 

@@ -31,8 +31,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.workers.cores import cores
 from drsim import Simulation, centre_line_reward, load_track
 from drsim.car.actions import DiscreteActions
-from drsim.sensing.camera import lens_parts, lens_pose, render
-from drsim.sensing.scene import build_scene
+from drsim.sensing.scene import build_scene, lens_parts, lens_pose, render
 
 ACTIONS = [
     (steering, speed) for steering in (-30.0, -15.0, 0.0, 15.0, 30.0) for speed in (1.0, 2.0)

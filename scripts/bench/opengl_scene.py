@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim.arrays import Cuboids
-from drsim.car.camera_mount import FRONT, CameraModel
+from drsim.car.car import FRONT, CameraModel
 from drsim.sensing.scene import Scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN
 

@@ -45,11 +45,10 @@ from opengl_scene import OpenGLCamera, choose_opengl
 from drsim import CONTROL_HZ, CarBatch, Simulation, Track, centre_line_reward, load_track
 from drsim.car.car import car_model, motor_commands
 from drsim.car.car_parameters import CarParameters
-from drsim.car.realism import Realism
+from drsim.car.conditions import Realism
 from drsim.race.race import BotRules, ObstacleRules, Race
-from drsim.sensing.camera import lens_pose, render
-from drsim.sensing.frames import FrameRenderer
-from drsim.sensing.scene import Scene, build_scene
+from drsim.sensing.observations import FrameRenderer
+from drsim.sensing.scene import Scene, build_scene, lens_pose, render
 from drsim.sensing.sensors import Sensors
 
 Floats = NDArray[np.float64]

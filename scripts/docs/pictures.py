@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 from opengl_scene import choose_opengl, shrunk
 from PIL import Image
 
-from drsim.car.camera_mount import FRONT
+from drsim.car.car import FRONT
 from drsim.race.solids import SHAPES
-from drsim.sensing.camera import render
-from drsim.sensing.lamps import Lamps
-from drsim.sensing.scene import Scene, build_scene
+from drsim.sensing.lighting import Lamps
+from drsim.sensing.scene import Scene, build_scene, render
 from drsim.track.appearance import LUMA
 from drsim.track.track import Track
 from drsim.track.worlds import load_track

@@ -1,17 +1,45 @@
 """Many MuJoCo cars that turn steering and speed requests into poses."""
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from drsim.arrays import Bools, Floats, Ints
-from drsim.car.camera_mount import FRONT
 from drsim.car.car_parameters import MAX_SPEED_MPS, MAX_STEERING_DEG, MIN_SPEED_MPS, CarParameters
-from drsim.car.disturbances import Variation, no_variation
+from drsim.car.conditions import Variation, no_variation
 from drsim.car.physics import MujocoPhysics, PhysicsChoice, choose_physics
 from drsim.jit import kernel
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A front camera. Source of the defaults: the reference simulator.
+
+    Attributes:
+        mount_m: In the car's base frame: forward, left, up.
+        pitch_rad: Nose down. The car rests 1.39 degrees nose up, so a resting lens looks 13.6
+            degrees down.
+        field_of_view_rad: Horizontal.
+    """
+
+    mount_m: tuple[float, float, float] = (0.145294, 0.0, 0.130326)
+    pitch_rad: float = 0.2618
+    field_of_view_rad: float = 1.13
+    columns: int = 160
+    rows: int = 120
+
+    @property
+    def focal_px(self) -> float:
+        return 0.5 * self.columns / math.tan(0.5 * self.field_of_view_rad)
+
+
+FRONT = CameraModel()
+EYES_APART_M = 0.06
+"""Source: the reference simulator."""
+
 
 CONTROL_HZ = 15
 """Decisions per simulated second: one per camera frame of the reference simulator."""

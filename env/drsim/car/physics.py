@@ -8,7 +8,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from drsim.arrays import Floats, Ints
-from drsim.car.disturbances import Variation
+from drsim.car.conditions import Variation
 
 # Steps many cars with MuJoCo's thread pool.
 

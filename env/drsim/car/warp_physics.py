@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from drsim.arrays import Floats, Ints
-from drsim.car.disturbances import Variation
+from drsim.car.conditions import Variation
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -6,9 +6,7 @@ import numpy as np
 
 from drsim.arrays import Ints, Seeds
 from drsim.car.car import CarBatch
-from drsim.car.conditions import Conditions
-from drsim.car.disturbances import Disturbances
-from drsim.car.realism import Realism
+from drsim.car.conditions import Conditions, Disturbances, Realism
 from drsim.sensing.observations import Observations
 
 

@@ -11,9 +11,18 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, NoReturn
 
-from drsim.episode.reward import USER_MODULE, RewardFunction, end_for
+from drsim.episode.reward import (
+    USER_MODULE,
+    RewardFunction,
+    code_of,
+    described,
+    end_for,
+    line_in,
+    place,
+    quoted,
+    source,
+)
 from drsim.episode.reward_deadline import DeadlinePassed, alarm, end_copy_of
-from drsim.episode.reward_errors import code_of, described, line_in, place, quoted, source
 from drsim.errors import RewardError, RewardErrorKind
 
 _IMPORT_DEADLINE_S = 60.0

@@ -2,16 +2,73 @@
 
 import math
 from collections.abc import Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from drsim.arrays import Bools, Floats, Ints, Seeds
-from drsim.car.car import CarBatch
+from drsim.car.car import WHEELS_M, CarBatch
 from drsim.episode.episode_rules import EpisodeState, Status
-from drsim.episode.start_poses import start_pose
 from drsim.jit import kernel
 from drsim.race.traffic import Contacts, Traffic
+from drsim.track.polyline import Location
 from drsim.track.track import CENTER, INNER, LANES, OUTER, Lane, Track
+
+Side = Literal["left", "centre", "right"]
+
+STEP_M = 0.01
+
+
+class StartPose(NamedTuple):
+    """Pose in metres and radians, and the real offset to the left."""
+
+    pose: Floats
+    offset_m: float
+    on_road: bool
+
+
+def offset_of(track: Track, fraction: float, side: Side) -> float:
+    """Midway between centre line and border of this side, left positive."""
+    if side == "centre":
+        return 0.0
+    distance_m = np.array([fraction * track.length_m])
+    centre = track.pose_at(distance_m)[0]
+    inside_is_left = track.is_ccw
+    lane = track.pose_at(distance_m, "inner" if (side == "left") == inside_is_left else "outer")[0]
+    return float((lane[:2] - centre[:2]) @ _leftwards(centre[2]))
+
+
+def start_pose(track: Track, fraction: float, offset_m: float, angle_deg: float) -> StartPose:
+    """The start that was asked for, or the nearest one towards the centre line on the road.
+
+    Offset and angle are to the left.
+    """
+    centre = track.pose_at(np.array([fraction * track.length_m]))[0]
+    yaw = centre[2] + np.radians(angle_deg)
+    found = StartPose(np.array([*centre[:2], yaw]), 0.0, False)
+    # Outwards, because a neighbouring stretch of the road may lie further out.
+    for tried_m in _outwards(offset_m):
+        pose = np.array([*(centre[:2] + tried_m * _leftwards(centre[2])), yaw])
+        if not _all_wheels_on(track, pose):
+            break
+        found = StartPose(pose, tried_m, True)
+    return found
+
+
+def _outwards(offset_m: float) -> Sequence[float]:
+    steps = math.ceil(abs(offset_m) / STEP_M)
+    return [math.copysign(STEP_M * step, offset_m) for step in range(steps)] + [offset_m]
+
+
+def _leftwards(yaw_rad: float) -> Floats:
+    return np.array([-np.sin(yaw_rad), np.cos(yaw_rad)])
+
+
+def _all_wheels_on(track: Track, pose: Floats) -> bool:
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    turn = np.array([[cos, -sin], [sin, cos]])
+    return bool(track.on_road(pose[:2] + WHEELS_M[:, :2] @ turn.T).all())
+
 
 _PARKED_BESIDE_M = 0.3
 JUMP_M = 1.0
@@ -207,3 +264,57 @@ def mark_unstable(
         unstable[i] = not (stable and math.isfinite(xy[i, 0] + xy[i, 1] + yaw_rad[i]))
         any_unstable = any_unstable or unstable[i]
     return any_unstable
+
+
+class TrackPositions:
+    """Places of all cars, each on the track in its own driving direction.
+
+    Attributes:
+        where: Rows that were handed out stay as they are.
+        along_m: Without jumps to neighbouring stretches. Shape (n,).
+    """
+
+    where: Location
+    wheels_on: Ints
+
+    def __init__(self, tracks: Sequence[Track], backward: Ints, cars: CarBatch) -> None:
+        self._tracks = tracks
+        self._backward = backward
+        self._cars = cars
+        self.along_m: Floats = np.zeros(len(backward))
+        self._look()
+
+    def refresh(self) -> None:
+        """Find all cars; one that stands still stays at its place."""
+        stands = (self._cars.front_xy == self._seen_xy).all(axis=1)
+        self._look()
+        along_m = self.where.distance_m.copy()
+        along_m[stands] = self.along_m[stands]
+        for car in np.flatnonzero(np.abs(along_m - self.along_m) > JUMP_M):
+            track = self._tracks[self._backward[car]]
+            along_m[car] = without_jump(
+                track, self._cars.front_xy[car], along_m[car], self.along_m[car]
+            )
+        self.along_m = along_m
+
+    def refresh_placed(self, cars: Ints) -> None:
+        self._seen_xy[cars] = self._cars.front_xy[cars]
+        self.where = Location._make(column.copy() for column in self.where)
+        self.wheels_on = self.wheels_on.copy()
+        self.wheels_on[cars] = self._tracks[0].on_road(self._cars.wheel_xy[cars]).sum(axis=1)
+        for direction, track in enumerate(self._tracks):
+            self._scatter(cars[self._backward[cars] == direction], track)
+        self.along_m[cars] = self.where.distance_m[cars]
+
+    def _look(self) -> None:
+        self._seen_xy = self._cars.front_xy.copy()
+        self.where = self._tracks[0].locate(self._cars.front_xy)
+        self.wheels_on = self._tracks[0].on_road(self._cars.wheel_xy).sum(axis=1)
+        if self._backward.any():
+            self._scatter(np.flatnonzero(self._backward), self._tracks[1])
+
+    def _scatter(self, cars: Ints, track: Track) -> None:
+        if len(cars):
+            where = track.locate(self._cars.front_xy[cars])
+            for known, column in zip(self.where, where, strict=True):
+                known[cars] = column

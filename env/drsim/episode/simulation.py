@@ -9,17 +9,14 @@ import numpy as np
 from drsim.arrays import Bools, Bytes, Floats, Ints, Seeds, Singles
 from drsim.car.car import CONTROL_HZ, WHEELS_M, CarBatch
 from drsim.car.car_parameters import CarParameters
-from drsim.car.conditions import Conditions
+from drsim.car.conditions import Conditions, Realism
 from drsim.car.physics import PhysicsChoice
-from drsim.car.realism import Realism
 from drsim.episode.episode_draws import EpisodeDraws
-from drsim.episode.episode_rules import EpisodeRules, Episodes, Observed, Status
+from drsim.episode.episode_rules import EpisodeRules, Episodes, Observed, Status, StepResult
 from drsim.episode.params import Situation, params_of
-from drsim.episode.placing import CarPlacement, Placing, mark_unstable
+from drsim.episode.placing import CarPlacement, Placing, TrackPositions, mark_unstable
 from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, RewardHost, checked_rewards
-from drsim.episode.step import StepResult
 from drsim.episode.teacher_features import CarsNow, features, teacher_features
-from drsim.episode.track_positions import TrackPositions
 from drsim.errors import RewardError
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.race.traffic import Contacts, Traffic

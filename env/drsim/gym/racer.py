@@ -6,31 +6,113 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
 
-from drsim.car.actions import DEFAULT_ACTIONS, Actions
+from drsim.arrays import Bytes, Floats
+from drsim.car.actions import DEFAULT_ACTIONS, Actions, ContinuousActions
 from drsim.car.car import CONTROL_HZ
 from drsim.car.car_parameters import DEFAULT_CAR, CarParameters, car_of
-from drsim.car.realism import Realism
-from drsim.episode.episode_rules import EpisodeRules, Status
+from drsim.car.conditions import Conditions, Realism
+from drsim.episode.episode_rules import EpisodeRules, Status, StepResult
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
-from drsim.episode.step import StepResult
-from drsim.gym.arguments import (
-    Perceived,
-    check_choice,
-    check_start,
-    checked_actions,
-    conditions_of,
-    info_of,
-    perceived,
-    start_of,
-)
 from drsim.race.race import Race, race_of_name
 from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors, sensors_of
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
-from drsim.viewing.rendering import RENDER_MODES, VIEWS, Frame, Viewer, Window
+from drsim.viewing.rendering import RENDER_MODES, VIEWS, Viewer, Window
+
+
+def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
+    """Raise ValueError for a value that is not one of the choices."""
+    if value not in choices:
+        words = ", ".join(repr(choice) for choice in choices)
+        raise ValueError(f"{name} is {value!r}; it must be one of {words}.")
+
+
+def check_start(start: Any) -> None:
+    """Raise ValueError for a start that is neither None nor 0 to 1."""
+    if start is None:
+        return
+    if not isinstance(start, (float, int, np.number)) or not 0 <= start <= 1:
+        raise ValueError(f"start is {start!r}; it must be 0 .. 1 of the lap, or None for anywhere.")
+
+
+def checked_actions(given: Any, space: gym.Space[Any], batch: tuple[int, ...] = ()) -> NDArray[Any]:
+    """Actions as an array; continuous ones beyond -1 .. 1 are accepted.
+
+    Raises:
+        ValueError: They do not have the space's shape or type, are not among its choices, or are
+            not finite.
+    """
+    actions = np.asarray(given)
+    good = actions.shape == (*batch, *(space.shape or ()))
+    if isinstance(space, gym.spaces.Discrete):
+        good = good and actions.dtype.kind in "iu"
+        good = good and bool(((actions >= 0) & (actions < space.n)).all())
+    else:
+        good = good and actions.dtype.kind in "fiu" and bool(np.isfinite(actions).all())
+    if not good:
+        cars = f" for {batch[0]} cars" if batch else ""
+        raise ValueError(f"{given!r} is not an action of {space}{cars}.")
+    return actions
+
+
+def start_of(
+    random: np.random.Generator,
+    count: int,
+    start: float | None,
+    reverse: bool,
+    options: dict[str, Any] | None,
+) -> tuple[Floats, bool]:
+    """Where episodes start, 0 .. 1 of the lap, shape (count,), and whether in reverse.
+
+    Options win over arguments; ValueError for a wrong one.
+    """
+    options = options or {}
+    for name in options:
+        check_choice("An option of reset", name, ("start", "reverse", "conditions"))
+    start = options.get("start", start)
+    check_start(start)
+    fractions = random.random(count) if start is None else np.full(count, float(start))
+    return fractions, bool(options.get("reverse", reverse))
+
+
+def conditions_of(options: dict[str, Any] | None) -> Conditions | list[Conditions] | None:
+    """From the options of `reset`: for all cars, or one for each; ValueError for another type."""
+    given = (options or {}).get("conditions")
+    if given is None or isinstance(given, Conditions):
+        return given
+    if isinstance(given, (list, tuple)) and all(isinstance(each, Conditions) for each in given):
+        return list(given)
+    raise ValueError(
+        f"conditions is {given!r}; it must be drsim.Conditions, or a list with one for each car."
+    )
+
+
+# What both environments return: observations and info.
+
+
+Perceived = Any
+"""An array, or a dict of arrays by sensor name."""
+
+_INFO = (
+    *("progress", "status", "steps", "laps", "lap_time_s", "x", "y", "yaw_deg"),
+    *("closest_waypoint", "all_wheels_on_track", "crashes", "driven"),
+)
+
+
+def perceived(simulation: Simulation, sensors: Sensors, cars: int | slice) -> Perceived:
+    """Copies, eyes last."""
+    frames = np.moveaxis(simulation.frames[cars], -3, -1).copy()
+    if sensors.lidar is None:
+        return frames
+    return {sensors.camera: frames, sensors.lidar: simulation.scans[cars].copy()}
+
+
+def info_of(result: StepResult) -> dict[str, Any]:
+    return {name: getattr(result, name) for name in _INFO}
 
 
 class RacerEnv(gym.Env[Perceived, Any]):
@@ -224,7 +306,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
             self._window.close()
             self._window = None
 
-    def _picture(self) -> Frame:
+    def _picture(self) -> Bytes:
         if self._viewer is None:
             self._viewer = Viewer(self._simulation, self.view)
         return self._viewer.picture(0)
@@ -241,3 +323,26 @@ def _info_of_one(result: StepResult) -> dict[str, Any]:
     info = {name: values[0].item() for name, values in info_of(result).items()}
     info["status"] = Status(info["status"]).label
     return info
+
+
+ENVIRONMENTS: dict[str, dict[str, Any]] = {
+    "drsim/DeepRacer-v0": {},
+    "drsim/DeepRacerContinuous-v0": {"actions": ContinuousActions((-30.0, 30.0), (1.0, 2.0))},
+    "drsim/DeepRacerObjectAvoidance-v0": {"race": "object_avoidance"},
+    "drsim/DeepRacerHeadToBot-v0": {"race": "head_to_bot"},
+}
+
+
+def register() -> None:
+    """Make the ids known; may be called again."""
+    for name, arguments in ENVIRONMENTS.items():
+        if name not in gym.registry:
+            gym.register(
+                name,
+                entry_point="drsim.gym.racer:RacerEnv",
+                vector_entry_point="drsim.gym.racer_vector:RacerVectorEnv",
+                kwargs=arguments,
+                # The environment checks its actions and its order of calls by itself.
+                order_enforce=False,
+                disable_env_checker=True,
+            )

@@ -9,16 +9,15 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
-from drsim.arrays import Bools, Ints
+from drsim.arrays import Bools, Bytes, Ints
 from drsim.car.actions import DEFAULT_ACTIONS, Actions
 from drsim.car.car import CONTROL_HZ
 from drsim.car.car_parameters import DEFAULT_CAR, CarParameters, car_of
-from drsim.car.realism import Realism
-from drsim.episode.episode_rules import EpisodeRules
+from drsim.car.conditions import Realism
+from drsim.episode.episode_rules import EpisodeRules, StepResult
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
-from drsim.episode.step import StepResult
-from drsim.gym.arguments import (
+from drsim.gym.racer import (
     Perceived,
     check_choice,
     check_start,
@@ -33,7 +32,7 @@ from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors, sensors_of
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
-from drsim.viewing.rendering import VIEWS, Frame, Viewer
+from drsim.viewing.rendering import VIEWS, Viewer
 
 
 class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
@@ -142,7 +141,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         seen = perceived(self._simulation, self._sensors, slice(None))
         return seen, result.reward, result.terminated, result.truncated, info
 
-    def render(self) -> tuple[Frame, ...] | None:
+    def render(self) -> tuple[Bytes, ...] | None:
         """One picture for each car, or None without a render mode."""
         if self.render_mode is None:
             return None

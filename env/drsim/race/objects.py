@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drsim.arrays import Bools, Floats, Ints
-from drsim.car.camera_mount import FRONT
-from drsim.car.car import REFERENCE_POINT_AHEAD_M
+from drsim.car.car import FRONT, REFERENCE_POINT_AHEAD_M
 from drsim.jit import kernel
 from drsim.race.solids import SHAPES
 from drsim.track.track import Track

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drsim.arrays import Cuboids, Floats, Ints
+from drsim.arrays import RGB, Cuboids, Floats, Ints
 from drsim.jit import kernel
-
-RGB = tuple[float, float, float]
 
 CUBOID = np.dtype(
     [

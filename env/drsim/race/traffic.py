@@ -8,11 +8,10 @@ import numpy as np
 from drsim.arrays import Bools, Floats, Ints, Seeds
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.jit import kernel
-from drsim.race.bots import Bots
+from drsim.race.bots import Bots, LanePaths
 from drsim.race.objects import Objects
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.race.solids import SHAPES, Shape
-from drsim.track.lanes import LanePaths
 from drsim.track.track import CENTER, INNER, OUTER, Track
 
 # Whether rectangles on the floor overlap.

@@ -7,14 +7,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drsim.arrays import Cuboids, Floats, Ints, Singles
+from drsim.arrays import Bytes, Cuboids, Floats, Ints, Single, Singles, Vector
 from drsim.jit import kernel
-
-Pixels = NDArray[np.uint8]
-Single = np.float32
-Vector = tuple[float, float, float]
 
 TO_SUN = (0.48337, -0.09667, 0.87006)
 """Source: the reference simulator's worlds, 121 of which share a sun that shines towards -0.5,
@@ -48,7 +43,7 @@ class _Images(NamedTuple):
 
 
 @kernel
-def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Pixels) -> None:
+def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Bytes) -> None:
     """Draw the cuboids that each lens sees; arguments as in `camera.render`.
 
     `light` holds weights of red, green and blue, on every side, then in the sun. Shape (n, 6).
@@ -262,7 +257,7 @@ def _nearer(a: Any, b: Any, pos: Vector) -> int:
 
 
 @kernel
-def _paint(images: _Images, k: int, bias: float, steps: Singles, frame: Pixels) -> None:
+def _paint(images: _Images, k: int, bias: float, steps: Singles, frame: Bytes) -> None:
     first, last, left, right = images.windows[k]
     outlines, corners, greys = images.outlines[k], images.corners[k], images.greys[k]
     for row in range(first, last):
@@ -331,7 +326,7 @@ def _add_edge(
 
 
 @kernel
-def _cover(steps: Singles, low: int, high: int, bias: float, pixels: Pixels) -> None:
+def _cover(steps: Singles, low: int, high: int, bias: float, pixels: Bytes) -> None:
     zero, one, more = Single(0.0), Single(1.0), Single(bias)
     share, glow = zero, zero
     for column in range(low, high):

@@ -8,9 +8,8 @@ import numba.cuda
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.arrays import Bytes, Ints, Singles
-from drsim.car.camera_mount import FRONT, CameraModel
-from drsim.sensing.camera import LensParts, Light
+from drsim.arrays import Bytes, Ints, LensParts, Single, Singles
+from drsim.car.car import FRONT, CameraModel
 from drsim.sensing.raycast import (
     EDGE_BLUR,
     FURTHEST,
@@ -21,7 +20,7 @@ from drsim.sensing.raycast import (
     ray_through,
     sampling,
 )
-from drsim.sensing.scene import Scene
+from drsim.sensing.scene import Light, Scene
 
 # The camera's inner loops on an NVIDIA GPU.
 #
@@ -29,7 +28,6 @@ from drsim.sensing.scene import Scene
 # in between.
 
 
-Single = np.float32
 F = TypeVar("F", bound=Callable[..., Any])
 
 cuda: Any = numba.cuda  # numba sets its names at run time

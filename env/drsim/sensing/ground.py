@@ -7,14 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drsim.arrays import Bytes, Floats, Singles
+from drsim.arrays import Bytes, Floats, Single, Singles
 from drsim.jit import kernel
 from drsim.track.appearance import Look, Paint
 from drsim.track.polyline import without_repeats
 from drsim.track.spline import cross_ring, sign_off_road
 from drsim.track.track import Track
-
-Single = np.float32
 
 _FINE = 4
 _TILE = 512

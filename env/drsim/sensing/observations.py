@@ -1,22 +1,205 @@
 """Camera frames and lidar scans of many cars, refreshed after every step."""
 
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from drsim.arrays import Ints, Singles
-from drsim.car.car import CarBatch
-from drsim.car.conditions import Conditions
-from drsim.car.disturbances import Disturbances
+from drsim.arrays import Bytes, Floats, Ints, LensParts, Singles
+from drsim.car.car import EYES_APART_M, FRONT, CarBatch
+from drsim.car.conditions import Conditions, Disturbances
 from drsim.race.solids import CUBOID, Solids
 from drsim.race.traffic import Traffic
-from drsim.sensing.frames import FrameRenderer
-from drsim.sensing.lamps import Lamps
-from drsim.sensing.lidar import LIDAR, scan
-from drsim.sensing.lighting import Lighting
-from drsim.sensing.scene import Scene
-from drsim.sensing.sensors import Sensors
+from drsim.sensing.lighting import Lamps, Lighting
+from drsim.sensing.scene import Scene, draw_ground, draw_solids, lens_parts
+from drsim.sensing.sensors import LIDAR, Sensors, scan
 from drsim.track.appearance import look_of
+
+if TYPE_CHECKING:
+    from drsim.sensing.cuda_camera import CudaCamera
+
+_FRAMES_PER_JOB = 4
+_FRAMES_ALONE = 2
+"""Until another thread would wake up."""
+
+
+class _Eye(NamedTuple):
+    lenses: LensParts
+    frames: Bytes
+    cars: Ints
+    taken: Ints
+
+
+class FrameRenderer:
+    """The current frame of every car.
+
+    Threads share the work frame by frame without Python, because the caller computes in Python
+    meanwhile.
+
+    Attributes:
+        frames: Grey, rewritten between `start` and `finish`; left eye first. Shape (n, eyes, 120,
+            160).
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        num_cars: int,
+        num_threads: int,
+        *,
+        eyes: int = 1,
+        solids: Solids | None = None,
+        lighting: Lighting | None = None,
+        lamps: Lamps | None = None,
+        after: Callable[[slice], None] | None = None,
+        changes: Callable[[Ints], bool] | None = None,
+        gpu: "CudaCamera | None" = None,
+    ) -> None:
+        """`num_threads` render, the caller's included.
+
+        `solids` must not move between `start` and `finish`. `after` gets the rows of rendered
+        frames, on the thread that finished them.
+        """
+        shape = (num_cars, eyes, FRONT.rows, FRONT.columns)
+        self.frames: Bytes = np.zeros(shape, np.uint8) if gpu is None else gpu.frames
+        self._gpu = gpu
+        self._scene = scene
+        self._solids = solids
+        self._lighting = lighting
+        self._lamps = lamps
+        self._after = after
+        self._changes = changes
+        self._num_threads = num_threads
+        self._pool = _pool(num_threads)
+        self._cars: Ints = np.empty(0, np.int64)
+        self._eyes: list[_Eye] = []
+        self._futures: list[Future[None]] = []
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_pool": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._pool = _pool(self._num_threads)
+
+    def start(self, cars: Ints, lens_pos: Floats, lens_mat: Floats) -> None:
+        """Begin to render some cars, in rising order."""
+        self._cars = cars
+        if not len(cars):
+            return
+        lens_mat = lens_mat.copy()  # the caller may move the cars while other threads render
+        eyes = self.frames.shape[1]
+        for eye in range(eyes):
+            to_left_m = (0.5 * (eyes - 1) - eye) * EYES_APART_M
+            lenses = lens_parts(
+                lens_pos + to_left_m * lens_mat[:, :, 1], lens_mat, rounding=eyes > 1
+            )
+            taken = np.zeros(1, np.int64)
+            self._eyes.append(_Eye(lenses, self.frames[:, eye], cars, taken))
+        if self._gpu is not None:
+            light = None if self._lighting is None else self._lighting.of(slice(None))
+            self._gpu.draw([eye.lenses for eye in self._eyes], cars, light)
+            self._gpu.fetch()
+            return
+        if self._pool is not None and len(cars) > _FRAMES_ALONE:
+            self._futures = [
+                self._pool.submit(self._draw_ground) for _ in range(self._num_threads - 1)
+            ]
+
+    def finish(self) -> None:
+        try:
+            if self._gpu is None:
+                self._draw_ground()
+                _wait(self._futures)  # ends what has not begun: nothing is left for it
+            elif len(self._cars):
+                self._gpu.wait()
+            if len(self._cars) and self._is_more_to_draw():
+                self._share_out([partial(self._draw_over, rows) for rows in _jobs(self._cars)])
+                if self._gpu is not None:
+                    self._gpu.send()
+        finally:
+            self._cars = np.empty(0, np.int64)
+            self._eyes = []
+            self._futures = []
+
+    def close(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def _draw_ground(self) -> None:
+        light = None if self._lighting is None else self._lighting.of(slice(None))
+        for eye in self._eyes:
+            draw_ground(self._scene, eye.lenses, eye.frames, eye.cars, eye.taken, light)
+
+    def _is_more_to_draw(self) -> bool:
+        return (
+            self._solids is not None
+            or (self._lamps is not None and self._lamps.lit(self._cars))
+            or (self._after is not None and (self._changes is None or self._changes(self._cars)))
+        )
+
+    def _share_out(self, jobs: Sequence[Callable[[], None]]) -> None:
+        if self._pool is None or len(self._cars) <= _FRAMES_ALONE:
+            for job in jobs:
+                job()
+            return
+        futures = [self._pool.submit(job) for job in jobs]
+        try:
+            # From the end, because the other threads work from the beginning.
+            for future, job in zip(reversed(futures), reversed(jobs), strict=True):
+                if future.cancel():
+                    job()
+        finally:
+            _wait(futures)
+
+    def _draw_over(self, rows: slice) -> None:
+        light = None if self._lighting is None else self._lighting.of(rows)
+        lamps = self._lamps
+        if lamps is not None and not lamps.lit(rows):
+            lamps = None
+        for eye in self._eyes:
+            pos, mat, focal_px, bias = eye.lenses
+            lenses, frames = (pos[rows], mat[rows], focal_px, bias), eye.frames[rows]
+            if lamps is not None:
+                lamps.reflect(rows, frames, lenses)
+            if self._solids is not None:
+                draw_solids(self._solids.boxes[rows], lenses, frames, light)
+            if lamps is not None:
+                lamps.shine(rows, frames, lenses)
+        if self._after is not None:
+            self._after(rows)
+
+
+def _pool(num_threads: int) -> ThreadPoolExecutor | None:
+    return ThreadPoolExecutor(num_threads - 1) if num_threads > 1 else None
+
+
+def _wait(futures: Sequence[Future[None]]) -> None:
+    """Cancel what has not begun, and raise what failed."""
+    for future in futures:
+        if not future.cancel():
+            future.result()
+
+
+def _jobs(cars: Ints) -> list[slice]:
+    return [
+        slice(begin, min(begin + _FRAMES_PER_JOB, last))
+        for first, last in _runs(cars)
+        for begin in range(first, last, _FRAMES_PER_JOB)
+    ]
+
+
+def _runs(cars: Ints) -> list[tuple[int, int]]:
+    if not len(cars):
+        return []
+    if cars[-1] - cars[0] + 1 == len(cars):
+        return [(int(cars[0]), int(cars[-1]) + 1)]
+    ends = np.flatnonzero(np.diff(cars) != 1)
+    firsts, lasts = [cars[0], *cars[ends + 1]], [*cars[ends], cars[-1]]
+    return [(int(first), int(last) + 1) for first, last in zip(firsts, lasts, strict=True)]
+
 
 Randomize = Literal["nothing", "lights", "textures"]
 """`lights` are those of the reference's domain randomisation, `textures` also the colours of the

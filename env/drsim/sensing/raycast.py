@@ -10,16 +10,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drsim.arrays import Floats, Ints, Singles
+from drsim.arrays import Bytes, Floats, Ints, Ints32, Single, Singles, Vector, Words
 from drsim.jit import kernel, prefetch, take_number
-
-Ints32 = NDArray[np.int32]
-Words = NDArray[np.uint32]
-Pixels = NDArray[np.uint8]
-Single = np.float32
-Vector = tuple[float, float, float]
 
 _SHARPNESS = 1.0
 """Of a texel over a pixel. 0.82 has the variance of the tent filter; 1.0 looks the same and reads
@@ -33,7 +26,7 @@ MOST_LINES = 2
 """Near the horizon coarser texels take over."""
 
 EDGE_BLUR = 1.4
-"""Pixels; such a box has the tent filter's variance."""
+"""Bytes; such a box has the tent filter's variance."""
 
 LEAST_FALL = 0.004
 """Per unit of depth: ground beyond 33 m looks alike."""
@@ -66,7 +59,7 @@ class Backdrop(NamedTuple):
     wall_height_m: float
     wall_greys: Singles
     sky_greys: Singles
-    palettes: Pixels
+    palettes: Bytes
 
 
 class Lenses(NamedTuple):
@@ -98,7 +91,7 @@ def draw(
     ground_parts: tuple[Any, ...],
     backdrop_parts: tuple[Any, ...],
     lens_parts: tuple[Any, ...],
-    out: Pixels,
+    out: Bytes,
     wanted: Ints,
     taken: Ints,
 ) -> None:
@@ -243,7 +236,7 @@ def _backdrop_row(
 
 @kernel
 def _floor(
-    ground: Ground, palette: Pixels, lens: Lens, beyond: _Beyond, bias: float, frame: Pixels
+    ground: Ground, palette: Bytes, lens: Lens, beyond: _Beyond, bias: float, frame: Bytes
 ) -> None:
     pos, first, clear = lens.pos, beyond.first, beyond.clear
     # Taken out of the records once: each access in a loop would count references.
@@ -366,7 +359,7 @@ def _fetch(texels: Words, at: Ints32, words: Words) -> None:
 
 
 @kernel
-def _recolour(words: Words, palette: Pixels) -> None:
+def _recolour(words: Words, palette: Bytes) -> None:
     byte = np.uint32(255)
     for column in range(len(words)):
         word = words[column]
@@ -401,7 +394,7 @@ def _blend(
 
 
 @kernel
-def _store(greys: Singles, bias: float, pixels: Pixels) -> None:
+def _store(greys: Singles, bias: float, pixels: Bytes) -> None:
     more = Single(bias)
     for column in range(len(pixels)):
         pixels[column] = np.uint8(np.int32(greys[column] + more))
@@ -409,7 +402,7 @@ def _store(greys: Singles, bias: float, pixels: Pixels) -> None:
 
 @kernel
 def _store_before(
-    greys: Singles, behind: Singles, share: Singles, bias: float, pixels: Pixels
+    greys: Singles, behind: Singles, share: Singles, bias: float, pixels: Bytes
 ) -> None:
     more = Single(bias)
     for column in range(len(pixels)):

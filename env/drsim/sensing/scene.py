@@ -1,22 +1,20 @@
 """A track as the camera sees it: the painted ground in shrinking copies, walls and sky."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drsim.arrays import Bytes, Singles
+from drsim.arrays import Bytes, Cuboids, Floats, HalfWords, Ints, Ints32, LensParts, Singles, Words
+from drsim.car.car import FRONT, CameraModel
 from drsim.jit import kernel
+from drsim.sensing import cuboids, raycast
 from drsim.sensing.ground import Grid, paint_ground
 from drsim.sensing.raycast import Backdrop, Ground
-from drsim.track.appearance import Look, look_of
+from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, look_of
 from drsim.track.track import Track
-
-Words = NDArray[np.uint32]
-Pairs = NDArray[np.uint16]
-Ints32 = NDArray[np.int32]
 
 FINEST_TEXEL_M = 0.003
 MOST_TEXELS = 20_000_000
@@ -61,7 +59,7 @@ class Scene:
             state.pop(cached, None)
         return state
 
-    def pairs(self) -> Pairs:
+    def pairs(self) -> HalfWords:
         return np.append(self.texels & 0xFFFF, self.texels[-1:] >> 16).astype(np.uint16)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -130,7 +128,7 @@ def build_scene(track: Track, look: Look | None = None) -> Scene:
     )
 
 
-def _words(pairs: Pairs) -> Words:
+def _words(pairs: HalfWords) -> Words:
     return np.ndarray(len(pairs) - 1, np.uint32, pairs, strides=(2,))
 
 
@@ -159,7 +157,7 @@ def _halved(picture: Bytes) -> Bytes:
 
 
 @kernel
-def _pack(picture: Bytes, pairs: Pairs) -> None:
+def _pack(picture: Bytes, pairs: HalfWords) -> None:
     rows, columns = picture.shape
     for row in range(rows):
         above = min(row + 1, rows - 1)
@@ -168,3 +166,97 @@ def _pack(picture: Bytes, pairs: Pairs) -> None:
             pairs[row, column] = (
                 np.int32(picture[row, inside]) | np.int32(picture[above, inside]) << 8
             )
+
+
+def lens_pose(
+    body_pos: Floats, body_mat: Floats, camera: CameraModel = FRONT
+) -> tuple[Floats, Floats]:
+    """Of lenses, given those of base frames."""
+    cos, sin = math.cos(camera.pitch_rad), math.sin(camera.pitch_rad)
+    tilt = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+    return body_pos + body_mat @ np.array(camera.mount_m), body_mat @ tilt
+
+
+class Light(NamedTuple):
+    """What the light makes of a scene, for each lens: greys, and light on solids per colour.
+
+    Attributes:
+        palettes: Of the greys of the ground. Shape (n, 256).
+        sun: On sides that face it. Shape (n, 3).
+    """
+
+    palettes: Bytes
+    wall_greys: Singles
+    sky_greys: Singles
+    ambient: Singles
+    sun: Singles
+
+
+def render(
+    scene: Scene,
+    lens_pos: Floats,
+    lens_mat: Floats,
+    out: Bytes,
+    camera: CameraModel = FRONT,
+    *,
+    boxes: Cuboids | None = None,
+    light: Light | None = None,
+    rounding: bool = False,
+) -> None:
+    """Draw what lenses see, one frame each, without the GIL.
+
+    A lens outside the walls misses the ones it has passed; a pose that is not finite gives a black
+    frame. `lens_pos` is in metres, `lens_mat` has columns forward, left, up, and `boxes` the type
+    `solids.CUBOID`, shape (n, m). `rounding` is for the reference's stereo frames.
+
+    Raises:
+        ValueError: The shapes do not fit together.
+    """
+    cars = len(lens_pos)
+    shapes = lens_pos.shape, lens_mat.shape, out.shape
+    if shapes != ((cars, 3), (cars, 3, 3), (cars, camera.rows, camera.columns)):
+        raise ValueError(
+            f"The shapes {shapes} do not fit n positions, n axes and n frames of "
+            f"{camera.rows} x {camera.columns} pixels."
+        )
+    if boxes is not None and len(boxes) != cars:
+        raise ValueError(f"There are boxes for {len(boxes)} lenses, but {cars} lenses.")
+    if light is not None and len(light.palettes) != cars:
+        raise ValueError(f"There is light for {len(light.palettes)} lenses, but {cars} lenses.")
+    lenses = lens_parts(lens_pos, lens_mat, camera, rounding=rounding)
+    draw_ground(scene, lenses, out, np.arange(cars), np.zeros(1, np.int64), light)
+    if boxes is not None:
+        draw_solids(boxes, lenses, out, light)
+
+
+def lens_parts(
+    lens_pos: Floats, lens_mat: Floats, camera: CameraModel = FRONT, *, rounding: bool = False
+) -> LensParts:
+    return lens_pos, lens_mat, camera.focal_px, 0.5 if rounding else _WHOLE
+
+
+def draw_ground(
+    scene: Scene, lenses: LensParts, out: Bytes, wanted: Ints, taken: Ints, light: Light | None
+) -> None:
+    """Threads that share the counter `taken`, an array of one 0, share the work."""
+    backdrop = scene.backdrop
+    if light is not None:
+        greys = light.wall_greys, light.sky_greys, light.palettes
+        backdrop = scene.walls_m, scene.wall_height_m, *greys
+    raycast.draw(scene.picture, backdrop, lenses, out, wanted, taken)
+
+
+def draw_solids(boxes: Cuboids, lenses: LensParts, out: Bytes, light: Light | None) -> None:
+    cuboids.draw(boxes, _on_solids(light, len(boxes)), lenses, out)
+
+
+_WHOLE = 1e-3
+"""The reference's filter cuts fractions off; a thousandth keeps whole greys whole."""
+
+
+def _on_solids(light: Light | None, cars: int) -> Singles:
+    if light is None:
+        usual = [weight * part for part in (AMBIENT, SUN) for weight in LUMA]
+        return np.tile(np.array(usual, np.float32), (cars, 1))
+    luma = np.array(LUMA, np.float32)
+    return np.concatenate([light.ambient * luma, light.sun * luma], axis=1)

@@ -1,11 +1,14 @@
 """What a world looks like: line widths, colours after lighting, walls and sky.
 
+from drsim.arrays import RGB
 Greys are what the lens sees, 0..255, measured on frames of the reference simulator in one world.
 """
 
 import math
 from dataclasses import dataclass, replace
 from typing import Literal
+
+from drsim.arrays import RGB
 
 # Names of worlds, which may end in a driving direction.
 
@@ -20,8 +23,6 @@ def split_direction(world: str) -> tuple[str, bool | None]:
     clockwise = _CLOCKWISE.get(underscore + ending)
     return (world, None) if clockwise is None else (name, clockwise)
 
-
-RGB = tuple[float, float, float]
 
 LUMA: RGB = (0.2989, 0.5870, 0.1140)
 """Source: the reference simulator's camera filter."""

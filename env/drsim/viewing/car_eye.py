@@ -5,13 +5,10 @@ import math
 import numpy as np
 
 from drsim.arrays import Bytes, Floats, Singles
-from drsim.car.camera_mount import EYES_APART_M, FRONT
-from drsim.car.car import CONTROL_HZ, CarBatch
+from drsim.car.car import CONTROL_HZ, EYES_APART_M, FRONT, CarBatch
 from drsim.race.solids import Shape, Solids
-from drsim.sensing.camera import render
-from drsim.sensing.lidar import scan
-from drsim.sensing.scene import build_scene
-from drsim.sensing.sensors import Sensors
+from drsim.sensing.scene import build_scene, render
+from drsim.sensing.sensors import Sensors, scan
 from drsim.track.track import Track
 from drsim.viewing.world_view import Lens
 

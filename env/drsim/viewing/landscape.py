@@ -6,12 +6,9 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drsim.arrays import Floats, Singles
+from drsim.arrays import RGB, Bytes, Floats, Singles
 from drsim.jit import kernel
-
-Picture = NDArray[np.uint8]
 
 COLUMNS, ROWS = 4096, 384
 STEEPEST = 0.55
@@ -35,7 +32,7 @@ _GRAINS = (0.9, 0.8, 0.6, 0.5, 0.5, 0.5, 0.4)
 
 
 @lru_cache(maxsize=2)
-def landscape_of(world: str) -> Picture:
+def landscape_of(world: str) -> Bytes:
     """The first row is the highest; 0.4 s. Shared: do not write."""
     random = np.random.default_rng(zlib.crc32(world.encode()) ^ 0x5CE4E)
     height = np.linspace(STEEPEST, 0.0, ROWS)[:, None]
@@ -53,7 +50,7 @@ def landscape_of(world: str) -> Picture:
         _cover(picture, height, line, np.array(color), pixel, light=10.0)
     trees = 0.006 + 0.016 * _treetops(random)
     _cover(picture, height, trees, np.array(_WOODS), pixel, light=26.0)
-    finished: Picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    finished: Bytes = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
     return finished
 
 
@@ -160,9 +157,6 @@ def _cover(
 # Paints the horizon and the barriers in the view of the world.
 
 
-Rgb = tuple[float, float, float]
-
-
 class Surroundings(NamedTuple):
     """What is around the track.
 
@@ -174,11 +168,11 @@ class Surroundings(NamedTuple):
         haze_m: Depth in which haze makes up 63 %.
     """
 
-    panorama: Picture
+    panorama: Bytes
     steepest: float
     barriers: tuple[float, float, float, float]
     barrier_m: float
-    colors: tuple[Rgb, Rgb, Rgb]
+    colors: tuple[RGB, RGB, RGB]
     haze_m: float
 
 
@@ -202,7 +196,7 @@ def paint_horizon(
 @kernel
 def paint_barriers(
     around_parts: tuple[Any, ...],
-    pos: Rgb,
+    pos: RGB,
     focal_px: float,
     step: tuple[float, float],
     directions: Floats,
@@ -219,7 +213,7 @@ def paint_barriers(
 
 @kernel
 def _horizon_row(
-    panorama: Picture, steepest: float, ahead: Rgb, step: tuple[float, float], mixed: Singles
+    panorama: Bytes, steepest: float, ahead: RGB, step: tuple[float, float], mixed: Singles
 ) -> None:
     rows, columns, _ = panorama.shape
     for pixel in range(len(mixed)):
@@ -243,8 +237,8 @@ def _horizon_row(
 @kernel
 def _barrier_row(
     around: Surroundings,
-    pos: Rgb,
-    ahead: Rgb,
+    pos: RGB,
+    ahead: RGB,
     step: tuple[float, float],
     focal_px: float,
     mixed: Singles,
@@ -257,20 +251,19 @@ def _barrier_row(
         hit_x, hit_y = pos[0] + depth * x, pos[1] + depth * y
         if low_x < hit_x < high_x and low_y < hit_y < high_y:
             continue
-        share, red, green, blue = _barrier(around, pos, (x, y, z), focal_px)
+        share, color = _barrier(around, pos, (x, y, z), focal_px)
         if share > 0.0:
-            mixed[pixel, 0] += share * (red - mixed[pixel, 0])
-            mixed[pixel, 1] += share * (green - mixed[pixel, 1])
-            mixed[pixel, 2] += share * (blue - mixed[pixel, 2])
+            for channel in range(3):
+                mixed[pixel, channel] += share * (color[channel] - mixed[pixel, channel])
 
 
 @kernel
 def _barrier(
     around: Surroundings,
-    pos: Rgb,
-    ahead: Rgb,
+    pos: RGB,
+    ahead: RGB,
     focal_px: float,
-) -> tuple[float, float, float, float]:
+) -> tuple[float, RGB]:
     low_x, high_x, low_y, high_y = around.barriers
     barrier_m = around.barrier_m
     dark, bright, haze = around.colors
@@ -289,19 +282,17 @@ def _barrier(
     if other < depth:
         depth, light = other, 0.98 if y < 0.0 else 0.84
         along = pos[0] + depth * x
-    if depth >= 1e8:
-        return 0.0, 0.0, 0.0, 0.0
-    if not (
+    if depth >= 1e8 or not (
         low_x - 0.01 <= pos[0] + depth * x <= high_x + 0.01
         and low_y - 0.01 <= pos[1] + depth * y <= high_y + 0.01
     ):
-        return 0.0, 0.0, 0.0, 0.0
+        return 0.0, haze
     pixel_m = depth / focal_px
     height = pos[2] + depth * z
     share = min(max(0.5 + (barrier_m - height) / pixel_m, 0.0), 1.0)
     share *= min(max(0.5 + height / pixel_m, 0.0), 1.0)
     if share == 0.0:
-        return 0.0, 0.0, 0.0, 0.0
+        return 0.0, haze
     # Boards of 1.6 m, every third of them light, with a light edge on top and a dark joint.
     place = along / 1.6
     part = (place - math.floor(place)) * 1.6
@@ -311,14 +302,20 @@ def _barrier(
     mix = max(mix, edge)
     joint = 1.0 - 0.35 * min(max(1.0 - abs(min(part, 1.6 - part)) / max(0.012, pixel_m), 0.0), 1.0)
     foot = 0.72 + 0.28 * min(max(height / (0.6 * barrier_m), 0.0), 1.0)
-    light *= joint * foot
     clear = math.exp(-depth / around.haze_m)
-    red = light * (dark[0] + mix * (bright[0] - dark[0]))
-    green = light * (dark[1] + mix * (bright[1] - dark[1]))
-    blue = light * (dark[2] + mix * (bright[2] - dark[2]))
+    lit = _scaled(_mixed(dark, bright, mix), light * (joint * foot))
+    return share, _mixed(haze, lit, clear)
+
+
+@kernel
+def _scaled(color: RGB, factor: float) -> RGB:
+    return color[0] * factor, color[1] * factor, color[2] * factor
+
+
+@kernel
+def _mixed(under: RGB, over: RGB, share: float) -> RGB:
     return (
-        share,
-        haze[0] + clear * (red - haze[0]),
-        haze[1] + clear * (green - haze[1]),
-        haze[2] + clear * (blue - haze[2]),
+        under[0] + share * (over[0] - under[0]),
+        under[1] + share * (over[1] - under[1]),
+        under[2] + share * (over[2] - under[2]),
     )

@@ -7,14 +7,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from drsim.arrays import Floats
-from drsim.race.solids import Shape
-from drsim.track.appearance import RGB, Look, look_of
+from drsim.arrays import RGB, Bytes, Floats
+from drsim.track.appearance import Look, look_of
 from drsim.track.track import Track
 from drsim.viewing.car_eye import lens_above
-from drsim.viewing.meshes import (
+from drsim.viewing.placed_objects import (
     BLACK,
     GLASS,
     LAMP,
@@ -23,14 +21,14 @@ from drsim.viewing.meshes import (
     STRIPED,
     TAIL,
     TYRE,
-    WHEELS,
+    Kinds,
     Mesh,
-    has_wheels,
-    mesh_of,
-    wheel,
+    PlacedObject,
+    color_of,
+    meshes_of,
+    placed,
 )
-from drsim.viewing.placed_objects import PlacedObject, placed
-from drsim.viewing.world_view import GHOST_OPACITY, Frame, Lens, WorldView
+from drsim.viewing.world_view import GHOST_OPACITY, Lens, WorldView
 
 _TEXTURE = 2048
 _FIELD_M = 60.0
@@ -68,19 +66,19 @@ class MujocoView:
         self._track = track
         self._look = look or look_of(track.name)
         self._ground, self._ground_m, self._middle = _ground_picture(track, self._look)
-        self._kinds: tuple[tuple[Shape, RGB | None, bool], ...] | None = None
+        self._kinds: Kinds | None = None
         self._context: Any = None
         self._scene: Any = None
         self._model: Any = None
         self._data: Any = None
 
-    def frame(self, lens: Lens, things: Sequence[PlacedObject]) -> Frame:
+    def frame(self, lens: Lens, things: Sequence[PlacedObject]) -> Bytes:
         """Picture some things on the track.
 
         Raises:
             RendererError: There is no OpenGL.
         """
-        ordered = [*(t for t in things if not t.ghost), *(t for t in things if t.ghost)]
+        ordered = sorted(things, key=lambda thing: thing.ghost)
         kinds = tuple((thing.shape, thing.color, thing.ghost) for thing in ordered)
         if kinds != self._kinds:
             self._build(kinds)
@@ -129,7 +127,7 @@ class MujocoView:
         self._data.cam_xmat[0] = turn.ravel()
         self._model.cam_fovy[0] = math.degrees(2.0 * math.atan(across * rows / columns))
 
-    def _build(self, kinds: tuple[tuple[Shape, RGB | None, bool], ...]) -> None:
+    def _build(self, kinds: Kinds) -> None:
         self._drop_context()
         spec = mujoco.MjSpec()
         rows, columns = self.size
@@ -150,15 +148,11 @@ class MujocoView:
         world.add_camera(name="film", pos=[0, 0, 1])
         self._add_sky(spec)
         self._add_ground(spec, world)
-        tyre = wheel()
-        number = 0
-        for shape, color, ghost in kinds:
-            parts = [mesh_of(shape, color)]
-            parts += [tyre] * len(WHEELS) if has_wheels(shape) else []
-            for part in parts:
-                body = world.add_body(name=f"part{number}", mocap=True)
-                _add_mesh(spec, body, part, f"part{number}", ghost=ghost)
-                number += 1
+        parts = [(*kind, mesh) for kind in kinds for mesh in meshes_of(kind[0])]
+        for number, (shape, color, ghost, mesh) in enumerate(parts):
+            body = world.add_body(name=f"part{number}", mocap=True)
+            opacity = GHOST_OPACITY if ghost else 1.0
+            _add_mesh(spec, body, mesh, f"part{number}", color_of(shape, color), opacity)
         try:
             self._model = spec.compile()
             self._data = mujoco.MjData(self._model)
@@ -225,7 +219,7 @@ def _opengl(columns: int, rows: int) -> Any:
     return GLContext(columns, rows)
 
 
-def _ground_picture(track: Track, look: Look) -> tuple[NDArray[np.uint8], float, Floats]:
+def _ground_picture(track: Track, look: Look) -> tuple[Bytes, float, Floats]:
     view = WorldView(track, columns=_TEXTURE, rows=_TEXTURE, look=look, threads=2)
     try:
         lens = lens_above(track, view.size)
@@ -236,12 +230,12 @@ def _ground_picture(track: Track, look: Look) -> tuple[NDArray[np.uint8], float,
     return picture, side_m, lens.pos[:2].copy()
 
 
-def _add_mesh(spec: Any, body: Any, mesh: Mesh, name: str, *, ghost: bool) -> None:
+def _add_mesh(spec: Any, body: Any, mesh: Mesh, name: str, color: RGB, opacity: float) -> None:
     for material in np.unique(mesh.materials).tolist():
         faces = mesh.faces[mesh.materials == material]
         used, renumbered = np.unique(faces, return_inverse=True)
         key = f"{name}-{material}"
-        color = _COLORS.get(material, tuple(channel / 255.0 for channel in mesh.color))
+        plain = tuple(channel / 255.0 for channel in color)
         spec.add_mesh(
             name=key,
             uservert=mesh.corners[used].ravel(),
@@ -258,5 +252,5 @@ def _add_mesh(spec: Any, body: Any, mesh: Mesh, name: str, *, ghost: bool) -> No
             material=key,
             contype=0,
             conaffinity=0,
-            rgba=[*color, GHOST_OPACITY if ghost else 1.0],
+            rgba=[*_COLORS.get(material, plain), opacity],
         )

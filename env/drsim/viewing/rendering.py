@@ -4,16 +4,14 @@ from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
-from numpy.typing import NDArray
 
+from drsim.arrays import Bytes
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.simulation import Simulation
 from drsim.race.solids import SHAPES
 from drsim.viewing.car_eye import FollowingCamera, lens_above
 from drsim.viewing.placed_objects import OPPONENT_COLOR, PlacedObject
 from drsim.viewing.world_view import WorldView
-
-Frame = NDArray[np.uint8]
 
 RENDER_MODES = ("rgb_array", "human")
 VIEWS = ("camera", "chase", "top")
@@ -37,11 +35,11 @@ class Viewer:
     def cut(self) -> None:
         self._behind.cut()
 
-    def cut_to(self, car: int) -> Frame:
+    def cut_to(self, car: int) -> Bytes:
         self.cut()
         return self.picture(car)
 
-    def picture(self, car: int) -> Frame:
+    def picture(self, car: int) -> Bytes:
         """The chosen view of a car. The first that is not the camera's takes about 1 s."""
         if self._view == "camera":
             return np.repeat(self._simulation.frames[car, 0, :, :, None], 3, axis=2)
@@ -85,7 +83,7 @@ class Window:
         self._screen: Any = pygame.display.set_mode(_WINDOW_PX)
         self._clock: Any = pygame.time.Clock()
 
-    def show(self, picture: Frame) -> None:
+    def show(self, picture: Bytes) -> None:
         """Waits until 1/15 s has passed since the last one."""
         columns_first = np.ascontiguousarray(picture.swapaxes(0, 1))
         surface = self._pygame.surfarray.make_surface(columns_first)

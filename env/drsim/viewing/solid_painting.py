@@ -6,11 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.arrays import Floats, Ints
+from drsim.arrays import RGB, Bytes, Floats, Ints
 from drsim.jit import kernel
-
-Picture = NDArray[np.uint8]
-Rgb = tuple[float, float, float]
 
 _NEAR_M = 0.06
 
@@ -35,20 +32,16 @@ class Triangles(NamedTuple):
 
 @kernel
 def project(
-    corners: Floats,
-    normals: Floats,
+    mesh: tuple[Floats, Floats],
     turns: Floats,
     shifts: Floats,
     owner: Ints,
     lens_parts: tuple[Any, ...],
     size: tuple[int, int],
-    seen: Floats,
-    turned: Floats,
-) -> None:
-    """Move corners and normals into the world, and corners on into the picture.
-
-    Written: `seen`, as `Triangles.corners`, and `turned`.
-    """
+) -> tuple[Floats, Floats]:
+    """Corners and normals, moved into the world; corners on into the picture, as in `Triangles`."""
+    corners, normals = mesh
+    seen, turned = np.empty_like(corners), np.empty_like(normals)
     pos, forward, left, up, focal_px = lens_parts
     rows, columns = size
     for v in range(len(corners)):
@@ -69,18 +62,19 @@ def project(
         seen[v, 0] = 0.5 * columns - scale * (x * left[0] + y * left[1] + z * left[2])
         seen[v, 1] = 0.5 * rows - scale * (x * up[0] + y * up[1] + z * up[2])
         seen[v, 2] = 1.0 / depth
+    return seen, turned
 
 
 @kernel
 def draw(
     parts: tuple[Any, ...],
     lens_parts: tuple[Any, ...],
-    to_sun: Rgb,
+    to_sun: RGB,
     opaque: tuple[int, int],
     opacity: float,
     size: tuple[int, int, int],
     fine: int,
-    out: Picture,
+    out: Bytes,
 ) -> None:
     """Draw triangles over some rows of a picture.
 
@@ -173,14 +167,14 @@ def _find(
 def _colour(
     triangles: Triangles,
     lens_parts: tuple[Any, ...],
-    to_sun: Rgb,
+    to_sun: RGB,
     size: tuple[int, int, int],
     window: tuple[int, int, int, int],
     fine: int,
     face: NDArray[np.int32],
     inside: NDArray[np.float32],
     opacity: float,
-    out: Picture,
+    out: Bytes,
 ) -> None:
     _, forward, to_left, to_up, focal_px = lens_parts
     rows, columns, first = size
@@ -192,8 +186,7 @@ def _colour(
     for row in range(bottom - top):
         up = (0.5 * rows - (first + top + row + 0.5)) / focal_px
         for column in range(end - begin):
-            red, green, blue, count, before = 0.0, 0.0, 0.0, 0, -1
-            shade = (0.0, 0.0, 0.0)
+            total, shade, count, before = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0, -1
             for sample in range(fine * fine):
                 y, x = row * fine + sample // fine, column * fine + sample % fine
                 f = face[y, x]
@@ -221,17 +214,14 @@ def _colour(
                     thing = things[f]
                     paint = (colors[thing, 0], colors[thing, 1], colors[thing, 2])
                     shade = _shaded(materials[f], paint, u, v, normal, ray, to_sun)
-                red, green, blue = red + shade[0], green + shade[1], blue + shade[2]
+                total = _sum(total, shade)
                 count += 1
             if count:
-                pixel = (top + row, begin + column)
-                rest = 1.0 - part * count
-                light = 255.0 * part
-                before_r, before_g = out[pixel[0], pixel[1], 0], out[pixel[0], pixel[1], 1]
-                before_b = out[pixel[0], pixel[1], 2]
-                out[pixel[0], pixel[1], 0] = np.uint8(before_r * rest + light * red + 0.499)
-                out[pixel[0], pixel[1], 1] = np.uint8(before_g * rest + light * green + 0.499)
-                out[pixel[0], pixel[1], 2] = np.uint8(before_b * rest + light * blue + 0.499)
+                rest, bright = 1.0 - part * count, 255.0 * part
+                pixel = out[top + row, begin + column]
+                for channel in range(3):
+                    seen = pixel[channel] * rest + bright * total[channel] + 0.499
+                    pixel[channel] = np.uint8(seen)
 
 
 @kernel
@@ -241,86 +231,96 @@ def _has_pattern(material: int) -> bool:
 
 @kernel
 def _shaded(
-    material: int, paint: Rgb, u: float, v: float, normal: Rgb, ray: Rgb, to_sun: Rgb
-) -> Rgb:
-    nx, ny, nz = normal
-    long = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz + 1e-12)
-    nx, ny, nz = nx * long, ny * long, nz * long
-    long = 1.0 / math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2])
-    dx, dy, dz = ray[0] * long, ray[1] * long, ray[2] * long
-    facing = dx * nx + dy * ny + dz * nz
+    material: int, paint: RGB, u: float, v: float, normal: RGB, ray: RGB, to_sun: RGB
+) -> RGB:
+    normal = _scaled(normal, 1.0 / math.sqrt(_dot(normal, normal) + 1e-12))
+    ray = _scaled(ray, 1.0 / math.sqrt(_dot(ray, ray)))
+    facing = _dot(ray, normal)
     if facing > 0.0:  # seen from behind, such as the inside of a rim
-        nx, ny, nz, facing = -nx, -ny, -nz, -facing
-    color, gloss = _surface(material, paint, u, v, nz)
+        normal, facing = _scaled(normal, -1.0), -facing
+    color, gloss = _surface(material, paint, u, v, normal[2])
     if gloss < 0.0:
         return color  # a lamp
-    sun = max(nx * to_sun[0] + ny * to_sun[1] + nz * to_sun[2], 0.0)
-    sky = 0.5 + 0.5 * nz
-    red = color[0] * (0.36 + 0.26 * sky + 0.58 * sun)
-    green = color[1] * (0.36 + 0.28 * sky + 0.56 * sun)
-    blue = color[2] * (0.36 + 0.33 * sky + 0.52 * sun)
+    sun = max(_dot(normal, to_sun), 0.0)
+    sky = 0.5 + 0.5 * normal[2]
+    color = (
+        color[0] * (0.36 + 0.26 * sky + 0.58 * sun),
+        color[1] * (0.36 + 0.28 * sky + 0.56 * sun),
+        color[2] * (0.36 + 0.33 * sky + 0.52 * sun),
+    )
     if gloss > 0.0:
-        mx, my, mz = dx - 2.0 * facing * nx, dy - 2.0 * facing * ny, dz - 2.0 * facing * nz
+        back = _sum(ray, _scaled(normal, -2.0 * facing))
         edge = (1.0 + facing) ** 2
         mirror = gloss * (0.06 + 0.55 * edge * edge)
-        if mz > 0.0:
-            high = min(mz * 1.6, 1.0)
+        mirrored = (0.26, 0.27, 0.24)
+        if back[2] > 0.0:
+            high = min(back[2] * 1.6, 1.0)
             mirrored = (0.86 - 0.50 * high, 0.91 - 0.36 * high, 0.95 - 0.12 * high)
-        else:
-            mirrored = (0.26, 0.27, 0.24)
-        red += mirror * (mirrored[0] - red)
-        green += mirror * (mirrored[1] - green)
-        blue += mirror * (mirrored[2] - blue)
-        flash = max(mx * to_sun[0] + my * to_sun[1] + mz * to_sun[2], 0.0)
-        flash = gloss * 0.75 * flash**40
-        red, green, blue = red + flash, green + flash, blue + 0.92 * flash
-    return min(red, 1.0), min(green, 1.0), min(blue, 1.0)
+        away = _sum(mirrored, _scaled(color, -1.0))
+        flash = gloss * 0.75 * max(_dot(back, to_sun), 0.0) ** 40
+        color = _sum(_sum(color, _scaled(away, mirror)), (flash, flash, 0.92 * flash))
+    return min(color[0], 1.0), min(color[1], 1.0), min(color[2], 1.0)
 
 
 @kernel
-def _surface(material: int, paint: Rgb, u: float, v: float, upward: float) -> tuple[Rgb, float]:
+def _dot(one: RGB, other: RGB) -> float:
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@kernel
+def _scaled(vector: RGB, factor: float) -> RGB:
+    return vector[0] * factor, vector[1] * factor, vector[2] * factor
+
+
+@kernel
+def _sum(one: RGB, other: RGB) -> RGB:
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2]
+
+
+_SURFACES = (
+    ((0.045, 0.055, 0.075), 1.7),
+    ((0.075, 0.075, 0.08), 0.12),
+    ((0.0, 0.0, 0.0), 0.0),
+    ((0.09, 0.09, 0.10), 0.35),
+    ((1.0, 0.98, 0.88), -1.0),
+    ((0.93, 0.10, 0.08), -1.0),
+)
+"""Of the materials from glass to tail lamps; a rim has a pattern."""
+
+
+@kernel
+def _surface(material: int, paint: RGB, u: float, v: float, upward: float) -> tuple[RGB, float]:
     """Colour and gloss, which is negative where it shines by itself."""
-    if material == 0:
+    if material == 1 and upward > 0.25 and 0.006 < abs(v) < 0.0165:
+        light = 0.3 * paint[0] + 0.59 * paint[1] + 0.11 * paint[2]
+        return ((0.10, 0.12, 0.16) if light > 0.7 else (0.96, 0.96, 0.95)), 1.0
+    if material <= 1:
         return paint, 1.0
-    if material == 1:
-        across = abs(v)
-        if upward > 0.25 and 0.006 < across < 0.0165:
-            light = 0.3 * paint[0] + 0.59 * paint[1] + 0.11 * paint[2]
-            return ((0.10, 0.12, 0.16) if light > 0.7 else (0.96, 0.96, 0.95)), 1.0
-        return paint, 1.0
-    if material == 2:
-        return (0.045, 0.055, 0.075), 1.7
-    if material == 3:
-        return (0.075, 0.075, 0.08), 0.12
     if material == 4:
         return _rim(u, v)
-    if material == 5:
-        return (0.09, 0.09, 0.10), 0.35
-    if material == 6:
-        return (1.0, 0.98, 0.88), -1.0
-    if material == 7:
-        return (0.93, 0.10, 0.08), -1.0
+    if material <= 7:
+        return _SURFACES[material - 2]
     edge = max(abs(u), abs(v))
     worn = 0.82 if edge > 0.955 else 1.0
+    gloss = 0.15
     if material == 8:
         # Cardboard: adhesive tape over the top and down two sides, and pale lines of the fluting.
         tape = (upward > 0.7 and abs(v) < 0.15) or (upward < 0.7 and abs(u) < 0.15 and v > 0.35)
         if tape:
             return (0.80 * worn, 0.70 * worn, 0.52 * worn), 0.25
-        fluted = worn * (1.0 + 0.025 * math.sin(60.0 * u))
-        return (paint[0] * fluted, paint[1] * fluted, paint[2] * fluted), 0.0
-    if material == 9:
+        worn, gloss = worn * (1.0 + 0.025 * math.sin(60.0 * u)), 0.0
+    elif material == 9:
+        gloss = 0.3
         if abs(v) < 0.42 and upward < 0.7:
             slant = (u + v) * 2.5
+            paint, gloss = (0.93, 0.93, 0.93), 0.2
             if slant - math.floor(slant) < 0.5:
-                return (0.98 * worn, 0.60 * worn, 0.08 * worn), 0.2
-            return (0.93 * worn, 0.93 * worn, 0.93 * worn), 0.2
-        return (paint[0] * worn, paint[1] * worn, paint[2] * worn), 0.3
-    return (paint[0] * worn, paint[1] * worn, paint[2] * worn), 0.15
+                paint = (0.98, 0.60, 0.08)
+    return _scaled(paint, worn), gloss
 
 
 @kernel
-def _rim(u: float, v: float) -> tuple[Rgb, float]:
+def _rim(u: float, v: float) -> tuple[RGB, float]:
     away = math.hypot(u, v)
     turn = math.atan2(v, u) * 5.0 / (2.0 * math.pi)
     part = abs(turn - math.floor(turn) - 0.5)

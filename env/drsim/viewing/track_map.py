@@ -4,13 +4,11 @@ import io
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from drsim.arrays import Floats
+from drsim.arrays import Bytes, Floats
 from drsim.track.track import Track
 
-Picture = NDArray[np.uint8]
 RGB = tuple[int, int, int]
 
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
@@ -47,7 +45,7 @@ def text_map(track: Track, columns: int = 78, rows: int = 16) -> list[str]:
     return ["".join(line).replace(chr(_BRAILLE), " ").rstrip() for line in letters]
 
 
-def picture_map(track: Track, width_px: int = 800, line: Floats | None = None) -> Picture:
+def picture_map(track: Track, width_px: int = 800, line: Floats | None = None) -> Bytes:
     """Road, dashed centre line, the start as a white bar, the direction as arrow heads.
 
     A `line` of x, y and speed, (n, 3), goes from red (slow) to green. RGB.
@@ -99,7 +97,7 @@ def _paint(share: float) -> RGB:
     return (round(230 * min(1.0, 2.0 - 2.0 * share)), round(210 * min(1.0, 2.0 * share)), 40)
 
 
-def png_bytes(picture: Picture) -> bytes:
+def png_bytes(picture: Bytes) -> bytes:
     """Of a grey (rows, columns) or RGB (rows, columns, 3) picture."""
     file = io.BytesIO()
     Image.fromarray(picture).save(file, "PNG", optimize=True)

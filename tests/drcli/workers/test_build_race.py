@@ -26,7 +26,7 @@ from drcli.model.files.model_metadata import ModelMetadata
 from drcli.rewards.sandbox.sample_calls import sample_params
 from drsim.car.car import CarBatch
 from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR
-from drsim.car.realism import Realism
+from drsim.car.conditions import Realism
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.track.worlds import load_track

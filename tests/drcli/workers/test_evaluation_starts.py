@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drcli.drive.evaluator import ANGLE_DEG, OFFSET_SHARE, fresh_starts
-from drsim.episode.start_poses import start_pose
+from drsim.episode.placing import start_pose
 from drsim.track.worlds import load_track
 
 

@@ -7,9 +7,7 @@ import pytest
 
 from drsim.car.car import CarBatch
 from drsim.car.car_parameters import CarParameters
-from drsim.car.conditions import NOMINAL, Conditions
-from drsim.car.disturbances import Disturbances, Variation, no_variation
-from drsim.car.realism import Realism
+from drsim.car.conditions import NOMINAL, Conditions, Disturbances, Realism, Variation, no_variation
 
 EYES, ROWS, COLUMNS = 1, 120, 160
 

@@ -11,7 +11,7 @@ from physics import FURTHEST_DEG, FURTHEST_M, parity
 
 from drsim.arrays import Floats
 from drsim.car.car import CarBatch
-from drsim.car.disturbances import Variation, no_variation
+from drsim.car.conditions import Variation, no_variation
 
 wp = pytest.importorskip("warp", reason="needs drcli[gpu]: MuJoCo Warp is not installed")
 pytest.importorskip("mujoco_warp", reason="needs drcli[gpu]: MuJoCo Warp is not installed")

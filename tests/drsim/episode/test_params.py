@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from drsim.car.camera_mount import FRONT
+from drsim.car.car import FRONT
 from drsim.episode.params import Situation, params_of
 from drsim.episode.simulation import Simulation
 from drsim.race.objects import Objects, closest, in_camera

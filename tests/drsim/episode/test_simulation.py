@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import drsim
-from drsim.episode.episode_rules import EpisodeRules, Status
+from drsim.episode.episode_rules import EpisodeRules, Status, StepResult
 from drsim.episode.simulation import Simulation
-from drsim.episode.step import StepResult
 from drsim.errors import RewardError
 from drsim.track.track import Track
 from drsim.track.worlds import load_track

@@ -5,9 +5,9 @@ import pytest
 
 from drsim.car.car import WHEELS_M
 from drsim.episode.episode_rules import EpisodeRules
+from drsim.episode.placing import offset_of, start_pose
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
-from drsim.episode.start_poses import offset_of, start_pose
 from drsim.track.worlds import load_track
 
 TRACK = load_track("reinvent_base")

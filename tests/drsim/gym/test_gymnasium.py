@@ -18,7 +18,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import drsim
 from drsim import ContinuousActions, EpisodeRules, Race, RacerEnv, RacerVectorEnv, Sensors, Track
-from drsim.gym import registration
+from drsim.gym import racer
 
 SENSORS = [
     ("FRONT_FACING_CAMERA",),
@@ -65,7 +65,7 @@ def _check(env: RacerEnv) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", registration.ENVIRONMENTS)
+@pytest.mark.parametrize("name", racer.ENVIRONMENTS)
 def test_every_id_passes_gymnasiums_own_checks_without_a_warning(name, oval):
     env = gym.make(name, world=oval, render_mode="rgb_array")
 
@@ -77,7 +77,7 @@ def test_every_id_passes_gymnasiums_own_checks_without_a_warning(name, oval):
     env.close()
 
 
-@pytest.mark.parametrize("name", registration.ENVIRONMENTS)
+@pytest.mark.parametrize("name", racer.ENVIRONMENTS)
 def test_every_id_makes_one_car_and_many(name, oval):
     env = gym.make(name, world=oval)
     many = gym.make_vec(name, num_envs=4, world=oval)
@@ -152,7 +152,7 @@ def test_gymnasiums_record_of_episodes_counts_those_of_many_cars(oval):
 
 
 def test_registering_twice_changes_nothing(recwarn):
-    registration.register()
+    racer.register()
 
     assert not recwarn
 

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drsim.car.car import CONTROL_HZ
-from drsim.race.bots import Bots
+from drsim.race.bots import Bots, LanePaths, LanePlaces
 from drsim.race.race import BotRules, Race
 from drsim.race.traffic import Traffic
-from drsim.track.lanes import LanePaths, LanePlaces
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 

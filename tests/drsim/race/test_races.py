@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from drsim.car.realism import Realism
-from drsim.episode.episode_rules import EpisodeRules, Status
+from drsim.car.conditions import Realism
+from drsim.episode.episode_rules import EpisodeRules, Status, StepResult
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
-from drsim.episode.step import StepResult
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.sensing.scene import build_scene
 from drsim.sensing.sensors import Sensors

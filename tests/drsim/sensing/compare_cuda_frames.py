@@ -9,12 +9,11 @@ import sys
 
 import numpy as np
 
-from drsim.car.camera_mount import FRONT, CameraModel
+from drsim.car.car import FRONT, CameraModel
 from drsim.race.solids import Box, Shape, Solids
-from drsim.sensing import cuda_camera, frames
-from drsim.sensing.camera import Light, lens_parts, lens_pose, render
+from drsim.sensing import cuda_camera, observations
 from drsim.sensing.lighting import Lighting
-from drsim.sensing.scene import build_scene
+from drsim.sensing.scene import Light, build_scene, lens_parts, lens_pose, render
 from drsim.track.appearance import look_of
 from drsim.track.worlds import load_track
 
@@ -59,7 +58,7 @@ def main() -> None:
 
 def _compare_renderers(scene, lens_pos, lens_mat, camera) -> None:
     """Two eyes, of which one car is drawn anew, with a box before it."""
-    frames.FRONT = camera  # the renderers have no other
+    observations.FRONT = camera  # the renderers have no other
     cars = len(lens_pos)
     drawn = []
     for gpu in (None, cuda_camera.CudaCamera(scene, cars, eyes=2, camera=camera)):
@@ -67,7 +66,7 @@ def _compare_renderers(scene, lens_pos, lens_mat, camera) -> None:
         solids = Solids(cars, [Shape("box", (box,), (0.3, 0.3))])
         ahead = lens_pos[:, None, :2] + 0.8 * lens_mat[:, None, :2, 0]
         solids.move(np.arange(cars), ahead, np.zeros((cars, 1)))
-        renderer = frames.FrameRenderer(scene, cars, 1, eyes=2, solids=solids, gpu=gpu)
+        renderer = observations.FrameRenderer(scene, cars, 1, eyes=2, solids=solids, gpu=gpu)
         renderer.start(np.arange(cars), lens_pos, lens_mat)
         renderer.finish()
         renderer.start(np.array([cars - 1]), lens_pos[::-1].copy(), lens_mat[::-1].copy())

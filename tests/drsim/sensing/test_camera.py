@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drsim.car.camera_mount import FRONT, CameraModel
-from drsim.car.car import CarBatch
-from drsim.sensing.camera import lens_pose, render
-from drsim.sensing.scene import Scene, build_scene
+from drsim.car.car import FRONT, CameraModel, CarBatch
+from drsim.sensing.scene import Scene, build_scene, lens_pose, render
 from drsim.track.appearance import Look, Paint, Walls
 from drsim.track.track import Track
 from drsim.track.worlds import load_track

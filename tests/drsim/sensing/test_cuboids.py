@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drsim.car.camera_mount import FRONT, CameraModel
+from drsim.car.car import FRONT, CameraModel
 from drsim.race.solids import CUBOID, SHAPES, Box, Shape, Solids
-from drsim.sensing.camera import Light, render
-from drsim.sensing.scene import Scene, build_scene
+from drsim.sensing.scene import Light, Scene, build_scene, render
 from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint, Walls
 from drsim.track.track import Track
 

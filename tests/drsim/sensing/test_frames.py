@@ -5,13 +5,11 @@ import threading
 import numpy as np
 import pytest
 
-from drsim.car.camera_mount import FRONT
-from drsim.car.car import CarBatch
+from drsim.car.car import FRONT, CarBatch
 from drsim.race.solids import SHAPES, Solids
-from drsim.sensing.camera import render
-from drsim.sensing.frames import FrameRenderer
 from drsim.sensing.lighting import Lighting
-from drsim.sensing.scene import Scene, build_scene
+from drsim.sensing.observations import FrameRenderer
+from drsim.sensing.scene import Scene, build_scene, render
 from drsim.track.appearance import look_of
 from drsim.track.track import Track
 from drsim.track.worlds import load_track

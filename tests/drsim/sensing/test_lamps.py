@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from drsim.car.camera_mount import FRONT
-from drsim.sensing.camera import lens_parts, render
-from drsim.sensing.lamps import Lamps
-from drsim.sensing.scene import build_scene
+from drsim.car.car import FRONT
+from drsim.sensing.lighting import Lamps
+from drsim.sensing.scene import build_scene, lens_parts, render
 from drsim.track.appearance import Look, Walls
 from drsim.track.track import Track
 

@@ -8,7 +8,7 @@ import shapely
 from shapely import affinity
 
 from drsim.race.solids import CUBOID, SHAPES, Solids
-from drsim.sensing.lidar import LIDAR, LidarModel, scan
+from drsim.sensing.sensors import LIDAR, LidarModel, scan
 
 ROOM_M = np.array([-2.0, 3.0, -1.5, 1.5], np.float32)
 FORWARD = LidarModel(yaw_rad=0.0)

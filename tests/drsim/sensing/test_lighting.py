@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from drsim.race.solids import SHAPES, Solids
-from drsim.sensing.camera import render
 from drsim.sensing.lighting import Lighting
-from drsim.sensing.scene import Scene, build_scene
+from drsim.sensing.scene import Scene, build_scene, render
 from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, look_of
 from drsim.track.worlds import load_track
 

@@ -5,9 +5,8 @@ import hashlib
 import numpy as np
 import pytest
 
-from drsim.car.camera_mount import EYES_APART_M, FRONT
-from drsim.car.conditions import Conditions
-from drsim.car.realism import Realism
+from drsim.car.car import EYES_APART_M, FRONT
+from drsim.car.conditions import Conditions, Realism
 from drsim.episode.simulation import Simulation
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.sensing.sensors import Sensors

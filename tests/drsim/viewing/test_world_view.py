@@ -9,8 +9,7 @@ import pytest
 from drsim.race.solids import SHAPES
 from drsim.track.worlds import load_track
 from drsim.viewing.car_eye import FollowingCamera, lens_above
-from drsim.viewing.meshes import has_wheels, mesh_of, wheel
-from drsim.viewing.placed_objects import PlacedObject
+from drsim.viewing.placed_objects import PlacedObject, has_wheels, meshes_of, wheel
 from drsim.viewing.world_view import WorldView
 
 TRACK = load_track("reinvent_base")
@@ -137,7 +136,7 @@ def test_a_car_far_off_the_track_is_filmed_too(view, place):
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_mesh_is_as_large_as_the_shape_and_closed_outwards(name):
     shape = SHAPES[name]
-    mesh = mesh_of(shape)
+    mesh = meshes_of(shape)[0]
 
     length_m, width_m = shape.footprint_m
     assert np.ptp(mesh.corners[:, 0]) == pytest.approx(length_m, rel=0.35)
