@@ -213,13 +213,11 @@ def drive_cells(
         seed=job.seed,
         longest_latency_s=max(cell.conditions.latency_s for cell in cells),
     )
-    driven: list[Driven] = []
     try:
         driver = Driver(simulation, [racer], job.seed, observer=observer)
-        driver.drive(plans, driven.append, stop_signal.step_done)
+        driven = driver.driven(plans, stop_signal.step_done)
     finally:
         simulation.close()
-    driven.sort(key=lambda episode: episode.number)
     return [
         _summed_up(cell, driven[PLACES * number : PLACES * (number + 1)], laps)
         for number, cell in enumerate(cells)

@@ -287,15 +287,13 @@ def evaluate(
         names = [entry.name for entry in entered]
         live.about(None, entered[0].checkpoint, facts_of(race, names, OPPONENT_COLOR))
         stop_signal.heartbeat.say(f"evaluates {entered[0].checkpoint} of {names[0]}", waits=False)
-    driven: list[Driven] = []
     begin, began_s = time.time(), time.monotonic()
     try:
         driver = Driver(simulation, racers, job.seed, keeps_objects=True, observer=live)
-        driver.drive(plans, driven.append, stop_signal.step_done)
+        driven = driver.driven(plans, stop_signal.step_done)
         shapes = [] if simulation.traffic is None else list(simulation.traffic.shapes)
     finally:
         simulation.close()
-    driven.sort(key=lambda episode: episode.number)
     wall_clock = (begin, begin + time.monotonic() - began_s)
     trials: list[list[TrialMetrics]] = []
     colors = race.car_color, OPPONENT_COLOR if len(entered) > 1 else ""
