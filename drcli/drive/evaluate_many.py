@@ -322,9 +322,8 @@ def _refused(error: DrError) -> TaskOutcome:
 
 def main(job: Job, stop_signal: StopSignal) -> None:
     share, shares = map(int, sys.argv[1:])
-    facts = facts_of(job.config.race(), [job.config.model.prefix])
-    name = f"evaluation-{share}"
-    with live_show(job, name, lambda: stop_signal.heartbeat.activity, facts) as live:
+    name, models = f"evaluation-{share}", [job.config.model.prefix]
+    with live_show(job, name, stop_signal.heartbeat, models) as live:
         drive_share(job, stop_signal, share, shares, live)
 
 

@@ -408,8 +408,7 @@ def laps_of(race: Episode) -> list[Episode]:
 def main(job: Job, stop_signal: StopSignal) -> None:
     stamp, *checkpoints = sys.argv[1:]
     entered = entries(job.config, stamp, checkpoints, job.sources)
-    facts = facts_of(job.config.race(), [entered[0].name])
-    with live_show(job, "evaluation", lambda: stop_signal.heartbeat.activity, facts) as live:
+    with live_show(job, "evaluation", stop_signal.heartbeat, [entered[0].name]) as live:
         found = evaluate(job, stop_signal, entered, live=live)
     (job.folder / REPORT_FILE).write_bytes(found.encode())
 

@@ -456,8 +456,8 @@ class SimWorker:
 def main(job: Job, stop_signal: StopSignal) -> None:
     flush_denormals()
     worker, *divisor = (int(word) for word in sys.argv[1:])
-    facts = facts_of(job.config.race(worker), [job.config.model.prefix])
-    with live_show(job, f"sim-{worker}", lambda: stop_signal.heartbeat.activity, facts) as live:
+    models = [job.config.model.prefix]
+    with live_show(job, f"sim-{worker}", stop_signal.heartbeat, models, worker) as live:
         SimWorker(job, stop_signal, worker, *divisor, live=live).run()
 
 
