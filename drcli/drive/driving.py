@@ -276,6 +276,17 @@ class Driver:
                 on_episode(episode)
             trained += sum(seat.plan.phase == "training" for seat in driving)
 
+    def driven(
+        self,
+        plans: Sequence[Plan],
+        should_stop: Callable[[], bool] = lambda: False,
+        cars: range | None = None,
+    ) -> list[Driven]:
+        """The same; the episodes by their numbers."""
+        found: list[Driven] = []
+        self.drive(plans, found.append, should_stop, cars=cars)
+        return sorted(found, key=lambda episode: episode.number)
+
     def _fill(self, seats: dict[int, _Seat], waiting: deque[Plan], cars: range) -> None:
         free = [car for car in cars if car not in seats]
         plans = [waiting.popleft() for _ in free[: len(waiting)]]

@@ -213,13 +213,11 @@ def drive_cells(
         seed=job.seed,
         longest_latency_s=max(cell.conditions.latency_s for cell in cells),
     )
-    driven: list[Driven] = []
     try:
         driver = Driver(simulation, [racer], job.seed, observer=observer)
-        driver.drive(plans, driven.append, stop_signal.step_done)
+        driven = driver.driven(plans, stop_signal.step_done)
     finally:
         simulation.close()
-    driven.sort(key=lambda episode: episode.number)
     return [
         _summed_up(cell, driven[PLACES * number : PLACES * (number + 1)], laps)
         for number, cell in enumerate(cells)
@@ -324,9 +322,8 @@ def _refused(error: DrError) -> TaskOutcome:
 
 def main(job: Job, stop_signal: StopSignal) -> None:
     share, shares = map(int, sys.argv[1:])
-    facts = facts_of(job.config.race(), [job.config.model.prefix])
-    name = f"evaluation-{share}"
-    with live_show(job, name, lambda: stop_signal.heartbeat.activity, facts) as live:
+    name, models = f"evaluation-{share}", [job.config.model.prefix]
+    with live_show(job, name, stop_signal.heartbeat, models) as live:
         drive_share(job, stop_signal, share, shares, live)
 
 

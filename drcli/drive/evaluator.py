@@ -287,15 +287,13 @@ def evaluate(
         names = [entry.name for entry in entered]
         live.about(None, entered[0].checkpoint, facts_of(race, names, OPPONENT_COLOR))
         stop_signal.heartbeat.say(f"evaluates {entered[0].checkpoint} of {names[0]}", waits=False)
-    driven: list[Driven] = []
     begin, began_s = time.time(), time.monotonic()
     try:
         driver = Driver(simulation, racers, job.seed, keeps_objects=True, observer=live)
-        driver.drive(plans, driven.append, stop_signal.step_done)
+        driven = driver.driven(plans, stop_signal.step_done)
         shapes = [] if simulation.traffic is None else list(simulation.traffic.shapes)
     finally:
         simulation.close()
-    driven.sort(key=lambda episode: episode.number)
     wall_clock = (begin, begin + time.monotonic() - began_s)
     trials: list[list[TrialMetrics]] = []
     colors = race.car_color, OPPONENT_COLOR if len(entered) > 1 else ""
@@ -410,8 +408,7 @@ def laps_of(race: Episode) -> list[Episode]:
 def main(job: Job, stop_signal: StopSignal) -> None:
     stamp, *checkpoints = sys.argv[1:]
     entered = entries(job.config, stamp, checkpoints, job.sources)
-    facts = facts_of(job.config.race(), [entered[0].name])
-    with live_show(job, "evaluation", lambda: stop_signal.heartbeat.activity, facts) as live:
+    with live_show(job, "evaluation", stop_signal.heartbeat, [entered[0].name]) as live:
         found = evaluate(job, stop_signal, entered, live=live)
     (job.folder / REPORT_FILE).write_bytes(found.encode())
 

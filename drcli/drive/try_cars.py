@@ -8,7 +8,7 @@ import torch
 from drcli.base.log import plain
 from drcli.bucket.connect import open_bucket
 from drcli.drive.build_race import actions_of, load_world, longest_episode, sensors_of_model
-from drcli.drive.driving import Driven, Driver, Plan, Racer
+from drcli.drive.driving import Driver, Plan, Racer
 from drcli.drive.evaluator import Entry, enter
 from drcli.learn.policy import Policy
 from drcli.model.files.model_metadata import ModelMetadata
@@ -47,13 +47,11 @@ def drive_car(
         car_parameters=CAR_SETS[car].parameters,
         sensors=sensors_of_model(metadata),
     )
-    driven: list[Driven] = []
     plans = [Plan(start, "evaluation", start / starts) for start in range(starts)]
     try:
-        Driver(simulation, [Racer(policy, actions)], 0).drive(plans, driven.append, should_stop)
+        driven = Driver(simulation, [Racer(policy, actions)], 0).driven(plans, should_stop)
     finally:
         simulation.close()
-    driven.sort(key=lambda episode: episode.number)
     lap_times_s = [round(float(episode.duration_s), 3) for episode in driven if episode.completed]
     progress = [float(episode.progress) for episode in driven]
     mean = round(sum(progress) / starts, 3)

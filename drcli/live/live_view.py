@@ -16,7 +16,7 @@ import torch
 
 from drcli.base.log import get_logger
 from drcli.live.live_record import LiveAddress, LiveMessage, LiveState, LiveView
-from drcli.live.live_scene import LiveEpisodes, LiveFacts, chosen_rider, scene_of
+from drcli.live.live_scene import LiveEpisodes, LiveFacts, chosen_rider, facts_of, scene_of
 from drcli.live.live_server import (
     ChaseView,
     LiveServer,
@@ -30,6 +30,7 @@ from drcli.live.live_server import (
 from drcli.live.step_snapshot import PolicyTap, Rider, StepSnapshot
 from drcli.records.job import Job
 from drcli.records.trace import Episode
+from drcli.workers.heartbeat_thread import Heartbeat
 
 _logger = get_logger(__name__)
 
@@ -220,7 +221,7 @@ class LiveShow:
 
 @contextmanager
 def live_show(
-    job: Job, name: str, activity: Activity, facts: LiveFacts
+    job: Job, name: str, heartbeat: Heartbeat, models: Sequence[str], worker: int = 0
 ) -> Iterator[LiveShow | None]:
     """Show a worker during the block; None where DR_LIVE_VIEW is off or it fails."""
     if not job.config.live_view:
@@ -228,7 +229,8 @@ def live_show(
         return
     address, show = LiveAddress.own(0), None
     try:
-        show = LiveShow(name, activity, facts, address.secret)
+        facts = facts_of(job.config.race(worker), models)
+        show = LiveShow(name, lambda: heartbeat.activity, facts, address.secret)
         address = replace(address, port=show.port)
         address.write(job.folder, name)
     except (OSError, RuntimeError) as error:

@@ -8,7 +8,6 @@ import sys
 from drcli.base.errors import DrError
 from drcli.base.log import get_logger
 from drcli.learn.compute import flush_denormals
-from drcli.live.live_scene import facts_of
 from drcli.live.live_view import live_show
 from drcli.model.model_store import ModelStore
 from drcli.records.job import Job
@@ -30,8 +29,7 @@ def main(job: Job, stop_signal: StopSignal) -> None:
     try:
         number = membership.wait_for_number()
         _logger.info("This is simulation worker %d of s3://%s/%s.", number, bucket.name, prefix)
-        facts = facts_of(job.config.race(number), [prefix])
-        with live_show(job, f"sim-{number}", lambda: stop_signal.heartbeat.activity, facts) as live:
+        with live_show(job, f"sim-{number}", stop_signal.heartbeat, [prefix], number) as live:
             SimWorker(job, stop_signal, number, live=live, membership=membership).run()
     except RewardError as error:
         membership.close(str(reward_failure(error)))

@@ -394,10 +394,8 @@ class SimWorker:
         simulation = self._simulation
         if result.confirms:
             self._activity.say(f"lets checkpoint {number} drive again from other starts")
-            again: list[Driven] = []
             plans = simulation.confirmation_plans(number, result.confirms)
-            simulation.drive_again(plans, again.append, self._stop_signal.step_done)
-            again.sort(key=lambda episode: episode.number)
+            again = simulation.drive_again(plans, self._stop_signal.step_done)
             sound = [episode for episode in again if not episode.discarded]
             confirmation = EvaluationEpisodes(*columns_of(sound)) if sound else None
             result = replace(result, confirms=0, confirmation=confirmation)
@@ -458,8 +456,8 @@ class SimWorker:
 def main(job: Job, stop_signal: StopSignal) -> None:
     flush_denormals()
     worker, *divisor = (int(word) for word in sys.argv[1:])
-    facts = facts_of(job.config.race(worker), [job.config.model.prefix])
-    with live_show(job, f"sim-{worker}", lambda: stop_signal.heartbeat.activity, facts) as live:
+    models = [job.config.model.prefix]
+    with live_show(job, f"sim-{worker}", stop_signal.heartbeat, models, worker) as live:
         SimWorker(job, stop_signal, worker, *divisor, live=live).run()
 
 

@@ -91,10 +91,8 @@ class SecondTrack:
         Raises:
             StopRequested: `should_stop` returned True.
         """
-        episodes: list[Driven] = []
         plans = fresh_starts(self._track, trials, self._start_seed)
-        self._driver.drive(plans, episodes.append, should_stop)
-        episodes.sort(key=lambda episode: episode.number)
+        episodes = self._driver.driven(plans, should_stop)
         sound = [episode for episode in episodes if not episode.discarded] or episodes
         return SecondEvaluation(*columns_of(sound), self.world)
 
@@ -247,12 +245,7 @@ class TrainingSimulation:
     ) -> None:
         self._driver.drive(plans, on_end, should_stop, self._epsilon(policy_steps))
 
-    def drive_again(
-        self,
-        plans: list[Plan],
-        on_end: Callable[[Driven], None],
-        should_stop: Callable[[], bool],
-    ) -> None:
+    def drive_again(self, plans: list[Plan], should_stop: Callable[[], bool]) -> list[Driven]:
         """With the cars of evaluations if there are enough.
 
         The variables of their reward functions must not reach training episodes.
@@ -262,7 +255,7 @@ class TrainingSimulation:
         """
         cars = self._simulation.num_cars
         own = range(max(0, cars - self.trials), cars)
-        self._driver.drive(plans, on_end, should_stop, cars=own)
+        return self._driver.driven(plans, should_stop, own)
 
     def plans(
         self, numbers: range, trials: int, attempt: int = 0, *, iteration: int = 0
