@@ -3,6 +3,7 @@
 import errno
 import json
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -117,6 +118,29 @@ def test_the_supervisor_takes_the_prefix_over_from_its_start(racer, monkeypatch)
     assert code == 6
     assert record is not None
     assert record.session == planned.job.session
+
+
+def test_a_resumed_start_loads_its_checkpoint_once(trained, monkeypatch):
+    asked = Counter()
+
+    def counted(verb):
+        ask = getattr(trained.bucket, verb)
+
+        def count(key):
+            asked[verb, key] += 1
+            return ask(key)
+
+        return count
+
+    for verb in ("get", "list"):
+        monkeypatch.setattr(trained.bucket, verb, counted(verb))
+
+    planned = trained.start(resume=True)
+
+    weights = keys.checkpoint_tensors("model-1", planned.resumes)
+    optimizer = keys.checkpoint_optimizer("model-1", planned.resumes)
+    assert (asked["get", weights], asked["get", optimizer]) == (1, 1)
+    assert asked["list", keys.folder("model-1")] == 2  # to plan, and to repair
 
 
 def test_a_start_that_fails_halfway_gives_the_prefix_back(racer, monkeypatch):
