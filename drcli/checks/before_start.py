@@ -18,7 +18,6 @@ from drcli.model import keys
 from drcli.model.files.custom_files import InputFile, Inputs, missing_files
 from drcli.model.files.network_shape import Design, weight_problems
 from drcli.model.model_prefix import ModelListing
-from drcli.records.job import Job
 from drcli.rewards.reward_rules import Source, read_source
 from drcli.rewards.try_inputs import try_inputs
 from drcli.transfer.pretrained import Transfer
@@ -62,7 +61,6 @@ class Examined:
 
 def examine(
     settings: Settings,
-    job: Job,
     files: Mapping[str, InputFile],
     bucket: Bucket | None,
     plans: Plans = Plans(),
@@ -76,7 +74,7 @@ def examine(
     given_up = Event()
     with ThreadPoolExecutor(1) as pool:
         try:
-            trying = pool.submit(try_inputs, job.config, job.directory, source, given_up)
+            trying = pool.submit(try_inputs, settings.run, settings.directory, source, given_up)
             review = review_parameters(
                 files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), settings
             )
@@ -89,7 +87,7 @@ def examine(
                 transfer, wrong = _of_bucket(settings, bucket, review.design, plans)
                 found += wrong
             found += upload_problems(settings)
-            found += review_disk(settings.storage, job.directory)
+            found += review_disk(settings.storage, settings.directory)
             found += trying.result()
         finally:
             given_up.set()  # otherwise Ctrl-C, or a bucket that fails, would wait for the sandbox
@@ -99,7 +97,6 @@ def examine(
 def examine_stages(
     settings: Settings,
     review: StagesReview,
-    job: Job,
     files: Mapping[str, InputFile],
     bucket: Bucket | None,
     plans: Plans,
@@ -108,16 +105,10 @@ def examine_stages(
 ) -> Examined:
     """Check every rule for each stage from `first` on; without stages, for the training."""
     if review.frozen is None:
-        return examine(settings, job, files, bucket, plans)
+        return examine(settings, files, bucket, plans)
     coming = review.stages[first:]
     examined = [
-        examine(
-            stage.settings,
-            replace(job, config=stage.settings.run),
-            stage.files,
-            bucket if number == 0 else None,
-            plans,
-        )
+        examine(stage.settings, stage.files, bucket if number == 0 else None, plans)
         for number, stage in enumerate(coming)
     ]
     whole = {**coming[0].files, **files}

@@ -1,8 +1,6 @@
 """Checks all rules on a working folder, for `dr validate`."""
 
 import os
-import secrets
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,7 +22,6 @@ from drcli.model import keys
 from drcli.model.files.custom_files import FILE_RULES, InputFile, find, local_file
 from drcli.model.model_prefix import ModelListing
 from drcli.model.model_store import ModelStore
-from drcli.records.job import Job
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.rewards.reward_rules import read_source, review_source
 from drcli.rewards.reward_style import review_style
@@ -169,25 +166,16 @@ class _Validation:
         *,
         trains: bool,
     ) -> Examined:
-        with tempfile.TemporaryDirectory() as folder:
-            job = Job(
-                config=settings.run,
-                session=secrets.token_hex(6),
-                seed=0,
-                max_minutes=None,
-                folder=Path(folder),
-                launcher_pid=os.getpid(),
-            )
-            plans = Plans(wiping=trains)  # the prefix of a running training may be in use
-            try:
-                if bucket is not None and not trains:
-                    model = ModelStore(bucket, settings.model_prefix)
-                    plans = Plans(listed=ModelListing(model))
-                examined = examine_stages(settings, staged, job, files, bucket, plans)
-            except StorageError as error:
-                self.found.append(_unusable(error))
-                self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
-                examined = examine_stages(settings, staged, job, files, None, plans)
+        plans = Plans(wiping=trains)  # the prefix of a running training may be in use
+        try:
+            if bucket is not None and not trains:
+                model = ModelStore(bucket, settings.model_prefix)
+                plans = Plans(listed=ModelListing(model))
+            examined = examine_stages(settings, staged, files, bucket, plans)
+        except StorageError as error:
+            self.found.append(_unusable(error))
+            self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
+            examined = examine_stages(settings, staged, files, None, plans)
         configs = [settings.run, *(stage.settings.run for stage in staged.stages)]
         races = [race for config in configs for race in races_of(config)]
         to_fetch = {each.where: each for each in track_problems(races) if each.severity == "note"}

@@ -316,13 +316,6 @@ def file_name(settings: Settings) -> str:
     return f"experiments/{name}/run.env" if name else active_run_file(settings.directory)
 
 
-def written(settings: Settings, name: str) -> str | None:
-    """The text of a setting in that file, with `$NAME`."""
-    file = file_name(settings)
-    entry = parse_env(read_regular(settings.directory / file), file).last.get(name)
-    return None if entry is None else entry.value
-
-
 def plan_edit(
     settings: Settings, values: Mapping[str, str], texts: Mapping[str, str] | None = None
 ) -> RunEnvEdit:

@@ -237,6 +237,7 @@ class _Loader:
             **defaults | values,
             directory=self._files.directory,
             extra=others,
+            written={name: entry.value for name, entry in run.items()},
             sources=sources,
             problems=(),
             overrides=(),

@@ -106,11 +106,13 @@ class Settings(
 
     Attributes:
         extra: Other names in the files.
+        written: Texts of run.env, with `$NAME`.
         problems: Warnings.
         overrides: What worker-N.env changes, from the second worker on.
     """
 
     extra: Mapping[str, str]
+    written: Mapping[str, str]
     problems: tuple[Problem, ...]
     overrides: tuple[Override, ...]
 

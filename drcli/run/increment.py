@@ -12,7 +12,7 @@ from drcli.base.errors import ProblemsError, SettingsError, closest, refuse, sho
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.start_rules import refuse_second_run
-from drcli.config.editing import RunEnvEdit, plan_edit, raised, refuse_stronger_values, written
+from drcli.config.editing import RunEnvEdit, plan_edit, raised, refuse_stronger_values
 from drcli.config.loading import load_settings
 from drcli.config.presets import model_file
 from drcli.config.run_config import StorageConfig
@@ -274,10 +274,10 @@ def plan_increment(
     refuse_second_run(settings.run_id, run_folder(settings.directory, settings.run_id))
     refuse_stronger_values(settings, (MODEL, PRETRAINED, PRETRAINED_PREFIX))
     before = settings.model_prefix
-    now = written(settings, MODEL) or before
+    now = settings.written.get(MODEL) or before
     text, after = (prefix, prefix) if prefix is not None else raised(now, before, delimiter)
     _refuse_nested(before, after)
-    described = written(settings, DESCRIPTION) or ""
+    described = settings.written.get(DESCRIPTION, "")
     others = changed_settings(overrides, (MODEL, METRICS, PRETRAINED, PRETRAINED_PREFIX), described)
     refuse_stronger_values(settings, others)
     _refuse_left_behind(settings, after, others)

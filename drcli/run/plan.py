@@ -12,11 +12,9 @@ from typing import Any
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError, of_severity, refuse
-from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.before_start import Plans, examine_stages
 from drcli.checks.start_rules import probe, refuse_start, review_prefix
-from drcli.config.editing import written
 from drcli.config.run_config import CustomFilesConfig
 from drcli.config.settings import Settings, catalogue
 from drcli.learn.algorithms import Algorithm
@@ -215,7 +213,14 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     lease.refuse_other_owner(model)
 
     listed = ModelListing(model)
-    found = None if options.wipe else _load_unless_lost(settings, listed, options)
+    found = None
+    if not options.wipe:  # rather than iteration 0 among a model's remains
+        found = load_unless_lost(
+            listed,
+            metrics_too="$" not in settings.written.get(METRICS, catalogue()[METRICS].default_text),
+            in_environment=settings.source(MODEL) == "environment",
+            with_optimizer=options.resume,
+        )
     if options.resume and not listed.checkpoints:
         raise SettingsError(
             f"{model.url} has no checkpoint to resume from.", remedy=what_helps(model)
@@ -254,19 +259,16 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     job = _job(settings, options, _seed(settings, options, before), began_at)
     wiping = options.wipe or options.over_aborted
     plans = Plans(wiping, trained, None if wiping or options.resume else listed)
-    examined = examine_stages(
-        settings, staged.review, job, files, bucket, plans, first=staged.first
-    )
+    examined = examine_stages(settings, staged.review, files, bucket, plans, first=staged.first)
     refuse(examined.problems)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     if keys.HYPERPARAMETERS_FILE in found_files:  # the racer's file keeps what it says
         inputs = replace(inputs, hyperparameters=found_files[keys.HYPERPARAMETERS_FILE])
     noticed = of_severity([*clock, *examined.problems], "warning")
     warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, noticed)]
-    if taught and not design.parameters.taught:
-        warnings += _steps_too_large(before_this, design)
-    if taught and not options.method and files != found_files:
-        warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this))
+    if taught:
+        kept = not options.method and files != found_files
+        warnings += _after_a_teacher(before_this, design, kept=kept)
     if resumes is not None and design.metadata.algorithm.replay:
         warnings += _replay_lost(design.metadata.algorithm, model, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
@@ -311,33 +313,31 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     return RunPlan(job, inputs, warnings, resumes, ends, source, wiping)
 
 
-def prepare_end_work(settings: Settings, outcome: RunOutcome) -> EndWorkPlan:
+def prepare_end_work(settings: Settings, outcome: RunOutcome, model: ModelStore) -> EndWorkPlan:
     """Take the model for the work that is left after a complete training.
 
     Raises:
         SettingsError: Another start trains the model.
     """
-    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     seed = settings.train_seed or 0  # nothing is learned, so nothing is drawn
     job = _job(settings, StartOptions(whole_run=True), seed, outcome.began_at)
     begun = replace(begun_by(job, outcome.began_at, outcome.goals), message=outcome.message)
     text = f"A start on {begun.host} tries what is left to do: {', '.join(outcome.left)}."
     noted = JournalEntry(time.time(), "start", text, {"host": begun.host})
     job = replace(job, begun=begun, end_work=outcome.left, noted=(noted,))
-    model = ModelStore(bucket, settings.model_prefix)
     with taken(job, model, lambda: None):
         return EndWorkPlan(job, outcome)
 
 
-def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, bucket: Bucket) -> str:
+def goals_of(
+    settings: Settings, options: StartOptions, outcome: RunOutcome, model: ModelStore
+) -> str:
     """Everything that would end a continuing training."""
-    places = resumed_files(settings.custom_files, settings.model_prefix)
-    files = find(places, bucket)
+    files = find(resumed_files(settings.custom_files, model.prefix), model.bucket)
     file = files.get(keys.HYPERPARAMETERS_FILE)
     if file is None:
         return ""  # a start says which file is missing
     parameters = Hyperparameters.from_bytes(file.data, file.origin)
-    model = ModelStore(bucket, settings.model_prefix)
     mark = CheckpointStore(model).stage_of_newest()
     staged = plan_stages(settings, files, model, mark, resumes=True)
     refuse(staged.review.problems)
@@ -345,22 +345,20 @@ def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, buc
     return ending(replace(job, stages=staged.stages), parameters)
 
 
-def _steps_too_large(before: str, design: Design) -> list[str]:
+def _after_a_teacher(before: str, design: Design, *, kept: bool) -> list[str]:
     lr = design.parameters.lr
-    if lr <= FINE_LR:
+    if kept:
+        return [
+            f"{design.parameters_origin} has no training_method, so that of {before} is kept: "
+            'teacher. --no-teacher, or "training_method": "camera" in the file, goes on without it.'
+        ]
+    if design.parameters.taught or lr <= FINE_LR:
         return []
     return [
         f"{design.parameters_origin}: lr={lr:g} is high for the weights of {before}, which "
         f"learned from a teacher: they may be lost within a few updates. Write lr={FINE_LR:g} and "
         "target_kl=0.03 to go on without a teacher."
     ]
-
-
-def _keeps_teacher(file: str, before: str) -> str:
-    return (
-        f"{file} has no training_method, so that of {before} is kept: teacher. --no-teacher, or "
-        '"training_method": "camera" in the file, goes on without it.'
-    )
 
 
 def _job(settings: Settings, options: StartOptions, seed: int, began_at: float) -> Job:
@@ -411,19 +409,6 @@ def _damaged(model: ModelStore, found: Checkpoint) -> list[str]:
             "state, which costs a few iterations."
         )
     return warnings
-
-
-def _load_unless_lost(
-    settings: Settings, listed: ModelListing, options: StartOptions
-) -> Checkpoint | None:
-    """Rather than iteration 0 among a model's remains."""
-    metrics = written(settings, METRICS)
-    return load_unless_lost(
-        listed,
-        metrics_too=metrics is not None and "$" not in metrics,  # it would be that of the old model
-        in_environment=settings.source(MODEL) == "environment",
-        with_optimizer=options.resume,
-    )
 
 
 def _seed(settings: Settings, options: StartOptions, before: TrainingStart | None) -> int:

@@ -51,7 +51,7 @@ class StartRecorder:
         prefix = self._model.prefix
         try:
             if resumes:
-                self._known = known_training(self._model.bucket, self._model, before)
+                self._known = known_training(self._model, before)
                 return self._known.id
             settle(self._model, gone=True)
         except DrError as error:
@@ -69,7 +69,7 @@ class StartRecorder:
         """The id of the training; empty if nothing could be written."""
         new = NewStart(self._settings, start, outcome, resumes, previous, inputs)
         try:
-            return record_start(self._model.bucket, new, self._known).id
+            return record_start(self._model, new, self._known).id
         except DrError as error:
             _warn("of this training", error)
             return ""

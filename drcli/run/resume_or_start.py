@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 from drcli.base.errors import NoAnswer, NoKeys, NotYet, SettingsError
-from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, OUTAGE_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
 from drcli.model import lease
@@ -47,22 +46,22 @@ def prepare_next(settings: Settings, options: StartOptions, *, wait: bool) -> Ne
             remedy="Leave one of them out: -w deletes the model, --resume continues it in any "
             "case, --resume-or-start continues what was not ended on purpose.",
         )
-    prefix = settings.model_prefix
     folder = run_folder(settings.directory, settings.run_id)
     options = replace(options, whole_run=True)
     patience_s = OUTAGE_PATIENCE_S if wait else COMMAND_PATIENCE_S
     while True:
         bucket = open_bucket(settings.storage, patience_s=patience_s, unattended=wait)
+        model = ModelStore(bucket, settings.model_prefix)
         try:
-            OwnerWait(bucket, prefix, folder, wait).until_free()
+            OwnerWait(model, folder, wait).until_free()
         except (NoAnswer, NoKeys) as error:
             if not wait:
                 raise
             raise NotYet(str(error), remedy=error.remedy) from error
         try:
-            return _plan(settings, options, bucket)
+            return _plan(settings, options, model)
         except lease.ModelInUse:
-            if lease.live_holder(ModelStore(bucket, prefix)) is None:
+            if lease.live_holder(model) is None:
                 raise  # this DR_RUN_ID trains another model here
 
 
@@ -72,20 +71,19 @@ def was_overtaken(settings: Settings, job: Job) -> bool:
     return held is not None and held.session != job.session
 
 
-def _plan(settings: Settings, options: StartOptions, bucket: Bucket) -> Next:
-    store = ModelStore(bucket, settings.model_prefix)
-    listed = ModelListing(store)
+def _plan(settings: Settings, options: StartOptions, model: ModelStore) -> Next:
+    listed = ModelListing(model)
     if not listed.objects:
         return prepare(settings, options)
-    outcome, model = read_outcome(store), store.url
+    outcome = read_outcome(model)
     if outcome is not None and outcome.stays_ended:
-        return NothingToDo(_stays_ended(outcome, model))
+        return NothingToDo(_stays_ended(outcome, model.url))
     if outcome is not None and outcome.state == "finished":
-        if same_goals(outcome.goals, goals_of(settings, options, outcome, bucket)):
+        if same_goals(outcome.goals, goals_of(settings, options, outcome, model)):
             if outcome.left:
-                return prepare_end_work(settings, outcome)
+                return prepare_end_work(settings, outcome, model)
             return NothingToDo(
-                f"Nothing to do for {model}: {outcome.message} To go on, raise the goals in "
+                f"Nothing to do for {model.url}: {outcome.message} To go on, raise the goals in "
                 "run.env or hyperparameters.json."
             )
         return prepare(settings, replace(options, resume=True))

@@ -11,7 +11,6 @@ from drcli.base import errors
 from drcli.base.errors import StorageError, TrainedElsewhere
 from drcli.base.files import only_writer
 from drcli.base.processes import started_s, this_machine
-from drcli.bucket.bucket import Bucket
 from drcli.checks.start_rules import refuse_second_run
 from drcli.model import lease
 from drcli.model.lease import STALE_S, is_owner_alive, live_holder, refuse_other_owner
@@ -52,8 +51,7 @@ LONG_LOOK_S = 10.0
 
 @dataclass
 class OwnerWait:
-    bucket: Bucket
-    prefix: str
+    model: ModelStore
     folder: Path
     wait: bool
     pause: Callable[[float], None] = time.sleep
@@ -68,7 +66,7 @@ class OwnerWait:
             StorageError: The bucket does not answer at the first look.
         """
         waiting = WaitingStart(
-            os.getpid(), started_s(os.getpid()) or 0.0, self.bucket.name, self.prefix
+            os.getpid(), started_s(os.getpid()) or 0.0, self.model.bucket.name, self.model.prefix
         )
         with waiting.shown(self.folder):  # the first look may already take long
             if self._owner() is not None:
@@ -90,8 +88,8 @@ class OwnerWait:
             if held is None:
                 return
             if held.newer:
-                refuse_other_owner(ModelStore(self.bucket, self.prefix))
-            model = f"s3://{self.bucket.name}/{self.prefix}"
+                refuse_other_owner(self.model)
+            model = self.model.url
             if first is None and not self._is_known_to_live(held):
                 errors.show(
                     f"{model} belongs to {held.owner}, last heard from {held.age_s:.0f} s ago. "
@@ -117,13 +115,13 @@ class OwnerWait:
 
     def _owner(self) -> Lease | None:
         """A training here that has not taken its lease yet counts too."""
-        held = live_holder(ModelStore(self.bucket, self.prefix))
+        held = live_holder(self.model)
         if held is not None:
             return held
         record = RunRecord.read(self.folder)
         if record is None or not record.alive:
             return None
-        if (record.bucket, record.prefix) != (self.bucket.name, self.prefix):
+        if (record.bucket, record.prefix) != (self.model.bucket.name, self.model.prefix):
             return None  # the start refuses it
         return Lease(
             session=record.session,

@@ -349,10 +349,9 @@ def origin_of(prefix: str, start: TrainingStart) -> str:
     return str(_setting(start.settings, _PREFIX) or prefix)
 
 
-def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) -> TrainingRecord:
+def record_start(model: ModelStore, new: NewStart, known: TrainingRecord | None) -> TrainingRecord:
     """Once the files are in place; StorageError if refused."""
-    settings, prefix = new.settings, new.settings.model_prefix
-    model = ModelStore(bucket, prefix)
+    settings = new.settings
     texts = files_of(model, new.inputs)
     own = RecordedStart(
         session=new.outcome.session,
@@ -369,7 +368,7 @@ def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) ->
         files={name: fingerprint(text) for name, text in texts.items()},
     )
     record = known or TrainingRecord(
-        new.start.training, prefix, began_at=new.outcome.began_at or new.outcome.started_at
+        new.start.training, model.prefix, began_at=new.outcome.began_at or new.outcome.started_at
     )
     record = with_end(record, new.previous)
     record = replace(
@@ -391,18 +390,16 @@ def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) ->
     )
     if new.resumes is None and new.start.pretrained is not None:
         record = replace(record, parent=new.start.pretrained)
-        record = replace(record, parent_training=_parent_training(bucket, record))
+        record = replace(record, parent_training=_parent_training(model.bucket, record))
     add_files(model, record.id, {fingerprint(text): text for text in texts.values()})
-    write_training(bucket, record)
+    write_training(model.bucket, record)
     return record
 
 
-def known_training(
-    bucket: Bucket, model: ModelStore, start: TrainingStart | None
-) -> TrainingRecord:
+def known_training(model: ModelStore, start: TrainingStart | None) -> TrainingRecord:
     """The record, worked out if none can be read."""
     with suppress(ObjectDamaged, ObjectNewer):
-        found = read_training(ModelStore(bucket, model.prefix), training_id(model.prefix, start))
+        found = read_training(model, training_id(model.prefix, start))
         if found is not None:
             return found
     return derived_training(model, start)
@@ -410,13 +407,12 @@ def known_training(
 
 def derived_training(model: ModelStore, start: TrainingStart | None = None) -> TrainingRecord:
     """What a model's objects say; raises StorageError."""
-    bucket, prefix = model.bucket, model.prefix
-    store = ModelStore(bucket, prefix)
+    prefix = model.prefix
     if start is None:
         with suppress(ObjectDamaged, ObjectNewer):
-            start = read_start(store)
-    outcome = known_outcome(store)
-    texts = files_of(store)
+            start = read_start(model)
+    outcome = known_outcome(model)
+    texts = files_of(model)
     settings = None if start is None else start.settings
     known = [] if start is None else [*start.earlier, start]
     starts = tuple(map(_start_of, known))
@@ -440,9 +436,9 @@ def derived_training(model: ModelStore, start: TrainingStart | None = None) -> T
         },
     )
     if not record.world:
-        record = replace(record, **of_parameter_file(store))
-    record = replace(record, results=read_results(model_of(record, bucket, model), record))
-    return with_spending(with_end(record, outcome), read_spending(store))
+        record = replace(record, **of_parameter_file(model))
+    record = replace(record, results=read_results(model_of(record, model.bucket, model), record))
+    return with_spending(with_end(record, outcome), read_spending(model))
 
 
 def with_results(
@@ -470,7 +466,6 @@ def settle(model: ModelStore, *, gone: bool) -> None:
         StorageError: The bucket does not answer or refuses it.
     """
     bucket, prefix = model.bucket, model.prefix
-    store = ModelStore(bucket, prefix)
     start = None
     with suppress(ObjectMissing, RecordError):  # nobody writes it now: once is enough
         start = TrainingStart.decode(bucket.get(keys.training_start(prefix)))
@@ -482,14 +477,14 @@ def settle(model: ModelStore, *, gone: bool) -> None:
     own = next((record for record in left if record.id == current), None)
     if own is None and start is not None:
         own = derived_training(model, start)
-        texts = files_of(store).values()
-        add_files(store, own.id, {fingerprint(text): text for text in texts})
+        texts = files_of(model).values()
+        add_files(model, own.id, {fingerprint(text): text for text in texts})
     now = time.time()
     for record in [*(each for each in left if each is not own), *([own] if own else [])]:
         done = record
         if record is own:
-            done = with_end(with_results(record, model), known_outcome(store))
-            done = with_spending(done, read_spending(store))
+            done = with_end(with_results(record, model), known_outcome(model))
+            done = with_spending(done, read_spending(model))
         write_training(bucket, replace(done, gone_at=now if gone else None, updated_at=now))
 
 

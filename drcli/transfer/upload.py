@@ -12,7 +12,7 @@ from drcli.base.errors import BadValue, SettingsError
 from drcli.base.report import View, counted, size_text
 from drcli.bucket.bucket import Bucket, ObjectMissing, readable_record
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
-from drcli.config.editing import RunEnvEdit, plan_edit, raised, written
+from drcli.config.editing import RunEnvEdit, plan_edit, raised
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings, catalogue
 from drcli.config.value_types import CheckpointChoice, retention_rules
@@ -89,7 +89,7 @@ def plan_upload_increment(
     """
     before = settings.upload_s3_prefix
     default = catalogue()[PREFIX].default_text
-    text = written(settings, PREFIX) or (
+    text = settings.written.get(PREFIX) or (
         default if settings.source(PREFIX) == "default" else before
     )
     text, after = (prefix, prefix) if prefix is not None else raised(text, before, delimiter)

@@ -1,6 +1,5 @@
 """A faulty reward function is told in the same words by every check."""
 
-import os
 from dataclasses import replace
 from threading import Event
 
@@ -9,7 +8,6 @@ import pytest
 from drcli.checks.before_start import examine
 from drcli.config.loading import load_settings
 from drcli.model.files.custom_files import find
-from drcli.records.job import Job
 from drcli.rewards import check, live_check
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.reward_style import review_style
@@ -39,7 +37,7 @@ def drive_once():
 
 
 @pytest.fixture
-def told(folder, drive_once, monkeypatch, tmp_path):
+def told(folder, drive_once, monkeypatch):
     """The problems of a reward function by check: rule, severity, line, message and remedy."""
     monkeypatch.setattr("drcli.rewards.course.Sandbox", SandboxHere)
     monkeypatch.setattr("drcli.rewards.course._MOST_ALONG", 20)
@@ -51,13 +49,12 @@ def told(folder, drive_once, monkeypatch, tmp_path):
         folder.reward(text)
         settings = load_settings(folder.path, environ={})
         files = find(settings.custom_files, None)
-        job = Job(settings.run, "abc", 0, None, tmp_path, os.getpid())
         report, validated = check.check(settings, None, folder.path), folder.report()
         live = live_check.LiveCheck().check(settings, text.encode(), folder.path, "", Event())
         found = {
             "dr-reward check": [*report.errors, *report.warnings],
             "dr-validate": [*validated.errors, *validated.warnings],
-            "start": examine(settings, job, files, None).problems,
+            "start": examine(settings, files, None).problems,
             "page": live.problems,
         }
         source, _ = read_source(files["reward_function.py"])

@@ -1,6 +1,5 @@
 """Worlds and the reward function as they are tried before a start."""
 
-import os
 import re
 import signal
 import subprocess
@@ -14,7 +13,6 @@ import pytest
 from drcli.checks.before_start import examine
 from drcli.config.loading import load_settings
 from drcli.model.files.custom_files import InputFile
-from drcli.records.job import Job
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.sandbox.run_sandbox import Failure, SandboxRequest, SandboxResult
@@ -102,7 +100,7 @@ def test_a_sandbox_that_is_given_up_ends_at_once_and_finds_nothing(settings, fol
     assert try_inputs(settings.run, folder.path, source_of(HANGING), given_up) == []
 
 
-def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
+def test_ctrl_c_gives_the_sandbox_up(settings, monkeypatch):
     def wait(_run, _directory, _source, given_up):
         ends.append(given_up.wait(60))
         return []
@@ -113,10 +111,9 @@ def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
     ends = []
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", wait)
     monkeypatch.setattr("drcli.checks.before_start.review_disk", interrupt)
-    job = Job(settings.run, "abc", 0, None, tmp_path, os.getpid())
 
     with pytest.raises(KeyboardInterrupt):
-        examine(settings, job, {}, None)
+        examine(settings, {}, None)
 
     assert ends == [True]
 

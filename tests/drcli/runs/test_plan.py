@@ -3,6 +3,7 @@
 import errno
 import json
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -117,6 +118,22 @@ def test_the_supervisor_takes_the_prefix_over_from_its_start(racer, monkeypatch)
     assert code == 6
     assert record is not None
     assert record.session == planned.job.session
+
+
+def test_a_resumed_start_loads_its_checkpoint_once(trained, monkeypatch):
+    asked = Counter()
+    get = trained.bucket.get
+
+    def counted(key):
+        asked[key] += 1
+        return get(key)
+
+    monkeypatch.setattr(trained.bucket, "get", counted)
+
+    planned = trained.start(resume=True)
+
+    assert asked[keys.checkpoint_tensors("model-1", planned.resumes)] == 1
+    assert asked[keys.checkpoint_optimizer("model-1", planned.resumes)] == 1
 
 
 def test_a_start_that_fails_halfway_gives_the_prefix_back(racer, monkeypatch):

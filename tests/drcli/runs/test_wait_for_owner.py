@@ -51,7 +51,7 @@ def said(monkeypatch):
 @pytest.fixture
 def waiting(bucket, time, said, tmp_path):
     def make(*, wait=True):
-        return OwnerWait(bucket, "model", tmp_path, wait, pause=time.pause)
+        return OwnerWait(ModelStore(bucket, "model"), tmp_path, wait, pause=time.pause)
 
     return make
 
