@@ -11,6 +11,7 @@ from drcli.convert.reference_layout import NETWORKS
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
+from drcli.model.files.sensors import SENSORS
 
 LONGEST_NAME = 64
 """Of an imported model. Source: the reference's validation script."""
@@ -73,12 +74,13 @@ def review_actions(
     elif len(space.values) < CONSOLE_ACTIONS:
         what = "action_space has only one action; the console accepts 2 to 30."
         yield problem("V-32", what, "Add an action.")
-    if "DISCRETIZED_SECTOR_LIDAR" in metadata.sensor:
-        yield problem(
-            "V-33",
-            "sensor contains DISCRETIZED_SECTOR_LIDAR; the physical car cannot load such a model.",
-            "Use SECTOR_LIDAR if the model is for the physical car.",
-        )
+    for name in metadata.sensor:
+        if not SENSORS[name].on_car:
+            yield problem(
+                "V-33",
+                f"sensor contains {name}; the physical car cannot load such a model.",
+                "Use SECTOR_LIDAR if the model is for the physical car.",
+            )
     name, accepted = metadata.training_algorithm, metadata.algorithm.console
     if accepted is None:
         what = f"training_algorithm={name}: it works here, but the console does not know it."

@@ -17,6 +17,7 @@ from drcli.config.editing import with_any_value
 from drcli.config.fields import file_problem, setting_problem
 from drcli.config.loading import load_settings
 from drcli.config.presets import MODEL_FILES, Preset, activate_script, model_file, settings_file
+from drcli.config.race_types import RACE_TYPES
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT, content_of, parse_env
 from drcli.config.track_names import to_fetch, track_problem
@@ -169,9 +170,6 @@ CURRICULUM = "curriculum.yaml"
 OVERTAKE = "overtake.py"
 """Near the middle, no car could pass."""
 
-EXAMPLES = {"OBJECT_AVOIDANCE": "rewards/object_avoidance/", "HEAD_TO_BOT": "rewards/head_to_bot/"}
-"""Other races use those at the top."""
-
 IGNORED = "/data/"
 _FIRST_LINE = (
     "# Source this in bash or zsh: source bin/activate.sh [-e EXPERIMENT] [FILE]. Written by "
@@ -221,7 +219,7 @@ def with_curriculum(plan: FolderPlan) -> FolderPlan:
         if name == "run.env":
             data = _filled(data, {"DR_CURRICULUM_FILE": CURRICULUM}, file.name)
             beside = f"{here}/" if here else ""
-            overtake = model_file(f"{EXAMPLES['HEAD_TO_BOT']}reward_function.py")
+            overtake = model_file(f"{RACE_TYPES['HEAD_TO_BOT'].rewards}reward_function.py")
             files.append(NewFile(f"{beside}{CURRICULUM}", model_file(CURRICULUM).read_bytes()))
             files.append(NewFile(f"{beside}{OVERTAKE}", overtake.read_bytes()))
         files.append(NewFile(file.name, data))
@@ -351,7 +349,8 @@ def _custom_files(
     """In a race with others, its reward function wins over the preset's."""
     if files_of_model is not None:
         return [NewFile(f"{folder}/{name}", files_of_model[name]) for name in MODEL_FILES]
-    examples = EXAMPLES.get(race_type.upper(), "")
+    race = RACE_TYPES.get(race_type.upper())
+    examples = race.rewards if race else ""
     mine = {} if preset is None else dict(preset.files)
     if examples:
         mine.pop("reward_function.py", None)

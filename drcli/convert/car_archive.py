@@ -28,6 +28,7 @@ from drcli.convert.tensorflow.graph import Node, decode_graph
 from drcli.convert.tensorflow.interpreter import Graph
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH
 from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.sensors import SENSORS
 
 # Checks whether the physical car can run a frozen graph.
 
@@ -41,13 +42,6 @@ _CONVERTED = frozenset(
     )
 )
 """By all engines of the car. Source: graphs that went through them."""
-
-_SHAPES: Mapping[str, tuple[int, ...]] = {
-    "STEREO_CAMERAS": (FRAME_HEIGHT, FRAME_WIDTH, 2),
-    "LIDAR": (64,),
-    "SECTOR_LIDAR": (8,),
-}
-"""Of the car; one camera's picture for other sensors."""
 
 _SAC_OUTPUT = "network_0/sac_policy_head_0/policy"
 """The reference's; the car does not look there."""
@@ -238,7 +232,10 @@ def _constant(by_name: Mapping[str, Node], name: str) -> int | None:
 
 
 def _shape_of(sensor: str) -> tuple[int, ...]:
-    return _SHAPES.get(sensor, (FRAME_HEIGHT, FRAME_WIDTH, 1))
+    known = SENSORS.get(sensor)
+    if known is None or not known.on_car:
+        return FRAME_HEIGHT, FRAME_WIDTH, 1
+    return (FRAME_HEIGHT, FRAME_WIDTH, known.eyes) if known.eyes else (known.values,)
 
 
 def _sizes(shape: Sequence[int]) -> str:

@@ -16,6 +16,7 @@ from drcli.base.errors import Problem, closest, few, shown
 from drcli.base.report import Col
 from drcli.convert.policy_file import METADATA
 from drcli.model.files.action_space import ActionSpace, Pair
+from drcli.model.files.sensors import SENSORS
 
 # What the physical car makes of a model's actions and sensors.
 
@@ -26,9 +27,7 @@ FULL_THROTTLE = 5 / 6
 _SPEED_STEPS = 5
 _NOTHING = 1e-9
 
-CAR_CAMERAS = ("observation", "FRONT_FACING_CAMERA", "LEFT_CAMERA", "STEREO_CAMERAS")
-CAR_LIDARS = ("LIDAR", "SECTOR_LIDAR")
-CAR_SENSORS = (*CAR_CAMERAS, *CAR_LIDARS)
+CAR_SENSORS = tuple(name for name, sensor in SENSORS.items() if sensor.on_car)
 
 
 @dataclass(frozen=True)
@@ -124,7 +123,7 @@ def action_problems(space: ActionSpace, file: str) -> Iterator[Problem]:
 def sensor_problems(sensors: Sequence[str], file: str) -> Iterator[Problem]:
     """What the car refuses or treats differently."""
     for name in sensors:
-        if name == "DISCRETIZED_SECTOR_LIDAR":
+        if name in SENSORS and not SENSORS[name].on_car:
             what = f"sensor contains {name}, which the car does not know; it refuses the model."
             remedy = "Train with SECTOR_LIDAR, or without a lidar, for the car."
             yield _problem("V-33", file, what, remedy, error=True)
@@ -303,9 +302,7 @@ def read_car_metadata(data: bytes, file: str) -> CarMetadata:
         problems.append(_broken_rule("C-06", file, what, remedy))
         sensors = []
     problems += [
-        _unknown("sensor", name, CAR_SENSORS, file)
-        for name in sensors
-        if name not in CAR_SENSORS and name != "DISCRETIZED_SECTOR_LIDAR"
+        _unknown("sensor", name, CAR_SENSORS, file) for name in sensors if name not in list(SENSORS)
     ]
     algorithm = values.get("training_algorithm", ALGORITHMS[0])
     if algorithm not in ALGORITHMS:

@@ -32,7 +32,7 @@ from drcli.convert.tensorflow.graph import (
 from drcli.convert.tensorflow.interpreter import Graph
 from drcli.learn.encoders import Network
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
-from drcli.model.files.model_metadata import LIDARS
+from drcli.model.files.sensors import LIDARS
 
 Weights = Mapping[str, NDArray[np.float32]]
 LIDAR_FEATURES = 256

@@ -31,7 +31,8 @@ from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
 from drcli.model import keys
 from drcli.model.files.hyperparameters import Hyperparameters
-from drcli.model.files.model_metadata import CAMERAS, LIDARS, SINGLE_CAMERAS, ModelMetadata
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.sensors import CAMERAS, LIDARS, eyes_of, usual_names
 from drcli.records.checkpoint import CheckpointRecord, Counters
 
 # Reads a policy from a TensorFlow checkpoint of the reference.
@@ -186,8 +187,7 @@ def _spec(shapes: Mapping[str, Shape], sensors: Sequence[str], origin: str) -> P
         )
     if num_actions < 1 or (len(sensors) > 1 and scan_dims < 1):
         _refuse(origin, "has a layer without inputs or outputs")
-    eyes = 2 if sensors[0] == "STEREO_CAMERAS" else 1
-    return PolicySpec(num_actions, continuous, network, eyes, scan_dims=scan_dims)
+    return PolicySpec(num_actions, continuous, network, eyes_of(sensors), scan_dims=scan_dims)
 
 
 def _values(
@@ -410,5 +410,4 @@ def _actions(count: int, *, continuous: bool) -> str:
 
 
 def _sensors_of_policy(names: Sequence[str]) -> str:
-    plain = ["FRONT_FACING_CAMERA" if name in SINGLE_CAMERAS else name for name in names]
-    return " and ".join(sorted(plain, key=lambda name: name in LIDARS))
+    return " and ".join(usual_names(names))

@@ -20,7 +20,7 @@ from drcli.convert.tensorflow.interpreter import Graph
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.encoders import MONO
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
-from drcli.model.files.model_metadata import CAMERAS, LIDARS
+from drcli.model.files.sensors import CAMERAS, LIDARS, SENSORS
 
 # Finds the layers of a policy by what operations do.
 #
@@ -280,7 +280,7 @@ def _sensors(graph: Graph) -> dict[str, str]:
     found: dict[str, str] = {}
     for name in graph.inputs:
         sensor = name.rpartition("/")[2]
-        if sensor not in CAMERAS + LIDARS:
+        if sensor not in SENSORS:
             _refuse(graph.origin, f"has the input {shown(name)}, which is not a known sensor")
         if sensor in found:
             _refuse(graph.origin, f"has two inputs for {sensor}")
@@ -296,7 +296,7 @@ def _sensors(graph: Graph) -> dict[str, str]:
 
 def _matched(graph: Graph, sensors: Mapping[str, str], found: Trunk) -> ReadPolicy:
     camera, *lidars = sensors
-    eyes = 2 if camera == "STEREO_CAMERAS" else 1
+    eyes = SENSORS[camera].eyes
     head = found.layers[-1:] or ()
     first = (*found.branches.get(sensors[camera], ()), *found.layers)[:1]
     if not head or first[0].kernel.ndim != 4:

@@ -10,6 +10,8 @@ names below the reference's scopes, with `tf.layers` (the consoles) and `tf.kera
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from drcli.model.files.sensors import SENSORS
+
 SCOPE = "main_level/agent/main/online/"
 Shape = tuple[int, ...]
 
@@ -90,9 +92,9 @@ def reference_layout(
     found: dict[str, Shape] = {}
     for body in BODIES:
         for sensor in sensors:
-            if "CAMERA" in sensor or sensor == "observation":
-                kernels = _CAMERA[network, 2 if sensor == "STEREO_CAMERAS" else 1]
-                features = _FEATURES[network, 2 if sensor == "STEREO_CAMERAS" else 1]
+            if eyes := SENSORS[sensor].eyes:
+                kernels = _CAMERA[network, eyes]
+                features = _FEATURES[network, eyes]
             else:
                 kernels = _dense(scan_dims, _LIDAR_WIDTHS)
             found |= _variables(f"{body}{sensor}/", kernels)

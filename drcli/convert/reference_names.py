@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from drcli.learn.encoders import MONO, STEREO
 from drcli.learn.policy import PolicySpec
-from drcli.model.files.model_metadata import LIDARS
+from drcli.model.files.sensors import LIDARS
 
 PPO_AGENT = "main_level/agent/main/online"
 SAC_AGENT = "main_level/agent/policy/online"
@@ -19,8 +19,6 @@ VALUE_BODY, POLICY_BODY = "network_0", "network_1"
 
 POLICY = "network_1/ppo_head_0/policy"
 """The car looks for this name with SAC too."""
-
-SENSORS = ("FRONT_FACING_CAMERA", "LEFT_CAMERA", "observation", "STEREO_CAMERAS", *LIDARS)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from drcli.convert.policy_file import PolicyFile
 from drcli.learn import distributions
 from drcli.learn.encoders import Network
 from drcli.learn.policy import Observation, Policy, PolicySpec
-from drcli.model.files.model_metadata import CAMERAS, LIDARS, SINGLE_CAMERAS, ModelMetadata
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.sensors import CAMERAS, LIDARS, SENSORS, usual_names
 from drcli.records.evaluation_task import Runtime
 
 # Fits inputs, layouts and output of any graph to its metadata.
@@ -39,7 +40,7 @@ _SAMPLES = 4
 _SUM_TOLERANCE = 0.02
 """Half precision makes errors of 0.001."""
 
-_SENSORS = sorted((*CAMERAS, *LIDARS), key=len, reverse=True)
+_SENSORS = sorted(SENSORS, key=len, reverse=True)
 """LIDAR is a part of other names."""
 
 
@@ -168,7 +169,7 @@ class _Fitting:
             if port is None or wanted is None:
                 continue
             sensor = named[port.name]
-            same = sensor in (None, wanted) or {sensor, wanted} <= set(SINGLE_CAMERAS)
+            same = sensor is None or usual_names([sensor]) == usual_names([wanted])
             if not same:
                 self._refuse(f"has the input {sensor}", f"the sensor {wanted}")
             if port.dtype.kind not in "fui":

@@ -6,9 +6,10 @@ from datetime import UTC, datetime
 
 from drcli.base.clock import date_or_span
 from drcli.base.errors import SettingsError, one_of, shown
+from drcli.config.race_types import RaceKind
 from drcli.config.settings import Settings
-from drcli.model.files.model_metadata import LIDARS
-from drcli.races.race_records import Pairing, RaceKind, RaceRules, Ranking
+from drcli.model.files.sensors import SENSORS
+from drcli.races.race_records import Pairing, RaceRules, Ranking
 from drcli.races.race_settings import frozen_settings, settings_of_rules
 from drcli.races.standings import moment
 
@@ -17,7 +18,7 @@ MOST_LAPS = 100
 
 MOST_PENALTY_S = 600.0
 
-SENSORS = ("FRONT_FACING_CAMERA", "STEREO_CAMERAS", *LIDARS)
+RACE_SENSORS = tuple(name for name, sensor in SENSORS.items() if not sensor.alias_of)
 
 
 @dataclass(frozen=True)
@@ -91,9 +92,9 @@ def rules_of(settings: Settings, options: RaceOptions, now_s: float) -> RaceRule
             remedy="Choose a later time with --closes.",
         )
     for sensor in options.sensors:
-        if sensor not in SENSORS:
+        if sensor not in RACE_SENSORS:
             raise SettingsError(
-                f"--sensor {shown(sensor)} is not a sensor.", remedy=one_of(SENSORS, sensor)
+                f"--sensor {shown(sensor)} is not a sensor.", remedy=one_of(RACE_SENSORS, sensor)
             )
     seed = secrets.randbelow(2**31) if options.seed is None else options.seed
     _check_number("--seed", seed, 0, 2**32 - 1)

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drcli.base.json_record import JsonRecord, RecordError, SafeInt, Seconds, Text, Words
+from drcli.config.race_types import RaceKind
 from drcli.records.iteration import is_clean_lap
 from drcli.records.trace import STATUS_LABELS
 
-RaceKind = Literal["TIME_TRIAL", "OBJECT_AVOIDANCE", "HEAD_TO_BOT", "HEAD_TO_MODEL"]
 Ranking = Literal["best-lap", "best-average", "total-time"]
 Pairing = Literal["round-robin", "bracket"]
 

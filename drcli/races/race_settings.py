@@ -7,6 +7,7 @@ from typing import Any
 from drcli.base.errors import BadValue, Place, ProblemsError
 from drcli.base.installation import lazy_imports
 from drcli.config.fields import setting_problem
+from drcli.config.race_types import RACE_TYPES, RaceKind
 from drcli.config.settings import Settings, catalogue
 from drcli.config.track_names import track_problem
 from drcli.config.value_types import parse_checkpoint
@@ -29,16 +30,16 @@ _ALWAYS = (
     "DR_EVAL_START_",
     "DR_EVAL_RESET_BEHIND_DIST",
 )
-_OBJECTS = {"OBJECT_AVOIDANCE": ("DR_OA_",), "HEAD_TO_BOT": ("DR_H2B_",)}
 
 
-def frozen_settings(settings: Settings, race_type: str) -> dict[str, str]:
+def frozen_settings(settings: Settings, race_type: RaceKind) -> dict[str, str]:
     """Settings of the laps, for the rules; later changes do not matter."""
-    names = (*_ALWAYS, *_OBJECTS.get(race_type, ()))
+    race = RACE_TYPES[race_type]
+    names = (*_ALWAYS, race.settings) if race.settings else _ALWAYS
     return {
         name: setting.text(getattr(settings, setting.field))
         for name, setting in catalogue().items()
-        if name.startswith(names) and not (race_type == "HEAD_TO_MODEL" and "_START_" in name)
+        if name.startswith(names) and not (not race.trainable and "_START_" in name)
     }
 
 
@@ -90,7 +91,7 @@ def check_track(settings: Settings) -> None:
     problem = track_problem(settings.race)
     if problem is not None:  # also one that could be fetched: a race needs it now
         raise ProblemsError([replace(problem, severity="error")])
-    if settings.race_type in _OBJECTS:
+    if RACE_TYPES[settings.race_type].settings:
         build_race.load_race(settings.race, build_race.load_world(settings.race))
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from drcli.config.race_types import RACE_TYPES
 from drcli.races.lap_ranking import LapFigures, sum_s
 from drcli.races.race_records import DrivenLap, RaceRules
 from drcli.races.race_settings import shown_settings
@@ -10,12 +11,6 @@ from drcli.records.iteration import counted_resets
 from drcli.records.iteration import lap_time as time_with_penalty
 
 NONE = "\N{EN DASH}"
-_KINDS = {
-    "TIME_TRIAL": "time trial",
-    "OBJECT_AVOIDANCE": "object avoidance",
-    "HEAD_TO_BOT": "head to bot",
-    "HEAD_TO_MODEL": "head to head",
-}
 
 
 def lap_time(seconds: float | None) -> str:
@@ -50,7 +45,7 @@ def lap_of(lap: DrivenLap) -> str:
 
 
 def kind(rules: RaceRules) -> str:
-    return _KINDS[rules.race_type]
+    return RACE_TYPES[rules.race_type].words
 
 
 def decides(rules: RaceRules) -> str:

@@ -17,8 +17,9 @@ from drcli.config.settings import Settings
 from drcli.config.value_types import parse_checkpoint
 from drcli.model import keys, race_keys
 from drcli.model.checkpoint_choice import OUR_PARTS, take_choice
-from drcli.model.files.model_metadata import SINGLE_CAMERAS, ModelMetadata
+from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import own_files
+from drcli.model.files.sensors import usual_names
 from drcli.model.model_prefix import what_helps
 from drcli.model.model_store import ModelStore
 from drcli.races.lap_ranking import same_racer
@@ -247,8 +248,7 @@ def _check_model(bucket: Bucket, model: str, checkpoint: str, rules: RaceRules, 
     except (ProblemsError, RecordError) as error:
         remedy = getattr(error, "remedy", "") or "Repair that file."
         raise SettingsError(str(error), remedy=remedy) from error
-    sensors = ["FRONT_FACING_CAMERA" if name in SINGLE_CAMERAS else name for name in used]
-    wrong = [name for name in sensors if name not in rules.sensors]
+    wrong = [name for name in usual_names(used) if name not in rules.sensors]
     if rules.sensors and wrong:
         raise SettingsError(
             f"{url} uses {' and '.join(wrong)}, but race {race} allows only "

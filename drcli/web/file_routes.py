@@ -19,12 +19,11 @@ from drcli.model.files.custom_files import InputFile
 from drcli.model.files.data_file import read_json_object
 from drcli.model.files.hyperparameters import KEYS, OWN_KEYS, TEXTS, Hyperparameters
 from drcli.model.files.model_metadata import (
-    CAMERAS,
-    LIDARS,
     RULES,
     ModelMetadata,
     Network,
 )
+from drcli.model.files.sensors import CAMERAS, LIDARS, SENSORS
 from drcli.model.keys import HYPERPARAMETERS_FILE, MODEL_METADATA_FILE
 from drcli.transfer.action_space_change import metadata_text, with_metadata
 from drcli.web.answers import BadRequest, accepts, answers, placed, text_of
@@ -189,7 +188,9 @@ def action_space_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "cameras": CAMERAS,
             "lidars": LIDARS,
             "algorithms": list(ALGORITHMS),
-            "words": {each.name: each.words for each in ALGORITHMS.values()},
+            "words": {name: each.words for name, each in ALGORITHMS.items()}
+            | {name: each.words for name, each in SENSORS.items()},
+            "old_names": [name for name, sensor in SENSORS.items() if sensor.alias_of],
             "networks": get_args(Network),
             "limits": USUAL,
             "many_actions": MANY_ACTIONS,

@@ -10,6 +10,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import SettingsError
+from drcli.config.race_types import RaceKind
 from drcli.model import keys, race_keys
 from drcli.model.checkpoint_choice import best_and_last
 from drcli.model.model_list import list_models
@@ -24,8 +25,14 @@ from drcli.races.organise import (
     options_of,
 )
 from drcli.races.race_export import csv_of, race_page, videos_of
-from drcli.races.race_options import SENSORS, RaceOptions, object_settings, parse_time, rules_of
-from drcli.races.race_records import Pairing, RaceKind, Ranking
+from drcli.races.race_options import (
+    RACE_SENSORS,
+    RaceOptions,
+    object_settings,
+    parse_time,
+    rules_of,
+)
+from drcli.races.race_records import Pairing, Ranking
 from drcli.races.race_settings import settings_of_rules, shown_settings
 from drcli.races.stored_race import is_race_id, race_id, read_rules
 from drcli.tracks.track_list import list_tracks
@@ -152,7 +159,7 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         tracks = [track.name for track in list_tracks(settings.tracks_folder, memory).tracks]
         return {
             "tracks": tracks,
-            "sensors": list(SENSORS),
+            "sensors": list(RACE_SENSORS),
             "world": settings.world_name,
             "off_track_penalty_s": settings.eval_off_track_penalty,
             "collision_penalty_s": settings.eval_collision_penalty,

@@ -47,3 +47,9 @@ class RewardError(RuntimeError):
         self.params: dict[str, Any] = dict(params or {})
         self.kind = kind
         self.reason = reason
+
+
+def require(good: bool, name: str, value: object, what: str) -> None:
+    """Raise ValueError for a value that does not fit; it must `what`."""
+    if not good:
+        raise ValueError(f"{name} is {value}; it must {what}.")

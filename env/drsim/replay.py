@@ -10,7 +10,6 @@ import math
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,29 +31,20 @@ _REMAINDERS = {"all": (0, 1), "even": (0,), "odd": (1,)}
 _ALL_CARS = "all"
 
 
-@dataclass(frozen=True)
-class Fidelity:
-    """Errors a horizon ahead; nine of ten windows are within `p90_m`."""
-
-    median_m: float
-    p90_m: float
-    median_yaw_deg: float
-    windows: int
-    bicycle_median_m: float
-    bicycle_median_yaw_deg: float
-    driven_median_m: float
+Fidelity = dict[str, float]
+"""Errors a horizon ahead by name; nine of ten windows are within `p90_m`."""
 
 
 def summary(windows: Windows) -> Fidelity:
-    return Fidelity(
-        median_m=float(np.median(windows.position_m)),
-        p90_m=float(np.percentile(windows.position_m, 90)),
-        median_yaw_deg=float(np.median(windows.yaw_deg)),
-        windows=len(windows.position_m),
-        bicycle_median_m=float(np.median(windows.bicycle_position_m)),
-        bicycle_median_yaw_deg=float(np.median(windows.bicycle_yaw_deg)),
-        driven_median_m=float(np.median(windows.driven_m)),
-    )
+    return {
+        "median_m": float(np.median(windows.position_m)),
+        "p90_m": float(np.percentile(windows.position_m, 90)),
+        "median_yaw_deg": float(np.median(windows.yaw_deg)),
+        "windows": len(windows.position_m),
+        "bicycle_median_m": float(np.median(windows.bicycle_position_m)),
+        "bicycle_median_yaw_deg": float(np.median(windows.bicycle_yaw_deg)),
+        "driven_median_m": float(np.median(windows.driven_m)),
+    }
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -161,7 +151,7 @@ def _as_json(
             name: None if isinstance(value, float) and math.isnan(value) else value
             for name, value in vars(agreement).items()
         }
-    cars = [{"car": car, **vars(report)} for car, report in reports.items()]
+    cars: list[dict[str, Any]] = [{"car": car, **report} for car, report in reports.items()]
     if options.car == _ALL_CARS:
         return {"cars": cars, "track": track}
     if options.car is None:
@@ -174,17 +164,17 @@ def _as_text(
 ) -> str:
     first = next(iter(reports.values()))
     rows = [
-        f"{options.horizon:g} s ahead, medians of {first.windows} windows in {options.episodes} "
-        f"episodes, {first.driven_median_m:.2f} m driven"
+        f"{options.horizon:g} s ahead, medians of {first['windows']} windows in {options.episodes} "
+        f"episodes, {first['driven_median_m']:.2f} m driven"
     ]
     rows += [
-        f"  {car if options.car else 'our car':9} {report.median_m:7.3f} m "
-        f"{report.median_yaw_deg:6.1f} degrees off; 9 of 10 within {report.p90_m:.3f} m"
+        f"  {car if options.car else 'our car':9} {report['median_m']:7.3f} m "
+        f"{report['median_yaw_deg']:6.1f} degrees off; 9 of 10 within {report['p90_m']:.3f} m"
         for car, report in reports.items()
     ]
     rows.append(
-        f"  bicycle   {first.bicycle_median_m:7.3f} m "
-        f"{first.bicycle_median_yaw_deg:6.1f} degrees off, following at once"
+        f"  bicycle   {first['bicycle_median_m']:7.3f} m "
+        f"{first['bicycle_median_yaw_deg']:6.1f} degrees off, following at once"
     )
     text = "\n".join(rows)
     if agreement is None:

@@ -29,7 +29,8 @@ from drcli.base.errors import DrError, SettingsError, one_of, shown
 from drcli.convert.tensorflow.graph import decode_graph
 from drcli.convert.tensorflow.interpreter import Graph
 from drcli.drive.build_race import actions_of, longest_episode, sensors_of_model
-from drcli.model.files.model_metadata import LIDARS, ModelMetadata
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.sensors import LIDARS
 from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import centre_line_reward

@@ -15,6 +15,7 @@ from drcli.base.report import counted
 from drcli.cli import completion, prompts, terminal
 from drcli.cli.options import force_option, in_options, world_option
 from drcli.cli.working_folder import current_folder, working_folder
+from drcli.config.race_types import RACE_TYPES
 
 if TYPE_CHECKING:
     from drcli.transfer.ready_made import ReadyMadeModel
@@ -39,6 +40,8 @@ OPTIONS = {
 TAUGHT_PRESETS = ("virtual",)
 """A teacher brings fast laps sooner; to stay on the road is learned as soon without."""
 
+_TRAINABLE = [name for name, race in RACE_TYPES.items() if race.trainable]
+
 
 def init(
     folder: Annotated[
@@ -51,7 +54,7 @@ def init(
         typer.Option(
             "--race-type",
             metavar="TYPE",
-            help="TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, or for evaluations HEAD_TO_MODEL.",
+            help=f"{', '.join(_TRAINABLE)}, or for evaluations HEAD_TO_MODEL.",
             autocompletion=completion.race_types,
         ),
     ] = None,
@@ -251,9 +254,8 @@ def with_answers(
                 values[name] = answer
 
     clouds = completion.clouds()
-    trainable = [kind for kind in completion.race_types() if kind != "HEAD_TO_MODEL"]
     ask_for("DR_WORLD_NAME", "Track (`dr-tracks list` shows them)", "reinvent_base")
-    ask_for("DR_RACE_TYPE", "Race", trainable[0], trainable)
+    ask_for("DR_RACE_TYPE", "Race", _TRAINABLE[0], _TRAINABLE)
     ask_for("DR_LOCAL_S3_MODEL_PREFIX", "Name of the model", "rl-deepracer-sagemaker")
     ask_for("DR_CLOUD", "Where the bucket is", clouds[0], clouds)
     if values["DR_CLOUD"] != "local":

@@ -26,7 +26,8 @@ from drcli.cli.race_access import Closes, Race, found_race, open_races, print_ra
 from drcli.cli.show import drawn
 from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings
-from drcli.races.race_records import Pairing, RaceKind, Ranking
+from drcli.config.race_types import RACE_TYPES, RaceKind
+from drcli.races.race_records import Pairing, Ranking
 from drcli.races.race_report import RaceList
 from drcli.races.race_settings import settings_of_rules
 from drcli.races.stored_race import read_rules
@@ -65,7 +66,7 @@ RaceType = Annotated[
     typer.Option(
         "--type",
         metavar="TYPE",
-        help="TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, HEAD_TO_MODEL.",
+        help=f"{', '.join(RACE_TYPES)}.",
         case_sensitive=False,
     ),
 ]

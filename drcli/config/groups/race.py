@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Literal
 
 from drcli.config.fields import Group, setting
+from drcli.config.race_types import RaceKind
 from drcli.config.value_types import (
     USUAL_CAR,
     CarName,
@@ -30,9 +31,7 @@ class RaceSettings(Group, title="Race and car"):
     world_name: WorldName = setting(
         "DR_WORLD_NAME", "reinvent_base", "Track to drive on: its name, or the path of a .npy file."
     )
-    race_type: Literal["TIME_TRIAL", "OBJECT_AVOIDANCE", "HEAD_TO_BOT", "HEAD_TO_MODEL"] = setting(
-        "DR_RACE_TYPE", "TIME_TRIAL", "Kind of race."
-    )
+    race_type: RaceKind = setting("DR_RACE_TYPE", "TIME_TRIAL", "Kind of race.")
     tracks_dir: Path | None = setting(
         "DR_TRACKS_DIR", None, "Folder with your own tracks, one .npy file each; tracks/ if empty."
     )

@@ -29,6 +29,7 @@ from drcli.model.files.data_file import (
     problems_of,
     read_json_object,
 )
+from drcli.model.files.sensors import CAMERAS, CONFIGURED_LIDARS, LIDARS, SENSORS, eyes_of
 
 Network = Literal[
     "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
@@ -38,11 +39,6 @@ Network = Literal[
 ]
 """Includes a small one that learns faster."""
 SpaceType = Literal["discrete", "continuous"]
-
-SINGLE_CAMERAS = ("FRONT_FACING_CAMERA", "observation", "LEFT_CAMERA")
-"""All name the same grey picture."""
-CAMERAS = (*SINGLE_CAMERAS, "STEREO_CAMERAS")
-LIDARS = ("LIDAR", "SECTOR_LIDAR", "DISCRETIZED_SECTOR_LIDAR")
 
 _LIDAR = {"num_sectors": 8, "num_values_per_sector": 8, "clipping_dist": 2.0}
 _LIDAR_EXAMPLES: dict[str, Any] = {"lidar_config": _LIDAR, **_LIDAR}
@@ -149,14 +145,13 @@ class ModelMetadata:
 
     @property
     def eyes(self) -> int:
-        return 2 if "STEREO_CAMERAS" in self.sensor else 1
+        return eyes_of(self.sensor)
 
     @property
     def scan_dims(self) -> int:
         """Source: the reference simulator's filters."""
-        discretized = self.lidar.num_sectors * self.lidar.num_values_per_sector
-        values = {"LIDAR": 64, "SECTOR_LIDAR": 8, "DISCRETIZED_SECTOR_LIDAR": discretized}
-        return sum(values.get(name, 0) for name in self.sensor)
+        configured = self.lidar.num_sectors * self.lidar.num_values_per_sector
+        return sum(SENSORS[name].values or configured for name in self.sensor if name in LIDARS)
 
     @property
     def algorithm(self) -> Algorithm:
@@ -169,8 +164,8 @@ class ModelMetadata:
 
 def _read(file: JsonFile) -> ModelMetadata:
     values = {"version": "2.0" if "sensor" in file.values else "1.0", **file.values}
-    if "DISCRETIZED_SECTOR_LIDAR" not in str(values.get("sensor")):
-        values.pop("lidar_config", None)  # it is only used with that sensor
+    if not any(name in str(values.get("sensor")) for name in CONFIGURED_LIDARS):
+        values.pop("lidar_config", None)  # it is only used with these sensors
     continuous = isinstance(values.get("action_space"), dict)
     problems = [*_unknown_keys(file), *_other_type(file)]
 

@@ -9,7 +9,8 @@ from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
 from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.files.hyperparameters import Hyperparameters
-from drcli.model.files.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.files.sensors import CONFIGURED_LIDARS, usual_names
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointRecord
 
@@ -148,10 +149,8 @@ def _difference(where: str, key: str, before: str, now: str, model: str) -> Prob
 
 
 def _sensors(metadata: ModelMetadata) -> str:
-    """Several names mean the same grey picture."""
-    names = ["FRONT_FACING_CAMERA" if s in SINGLE_CAMERAS else s for s in metadata.sensor]
-    seen = sorted(names, key=lambda name: name in LIDARS)
-    if "DISCRETIZED_SECTOR_LIDAR" in seen:
+    seen = usual_names(metadata.sensor)
+    if seen[-1] in CONFIGURED_LIDARS:
         lidar = metadata.lidar
         return f"{'+'.join(seen)} ({lidar.num_sectors} x {lidar.num_values_per_sector})"
     return "+".join(seen)

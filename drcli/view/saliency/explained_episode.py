@@ -14,7 +14,7 @@ from drcli.drive.driving import Driven, Driver, Racer
 from drcli.drive.evaluator import start_of
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.records.trace import STATUS_LABELS, Row
-from drcli.view.saliency.maps import SaliencyMaps, lidar_sectors, saliency_maps
+from drcli.view.saliency.maps import SaliencyMaps, saliency_maps
 from drcli.view.saliency.policy_outputs import ExplainedPolicy, Float32s, PolicyOutputs, outputs_of
 from drcli.view.saliency.saliency_options import FINE_SPACING, METHODS, Method, Target
 from drsim.episode.episode_rules import EpisodeRules
@@ -222,7 +222,7 @@ def sector_bearings(subject: ExplainedPolicy) -> list[tuple[float, float]]:
     half = (bearings[1] - bearings[0]) / 2.0
     return [
         (float(part[0] - half), float(part[-1] + half))
-        for part in np.array_split(bearings, lidar_sectors(subject))
+        for part in np.array_split(bearings, subject.sensors.sectors)
     ]
 
 

@@ -145,9 +145,6 @@ _PATCH = 0.75
 _ROWS_AT_A_TIME = 128
 """Their activations stay in the cache."""
 
-_LIDAR_GROUP = 4
-"""One ray of 64 matters little."""
-
 
 def perturbation_maps(
     subject: ExplainedPolicy, seen: Observation, target: Target = "action", spacing: int = 8
@@ -201,7 +198,7 @@ def lidar_maps(
     nothing = np.full((1, len(subject.sensors.lidar_model.bearings_rad)), np.inf, np.float32)
     empty = torch.from_numpy(subject.sensors.process(nothing)[0])
     values = len(empty)
-    sectors = lidar_sectors(subject)
+    sectors = subject.sensors.sectors
     maps = np.zeros((len(seen.frames), sectors), np.float32)
     hides = torch.eye(sectors, dtype=torch.bool).repeat_interleave(values // sectors, dim=1)
     for step in range(len(seen.frames)):
@@ -209,13 +206,6 @@ def lidar_maps(
         frames = seen.frames[step].expand(sectors, -1, -1, -1)
         maps[step] = _change(subject, seen, step, target, frames, scans)
     return maps
-
-
-def lidar_sectors(subject: ExplainedPolicy) -> int:
-    sensors = subject.sensors
-    if sensors.lidar == "LIDAR":
-        return sensors.num_values // _LIDAR_GROUP
-    return sensors.num_values if sensors.lidar == "SECTOR_LIDAR" else sensors.num_sectors
 
 
 def unit_of(target: Target, *, continuous: bool) -> str:

@@ -12,13 +12,6 @@ const WORDS = {
   DEEP_CONVOLUTIONAL_NETWORK: "middle, of the reference",
   DEEP_CONVOLUTIONAL_NETWORK_DEEP: "deep, of the reference",
   COMPACT_CONVOLUTIONAL_NETWORK: "compact: learns fastest",
-  FRONT_FACING_CAMERA: "one camera to the front",
-  observation: "one camera (old name)",
-  LEFT_CAMERA: "one camera (old name)",
-  STEREO_CAMERAS: "two cameras, side by side",
-  LIDAR: "lidar, 64 distances",
-  SECTOR_LIDAR: "lidar, 8 sectors",
-  DISCRETIZED_SECTOR_LIDAR: "lidar, sectors in steps",
 };
 let count = 0;
 
@@ -63,16 +56,16 @@ export function actionSteps(facts, { saved, algorithmChanged }, signal) {
 
   const camera = choice(
     facts.cameras.filter(
-      (name) =>
-        !["observation", "LEFT_CAMERA"].includes(name) || facts.values.sensor?.includes(name),
+      (name) => !facts.old_names.includes(name) || facts.values.sensor?.includes(name),
     ),
     changed,
+    facts.words,
   );
   const lidar = h(
     "select",
     { change: changed },
     h("option", { value: "" }, "none"),
-    facts.lidars.map((value) => h("option", { value }, WORDS[value])),
+    facts.lidars.map((value) => h("option", { value }, facts.words[value])),
   );
   const algorithm = choice(
     facts.algorithms,

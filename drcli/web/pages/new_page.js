@@ -6,6 +6,7 @@ import { confirmed, failure, fill, h, notify, prose } from "/dom.js";
 import { guardLeaving, settingsStep } from "/edit_step.js";
 import { hyperparameterStep } from "/hyperparameter_form.js";
 import { rewardStep } from "/reward_form.js";
+import { KIND_NOTES, OBJECT_SETTINGS } from "/race_words.js";
 import { problemList } from "/setting_fields.js";
 import { startSteps } from "/start_form.js";
 import { trackPicker } from "/track_picker.js";
@@ -151,17 +152,10 @@ function build(
   function showRace() {
     const type = race.fields.get("DR_RACE_TYPE").value;
     for (const [name, field] of race.fields) {
-      if (name.startsWith("DR_OA_")) field.element.hidden = type !== "OBJECT_AVOIDANCE";
-      if (name.startsWith("DR_H2B_")) field.element.hidden = type !== "HEAD_TO_BOT";
+      for (const [kind, prefix] of Object.entries(OBJECT_SETTINGS))
+        if (name.startsWith(prefix)) field.element.hidden = type !== kind;
     }
-    const note = {
-      OBJECT_AVOIDANCE:
-        'The template "object avoidance" of the reward function is made for this race.',
-      HEAD_TO_BOT: 'The template "head to bot" of the reward function is made for this race.',
-      HEAD_TO_MODEL:
-        "Two trained models race; it is for evaluations only. Choose another race to train.",
-    }[type];
-    raceNote.textContent = note ?? "";
+    raceNote.textContent = KIND_NOTES[type] ?? "";
   }
 
   const { sensors, actions, algorithm } = actionSteps(

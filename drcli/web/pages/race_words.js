@@ -22,6 +22,15 @@ export const KINDS = {
   HEAD_TO_BOT: "Head to bot",
   HEAD_TO_MODEL: "Head to head, in pairs",
 };
+export const OBJECT_SETTINGS = { OBJECT_AVOIDANCE: "DR_OA_", HEAD_TO_BOT: "DR_H2B_" };
+/** For a page that prepares a training. */
+export const KIND_NOTES = {
+  OBJECT_AVOIDANCE:
+    'The template "object avoidance" of the reward function is made for this race.',
+  HEAD_TO_BOT: 'The template "head to bot" of the reward function is made for this race.',
+  HEAD_TO_MODEL:
+    "Two trained models race; it is for evaluations only. Choose another race to train.",
+};
 export const RANKINGS = {
   "best-lap": "Best lap",
   "best-average": "Best average of laps in a row",

@@ -304,32 +304,23 @@ def _poses_of(
     forward_m, _, up_m = mount_m
     cos_pitch, sin_pitch = math.cos(pitch_rad), math.sin(pitch_rad)
     for i in range(qpos.shape[0]):
-        x, y, z = qpos[i, 0], qpos[i, 1], qpos[i, 2]
+        at = (qpos[i, 0], qpos[i, 1], qpos[i, 2])
         w, a, b, c = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]
-        # Columns of the car's rotation matrix: forward, left, up.
-        fx, fy, fz = 1 - 2 * (b * b + c * c), 2 * (a * b + w * c), 2 * (a * c - w * b)
-        lx, ly, lz = 2 * (a * b - w * c), 1 - 2 * (a * a + c * c), 2 * (b * c + w * a)
-        ux, uy, uz = 2 * (a * c + w * b), 2 * (b * c - w * a), 1 - 2 * (a * a + b * b)
-        origin_xy[i, 0] = x
-        origin_xy[i, 1] = y
-        # The body's own x axis, pitch and all, as the reference rotates that point.
-        front_xy[i, 0] = x + fx * REFERENCE_POINT_AHEAD_M
-        front_xy[i, 1] = y + fy * REFERENCE_POINT_AHEAD_M
-        yaw_rad[i] = math.atan2(fy, fx)
-        for k in range(4):
-            wx, wy, wz = WHEELS_M[k, 0], WHEELS_M[k, 1], WHEELS_M[k, 2]
-            wheel_xy[i, k, 0] = x + fx * wx + lx * wy + ux * wz
-            wheel_xy[i, k, 1] = y + fy * wx + ly * wy + uy * wz
-        lens_pos[i, 0] = x + fx * forward_m + ux * up_m
-        lens_pos[i, 1] = y + fy * forward_m + uy * up_m
-        lens_pos[i, 2] = z + fz * forward_m + uz * up_m
-        lens_mat[i, 0, 0] = fx * cos_pitch - ux * sin_pitch
-        lens_mat[i, 1, 0] = fy * cos_pitch - uy * sin_pitch
-        lens_mat[i, 2, 0] = fz * cos_pitch - uz * sin_pitch
-        lens_mat[i, 0, 1] = lx
-        lens_mat[i, 1, 1] = ly
-        lens_mat[i, 2, 1] = lz
-        lens_mat[i, 0, 2] = fx * sin_pitch + ux * cos_pitch
-        lens_mat[i, 1, 2] = fy * sin_pitch + uy * cos_pitch
-        lens_mat[i, 2, 2] = fz * sin_pitch + uz * cos_pitch
+        # Columns of the car's rotation matrix.
+        forward = (1 - 2 * (b * b + c * c), 2 * (a * b + w * c), 2 * (a * c - w * b))
+        left = (2 * (a * b - w * c), 1 - 2 * (a * a + c * c), 2 * (b * c + w * a))
+        up = (2 * (a * c + w * b), 2 * (b * c - w * a), 1 - 2 * (a * a + b * b))
+        for k in range(2):
+            origin_xy[i, k] = at[k]
+            # The body's own x axis, pitch and all, as the reference rotates that point.
+            front_xy[i, k] = at[k] + forward[k] * REFERENCE_POINT_AHEAD_M
+            for wheel in range(4):
+                wx, wy, wz = WHEELS_M[wheel, 0], WHEELS_M[wheel, 1], WHEELS_M[wheel, 2]
+                wheel_xy[i, wheel, k] = at[k] + forward[k] * wx + left[k] * wy + up[k] * wz
+        yaw_rad[i] = math.atan2(forward[1], forward[0])
+        for k in range(3):
+            lens_pos[i, k] = at[k] + forward[k] * forward_m + up[k] * up_m
+            lens_mat[i, k, 0] = forward[k] * cos_pitch - up[k] * sin_pitch
+            lens_mat[i, k, 1] = left[k]
+            lens_mat[i, k, 2] = forward[k] * sin_pitch + up[k] * cos_pitch
         speed[i] = math.hypot(qvel[i, 0], qvel[i, 1])

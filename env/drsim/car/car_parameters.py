@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from drsim.errors import require
+
 MAX_STEERING_DEG = 30.0
 MIN_SPEED_MPS = 0.1
 MAX_SPEED_MPS = 4.0
@@ -68,22 +70,18 @@ class CarParameters:
         for name, value in vars(self).items():
             if name in _MAY_BE_NEGATIVE:
                 continue
-            if not 0.0 <= value < math.inf or (value == 0.0 and name not in _MAY_BE_ZERO):
-                least = "0 or more" if name in _MAY_BE_ZERO else "more than 0"
-                raise ValueError(f"{name} is {value}; it must be {least}.")
+            zero = name in _MAY_BE_ZERO
+            least = "be 0 or more" if zero else "be more than 0"
+            require(0.0 <= value < math.inf and (value > 0.0 or zero), name, value, least)
         for name in ("steering_left_deg", "steering_right_deg", "steering_trim_deg"):
             value = getattr(self, name)
-            if not abs(value) <= MOST_LOCK_DEG:
-                raise ValueError(f"{name} is {value}; it must be at most {MOST_LOCK_DEG:g}.")
-        if self.max_speed_mps <= MIN_SPEED_MPS:
-            raise ValueError(
-                f"max_speed_mps is {self.max_speed_mps}; it must be more than {MIN_SPEED_MPS}, the "
-                "least speed of a car."
-            )
-        if self.tyre_impedance >= 1.0:
-            raise ValueError(f"tyre_impedance is {self.tyre_impedance}; it must be less than 1.")
-        if self.substeps != int(self.substeps):
-            raise ValueError(f"substeps is {self.substeps}; it must be a whole number.")
+            require(abs(value) <= MOST_LOCK_DEG, name, value, f"be at most {MOST_LOCK_DEG:g}")
+        fastest, impedance = self.max_speed_mps, self.tyre_impedance
+        least = f"be more than {MIN_SPEED_MPS}, the least speed of a car"
+        require(fastest > MIN_SPEED_MPS, "max_speed_mps", fastest, least)
+        require(impedance < 1.0, "tyre_impedance", impedance, "be less than 1")
+        whole = self.substeps == int(self.substeps)
+        require(whole, "substeps", self.substeps, "be a whole number")
 
 
 # Car parameters by name: the cars that models of other years have learned.

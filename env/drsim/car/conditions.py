@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from drsim.arrays import Bools, Bytes, Floats, Ints, Seeds, Singles, Vector
+from drsim.errors import require
 from drsim.jit import kernel
 
 _FACTORS = ("brightness", "friction", "mass", "battery", "steering_left", "steering_right")
@@ -60,26 +61,22 @@ class Conditions:
 
     def __post_init__(self) -> None:
         """Raise ValueError for a value that cannot be."""
-        for name in _FACTORS:
-            if not 0.0 < getattr(self, name) <= MOST_FACTOR:
-                self._refuse(name, f"more than 0 and at most {MOST_FACTOR:g}")
-        for name in _SHARES:
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                self._refuse(name, "0 .. 1")
-        for name in _NOT_NEGATIVE:
-            if not 0.0 <= getattr(self, name) < math.inf:
-                self._refuse(name, "0 or more")
-        for name in ("camera_turn_deg", "camera_shift_m"):
-            values = getattr(self, name)
-            if len(values) != 3 or not all(math.isfinite(value) for value in values):
-                self._refuse(name, "three finite numbers")
-        if not abs(self.steering_trim_deg) <= MOST_TRIM_DEG:
-            self._refuse("steering_trim_deg", f"within {MOST_TRIM_DEG:g} degrees to either side")
-        if not 0 <= self.pattern < 2**64:
-            self._refuse("pattern", "a whole number from 0 to 2**64 - 1")
-
-    def _refuse(self, name: str, allowed: str) -> None:
-        raise ValueError(f"{name} is {getattr(self, name)}; it must be {allowed}.")
+        for name, value in vars(self).items():
+            if name in _FACTORS:
+                most = f"be more than 0 and at most {MOST_FACTOR:g}"
+                require(0.0 < value <= MOST_FACTOR, name, value, most)
+            elif name in _SHARES:
+                require(0.0 <= value <= 1.0, name, value, "be 0 .. 1")
+            elif name in _NOT_NEGATIVE:
+                require(0.0 <= value < math.inf, name, value, "be 0 or more")
+            elif name in ("camera_turn_deg", "camera_shift_m"):
+                good = len(value) == 3 and all(math.isfinite(each) for each in value)
+                require(good, name, value, "be three finite numbers")
+        trim, pattern = self.steering_trim_deg, self.pattern
+        most = f"be within {MOST_TRIM_DEG:g} degrees to either side"
+        require(abs(trim) <= MOST_TRIM_DEG, "steering_trim_deg", trim, most)
+        whole = "be a whole number from 0 to 2**64 - 1"
+        require(0 <= pattern < 2**64, "pattern", pattern, whole)
 
     @property
     def changes_car(self) -> bool:
@@ -146,19 +143,11 @@ class Realism:
     def __post_init__(self) -> None:
         """Raise ValueError for a value that cannot be."""
         for name, value in vars(self).items():
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"{name} is {value}; it must be 0 or more.")
-        for name in _LESS_THAN_1:
-            if getattr(self, name) >= 1.0:
-                raise ValueError(f"{name} is {getattr(self, name)}; it must be less than 1.")
-        for name in ("glare", "reflections"):
-            if getattr(self, name) > 1.0:
-                raise ValueError(f"{name} is {getattr(self, name)}; it must be at most 1.")
-        if self.steering_trim_deg > MOST_TRIM_DEG:
-            raise ValueError(
-                f"steering_trim_deg is {self.steering_trim_deg}; it must be at most "
-                f"{MOST_TRIM_DEG:g}."
-            )
+            require(0.0 <= value < math.inf, name, value, "be 0 or more")
+            require(name not in _LESS_THAN_1 or value < 1.0, name, value, "be less than 1")
+            require(name not in _SHARES or value <= 1.0, name, value, "be at most 1")
+        trim, most = self.steering_trim_deg, f"be at most {MOST_TRIM_DEG:g}"
+        require(trim <= MOST_TRIM_DEG, "steering_trim_deg", trim, most)
 
     @property
     def longest_latency_s(self) -> float:
@@ -307,8 +296,7 @@ def _rotation(angles_rad: Floats) -> Floats:
     roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    rotation: Floats = yaw @ pitch @ roll
-    return rotation
+    return np.asarray(yaw @ pitch @ roll)
 
 
 @kernel
@@ -353,24 +341,25 @@ def _normal(state: int) -> float:
 
 @kernel
 def _blur(picture: Singles, sigma_px: float) -> None:
-    rows, columns = picture.shape
     reach = min(max(int(3.0 * sigma_px + 0.5), 1), _WIDEST_BLUR)
     weights = np.empty(2 * reach + 1, np.float32)
     for k in range(-reach, reach + 1):
         weights[k + reach] = math.exp(-0.5 * (k / sigma_px) ** 2)
     weights /= weights.sum()
-    line = np.empty(max(rows, columns), np.float32)
+    _smear(picture, weights)
+    _smear(picture.T, weights)
+
+
+@kernel
+def _smear(picture: Singles, weights: Singles) -> None:
+    """Along each row."""
+    rows, columns = picture.shape
+    reach = len(weights) // 2
+    line = np.empty(columns, np.float32)
     for row in range(rows):
-        line[:columns] = picture[row]
+        line[:] = picture[row]
         for column in range(columns):
             total = np.float32(0.0)
             for k in range(-reach, reach + 1):
                 total += weights[k + reach] * line[min(max(column + k, 0), columns - 1)]
-            picture[row, column] = total
-    for column in range(columns):
-        line[:rows] = picture[:, column]
-        for row in range(rows):
-            total = np.float32(0.0)
-            for k in range(-reach, reach + 1):
-                total += weights[k + reach] * line[min(max(row + k, 0), rows - 1)]
             picture[row, column] = total

@@ -1,7 +1,7 @@
 """Chooses what moves the cars: MuJoCo on threads, or MuJoCo Warp on a GPU."""
 
 import importlib.util
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, Protocol
 
 import mujoco
 import numpy as np
@@ -61,18 +61,19 @@ class MujocoPhysics:
     def vary(self, cars: Ints, variation: Variation) -> None:
         self._varied = True
         v, batch, model = variation, self._batch, self.model
-        if _is_other(v.friction, 1.0) or batch.expanded("pair_friction") is not None:
-            batch.expand("pair_friction")[cars] = model.pair_friction * v.friction[:, None, None]
-        if _is_other(v.mass, 1.0) or batch.expanded("body_mass") is not None:
-            batch.expand("body_mass")[cars] = model.body_mass * v.mass[:, None]
-            batch.expand("body_inertia")[cars] = model.body_inertia * v.mass[:, None, None]
+        torque = np.repeat(model.actuator_forcerange[None], len(cars), axis=0)
+        torque[:, 2:] *= v.battery[:, None, None]  # the first two motors steer
+        for name, factor, usual, values in (
+            ("pair_friction", v.friction, 1.0, model.pair_friction * v.friction[:, None, None]),
+            ("body_mass", v.mass, 1.0, model.body_mass * v.mass[:, None]),
+            ("body_inertia", v.mass, 1.0, model.body_inertia * v.mass[:, None, None]),
+            ("actuator_delay", v.latency_s, 0.0, model.actuator_delay + v.latency_s[:, None]),
+            ("actuator_forcerange", v.battery, 1.0, torque),
+        ):
+            if (factor != usual).any() or batch.expanded(name) is not None:
+                batch.expand(name)[cars] = values
+        if batch.expanded("body_mass") is not None:
             batch.set_const(cars)
-        if _is_other(v.latency_s, 0.0) or batch.expanded("actuator_delay") is not None:
-            batch.expand("actuator_delay")[cars] = model.actuator_delay + v.latency_s[:, None]
-        if _is_other(v.battery, 1.0) or batch.expanded("actuator_forcerange") is not None:
-            torque = np.repeat(model.actuator_forcerange[None], len(cars), axis=0)
-            torque[:, 2:] *= v.battery[:, None, None]  # the first two motors steer
-            batch.expand("actuator_forcerange")[cars] = torque
 
     def place(self, cars: Ints, qpos: Floats) -> None:
         if not self._varied:
@@ -82,8 +83,7 @@ class MujocoPhysics:
         self.qpos[cars] = qpos
 
     def state(self) -> Floats:
-        state: Floats = self._batch.state.copy()
-        return state
+        return np.asarray(self._batch.state.copy())
 
     def set_state(self, state: Floats) -> None:
         self._batch.state[:] = state
@@ -91,10 +91,6 @@ class MujocoPhysics:
     def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
         self._ctrl[:] = ctrl
         self._batch.step(ids=cars, nstep=substeps)
-
-
-def _is_other(values: Floats, usual: float) -> bool:
-    return bool((values != usual).any())
 
 
 PhysicsChoice = Literal["auto", "mujoco", "warp", "warp-on-cpu"]
@@ -120,20 +116,16 @@ class Physics(Protocol):
         """Move some cars, or all, for some physics steps; `ctrl` is that of all, (n, nu)."""
 
 
-class ChosenPhysics(NamedTuple):
-    """What moves the cars, and a `note` for a log, without capital and full stop."""
-
-    engine: Physics
-    note: str
-
-
 def choose_physics(
     wanted: PhysicsChoice,
     model: mujoco.MjModel,
     num_cars: int,
     num_threads: int,
-) -> ChosenPhysics:
-    """What is wanted, or MuJoCo where Warp cannot run; all cars stand at the origin."""
+) -> tuple[Physics, str]:
+    """What is wanted, or MuJoCo where Warp cannot run, and a note for a log.
+
+    All cars stand at the origin. The note has neither capital nor full stop.
+    """
     if wanted == "mujoco":
         why = "as asked for"
     elif wanted == "auto":
@@ -150,9 +142,8 @@ def choose_physics(
             try:
                 device = "cpu" if wanted == "warp-on-cpu" else None
                 warp = WarpPhysics(model, num_cars, device=device)
-                return ChosenPhysics(warp, f"MuJoCo Warp on {warp.device_name}")
+                return warp, f"MuJoCo Warp on {warp.device_name}"
             except WarpError as error:
                 why = f"because {error}"
     threads = f"{num_threads} thread" + "s" * (num_threads != 1)
-    mujoco_physics = MujocoPhysics(model, num_cars, num_threads)
-    return ChosenPhysics(mujoco_physics, f"MuJoCo on {threads}, {why}")
+    return MujocoPhysics(model, num_cars, num_threads), f"MuJoCo on {threads}, {why}"

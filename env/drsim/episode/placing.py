@@ -47,17 +47,13 @@ def start_pose(track: Track, fraction: float, offset_m: float, angle_deg: float)
     yaw = centre[2] + np.radians(angle_deg)
     found = StartPose(np.array([*centre[:2], yaw]), 0.0, False)
     # Outwards, because a neighbouring stretch of the road may lie further out.
-    for tried_m in _outwards(offset_m):
+    steps = math.ceil(abs(offset_m) / STEP_M)
+    for tried_m in (*(math.copysign(STEP_M * step, offset_m) for step in range(steps)), offset_m):
         pose = np.array([*(centre[:2] + tried_m * _leftwards(centre[2])), yaw])
         if not _all_wheels_on(track, pose):
             break
         found = StartPose(pose, tried_m, True)
     return found
-
-
-def _outwards(offset_m: float) -> Sequence[float]:
-    steps = math.ceil(abs(offset_m) / STEP_M)
-    return [math.copysign(STEP_M * step, offset_m) for step in range(steps)] + [offset_m]
 
 
 def _leftwards(yaw_rad: float) -> Floats:
@@ -90,8 +86,6 @@ class Placing:
         `fraction` is of the lap in the car's own direction.
         """
         backward = self.backward[cars]
-        if not backward.any():
-            return self.tracks[0].pose_at(fraction * self.tracks[0].length_m, lane)
         poses = np.empty((len(cars), 3))
         for direction, track in enumerate(self.tracks):
             chosen = backward == direction
@@ -310,8 +304,7 @@ class TrackPositions:
         self._seen_xy = self._cars.front_xy.copy()
         self.where = self._tracks[0].locate(self._cars.front_xy)
         self.wheels_on = self._tracks[0].on_road(self._cars.wheel_xy).sum(axis=1)
-        if self._backward.any():
-            self._scatter(np.flatnonzero(self._backward), self._tracks[1])
+        self._scatter(np.flatnonzero(self._backward), self._tracks[1])
 
     def _scatter(self, cars: Ints, track: Track) -> None:
         if len(cars):

@@ -37,6 +37,8 @@ class Alarm:
     A call ends by setting `armed` to False: unlike a function call, nothing can interrupt that.
     """
 
+    may_end = False
+
     def __init__(self, deadline_s: float, give_up: Callable[[FrameType | None], object]) -> None:
         self.armed = False
         self._over = False
@@ -58,7 +60,7 @@ class Alarm:
         If Python cannot react, a second one ends the process.
         """
         if self._last_s:
-            _switch.is_on = True
+            Alarm.may_end = True
             signal.setitimer(signal.ITIMER_PROF, self._last_s)
         left_s = self._left_s() if self.armed else self._deadline_s
         signal.setitimer(signal.ITIMER_REAL, max(left_s, _LEAST_S), REPEAT_S)
@@ -68,7 +70,7 @@ class Alarm:
         self._over = True
         if self._last_s:
             signal.setitimer(signal.ITIMER_PROF, 0.0)
-            _switch.is_on = False
+            Alarm.may_end = False
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def ring(self, _signal: int, frame: FrameType | None) -> None:
@@ -115,15 +117,8 @@ def alarm(deadline_s: float, give_up: Callable[[FrameType | None], object]) -> I
             signal.setitimer(signal.ITIMER_REAL, rest_s, interval_s)
 
 
-class _Switch:
-    is_on = False
-
-
-_switch = _Switch()
-
-
 def _may_end_stuck() -> bool:
-    if STUCK is None or (signal.getitimer(signal.ITIMER_PROF)[0] and not _switch.is_on):
+    if STUCK is None or (signal.getitimer(signal.ITIMER_PROF)[0] and not Alarm.may_end):
         return False
     if signal.getsignal(STUCK) is not signal.SIG_DFL:
         return False

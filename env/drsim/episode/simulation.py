@@ -19,7 +19,7 @@ from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, RewardHost, 
 from drsim.episode.teacher_features import CarsNow, features, teacher_features
 from drsim.errors import RewardError
 from drsim.race.race import TIME_TRIAL, Race
-from drsim.race.traffic import Contacts, Traffic
+from drsim.race.traffic import Traffic
 from drsim.sensing.observations import Observations, Randomize
 from drsim.sensing.scene import Scene, build_scene
 from drsim.sensing.sensors import Sensors
@@ -294,7 +294,11 @@ class Simulation:
             self._ticks[running] += 1
             self._positions.refresh()
             moved_m = np.hypot(*(self._cars.origin_xy - came_from).T)
-            contacts = self._contacts(driven)
+            contacts = None
+            if self.traffic is not None:
+                contacts = self.traffic.contacts(
+                    driven, self._cars.origin_xy, self._cars.yaw_rad, self._positions.along_m
+                )
             crashed = contacts.crashed if contacts is not None else np.zeros_like(driven)
             fraction = self._positions.along_m / self.track.length_m
             off_track = (self._positions.wheels_on == 0) | self.unstable
@@ -393,13 +397,6 @@ class Simulation:
     def _start_to_draw(self, cars: Ints) -> None:
         if self.draws:
             self._observations.start(cars, self._cars)
-
-    def _contacts(self, driven: Bools) -> Contacts | None:
-        if self.traffic is None:
-            return None
-        return self.traffic.contacts(
-            driven, self._cars.origin_xy, self._cars.yaw_rad, self._positions.along_m
-        )
 
     def _situation(self, steering_deg: Floats, speed_mps: Floats, crashed: Bools) -> Situation:
         return Situation(

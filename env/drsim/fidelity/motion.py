@@ -100,7 +100,7 @@ def _replay_together(
     drives: Sequence[Recording], parameters: CarParameters, physics: PhysicsChoice
 ) -> list[Floats]:
     model = car_model(parameters)
-    engine = choose_physics(physics, model, len(drives), os.cpu_count() or 1).engine
+    engine, _ = choose_physics(physics, model, len(drives), os.cpu_count() or 1)
     ctrl = np.zeros((len(drives), model.nu))
     qpos = np.repeat(model.qpos0[None], len(drives), axis=0)
     half_yaw = np.array([drive.poses[0, 2] for drive in drives]) / 2
@@ -133,8 +133,7 @@ def _steps_until(drive: Recording, step_s: float) -> Ints:
     began_s = drive.starts_s[0]
     if drive.held or math.isnan(began_s):
         began_s = drive.ends_s[0]
-    steps: Ints = np.rint((drive.ends_s - began_s) / step_s).astype(np.int64)
-    return steps
+    return np.asarray(np.rint((drive.ends_s - began_s) / step_s).astype(np.int64))
 
 
 def _poses(qpos: Floats) -> Floats:

@@ -73,8 +73,7 @@ def all_wheels_on(poses: Floats, track: Track) -> Bools:
     ahead_m = REFERENCE_POINT_AHEAD_M * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
     cars = CarBatch(len(poses), 1)
     cars.place(np.arange(len(poses)), np.column_stack([poses[:, :2] - ahead_m, yaw]))
-    on: Bools = np.all(track.on_road(cars.wheel_xy), axis=1)
-    return on
+    return np.asarray(np.all(track.on_road(cars.wheel_xy), axis=1))
 
 
 def _progress_errors(drives: Sequence[Recording], where: Location, track: Track) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from drsim.arrays import Bytes, Floats
+from drsim.arrays import Ints
 from drsim.car.actions import DEFAULT_ACTIONS, Actions, ContinuousActions
 from drsim.car.car import CONTROL_HZ
 from drsim.car.car_parameters import DEFAULT_CAR, CarParameters, car_of
@@ -16,6 +16,7 @@ from drsim.car.conditions import Conditions, Realism
 from drsim.episode.episode_rules import EpisodeRules, Status, StepResult
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
+from drsim.errors import require
 from drsim.race.race import Race, race_of_name
 from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors, sensors_of
@@ -26,17 +27,14 @@ from drsim.viewing.rendering import RENDER_MODES, VIEWS, Viewer, Window
 
 def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
     """Raise ValueError for a value that is not one of the choices."""
-    if value not in choices:
-        words = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} is {value!r}; it must be one of {words}.")
+    words = ", ".join(repr(choice) for choice in choices)
+    require(value in choices, name, repr(value), f"be one of {words}")
 
 
 def check_start(start: Any) -> None:
     """Raise ValueError for a start that is neither None nor 0 to 1."""
-    if start is None:
-        return
-    if not isinstance(start, (float, int, np.number)) or not 0 <= start <= 1:
-        raise ValueError(f"start is {start!r}; it must be 0 .. 1 of the lap, or None for anywhere.")
+    good = start is None or (isinstance(start, (float, int, np.number)) and bool(0 <= start <= 1))
+    require(good, "start", repr(start), "be 0 .. 1 of the lap, or None for anywhere")
 
 
 def checked_actions(given: Any, space: gym.Space[Any], batch: tuple[int, ...] = ()) -> NDArray[Any]:
@@ -59,29 +57,89 @@ def checked_actions(given: Any, space: gym.Space[Any], batch: tuple[int, ...] = 
     return actions
 
 
-def start_of(
-    random: np.random.Generator,
-    count: int,
-    start: float | None,
-    reverse: bool,
-    options: dict[str, Any] | None,
-) -> tuple[Floats, bool]:
-    """Where episodes start, 0 .. 1 of the lap, shape (count,), and whether in reverse.
-
-    Options win over arguments; ValueError for a wrong one.
-    """
-    options = options or {}
-    for name in options:
-        check_choice("An option of reset", name, ("start", "reverse", "conditions"))
-    start = options.get("start", start)
-    check_start(start)
-    fractions = random.random(count) if start is None else np.full(count, float(start))
-    return fractions, bool(options.get("reverse", reverse))
+Perceived = Any
+"""An array, or a dict of arrays by sensor name."""
 
 
-def conditions_of(options: dict[str, Any] | None) -> Conditions | list[Conditions] | None:
-    """From the options of `reset`: for all cars, or one for each; ValueError for another type."""
-    given = (options or {}).get("conditions")
+class Racers:
+    """What both environments share: a simulation, and how its episodes begin."""
+
+    np_random: np.random.Generator
+    _simulation: Simulation
+    _sensors: Sensors
+
+    def _set_up(
+        self,
+        cars: int,
+        threads: int,
+        world: str | Track,
+        race: Race | str,
+        sensors: Sensors | str | Sequence[str],
+        actions: Actions,
+        episode: tuple[float | None, bool],
+        car: CarParameters | str,
+        picture: tuple[str | None, str],
+        **options: Any,
+    ) -> None:
+        """`episode` is start and reverse, `picture` render mode and view."""
+        self.render_mode, self.view = picture
+        self._start, self._reverse = episode
+        check_choice("view", self.view, VIEWS)
+        check_start(self._start)
+        self._actions = actions
+        self._sensors = sensors_of(sensors)
+        self._race = race_of_name(race) if isinstance(race, str) else race
+        if cars < self._race.racers:
+            raise ValueError("Two racers need two drivers: use RacerVectorEnv.")
+        self._simulation = Simulation(
+            load_track(world) if isinstance(world, str) else world,
+            num_cars=cars,
+            num_threads=threads,
+            race=self._race,
+            sensors=self._sensors,
+            car_parameters=car_of(car),
+            **options,
+        )
+        self._viewer: Viewer | None = None
+
+    def _begin(self, cars: Ints, options: dict[str, Any] | None) -> StepResult:
+        """Options win over arguments; ValueError for a wrong one."""
+        options = options or {}
+        for name in options:
+            check_choice("An option of reset", name, ("start", "reverse", "conditions"))
+        start = options.get("start", self._start)
+        check_start(start)
+        racers = self._race.racers
+        races = len(cars) // racers
+        fractions = self.np_random.random(races) if start is None else np.full(races, float(start))
+        seeds = self.np_random.integers(2**64, size=races, dtype=np.uint64)
+        return self._simulation.reset(
+            cars,
+            np.repeat(fractions, racers),
+            reverse=bool(options.get("reverse", self._reverse)),
+            seeds=np.repeat(seeds, racers),
+            conditions=conditions_of(options.get("conditions")),
+        )
+
+    def _seen(self, cars: int | slice) -> Perceived:
+        """Copies, eyes last."""
+        frames = np.moveaxis(self._simulation.frames[cars], -3, -1).copy()
+        if self._sensors.lidar is None:
+            return frames
+        return {
+            self._sensors.camera: frames,
+            self._sensors.lidar: self._simulation.scans[cars].copy(),
+        }
+
+    @property
+    def _pictures(self) -> Viewer:
+        if self._viewer is None:
+            self._viewer = Viewer(self._simulation, self.view)
+        return self._viewer
+
+
+def conditions_of(given: Any) -> Conditions | list[Conditions] | None:
+    """For all cars, or one for each; ValueError for another type."""
     if given is None or isinstance(given, Conditions):
         return given
     if isinstance(given, (list, tuple)) and all(isinstance(each, Conditions) for each in given):
@@ -91,31 +149,17 @@ def conditions_of(options: dict[str, Any] | None) -> Conditions | list[Condition
     )
 
 
-# What both environments return: observations and info.
-
-
-Perceived = Any
-"""An array, or a dict of arrays by sensor name."""
-
 _INFO = (
     *("progress", "status", "steps", "laps", "lap_time_s", "x", "y", "yaw_deg"),
     *("closest_waypoint", "all_wheels_on_track", "crashes", "driven"),
 )
 
 
-def perceived(simulation: Simulation, sensors: Sensors, cars: int | slice) -> Perceived:
-    """Copies, eyes last."""
-    frames = np.moveaxis(simulation.frames[cars], -3, -1).copy()
-    if sensors.lidar is None:
-        return frames
-    return {sensors.camera: frames, sensors.lidar: simulation.scans[cars].copy()}
-
-
 def info_of(result: StepResult) -> dict[str, Any]:
     return {name: getattr(result, name) for name in _INFO}
 
 
-class RacerEnv(gym.Env[Perceived, Any]):
+class RacerEnv(Racers, gym.Env[Perceived, Any]):
     """One DeepRacer car on a track.
 
     ## Action space
@@ -215,34 +259,25 @@ class RacerEnv(gym.Env[Perceived, Any]):
             ValueError: Another argument is wrong.
         """
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
-        check_choice("view", view, VIEWS)
-        check_start(start)
-        self.render_mode = render_mode
-        self.view = view
-        self.action_space = actions.space()
-        self._sensors = sensors_of(sensors)
-        self.observation_space = self._sensors.space()
-        self._actions = actions
-        self._start = start
-        self._reverse = reverse
-        race = race_of_name(race) if isinstance(race, str) else race
-        if race.racers > 1:
-            raise ValueError("Two racers need two drivers: use RacerVectorEnv.")
-        self._simulation = Simulation(
-            load_track(world) if isinstance(world, str) else world,
-            num_cars=1,
+        self._set_up(
+            1,
+            1,
+            world,
+            race,
+            sensors,
+            actions,
+            (start, reverse),
+            car,
+            (render_mode, view),
             reward_function=reward_function,
             rules=rules,
-            num_threads=1,
-            race=race,
-            sensors=self._sensors,
-            car_parameters=car_of(car),
             realism=realism,
             randomize=randomize,
             longest_latency_s=longest_latency_s,
         )
+        self.action_space = actions.space()
+        self.observation_space = self._sensors.space()
         self._running = False
-        self._viewer: Viewer | None = None
         self._window: Window | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -258,20 +293,12 @@ class RacerEnv(gym.Env[Perceived, Any]):
         what `realism` draws.
         """
         super().reset(seed=seed)
-        fractions, reverse = start_of(self.np_random, 1, self._start, self._reverse, options)
-        seeds = self.np_random.integers(2**64, size=1, dtype=np.uint64)
-        result = self._simulation.reset(
-            np.array([0]),
-            fractions,
-            reverse=reverse,
-            seeds=seeds,
-            conditions=conditions_of(options),
-        )
+        result = self._begin(np.zeros(1, np.int64), options)
         self._running = True
         if self._viewer is not None:
             self._viewer.cut()
         self._show()
-        return perceived(self._simulation, self._sensors, 0), _info_of_one(result)
+        return self._seen(0), _info_of_one(result)
 
     def step(self, action: Any) -> tuple[Perceived, float, bool, bool, dict[str, Any]]:
         """Act for 1/15 s: what the car perceives, reward, terminated, truncated and info.
@@ -288,7 +315,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         self._running = not bool(result.done[0])
         self._show()
         return (
-            perceived(self._simulation, self._sensors, 0),
+            self._seen(0),
             float(result.reward[0]),
             bool(result.terminated[0]),
             bool(result.truncated[0]),
@@ -297,7 +324,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
 
     def render(self) -> Any:
         """The picture of the chosen view; None unless the render mode is rgb_array."""
-        return self._picture() if self.render_mode == "rgb_array" else None
+        return self._pictures.picture(0) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Free threads and window. May be called twice."""
@@ -306,17 +333,12 @@ class RacerEnv(gym.Env[Perceived, Any]):
             self._window.close()
             self._window = None
 
-    def _picture(self) -> Bytes:
-        if self._viewer is None:
-            self._viewer = Viewer(self._simulation, self.view)
-        return self._viewer.picture(0)
-
     def _show(self) -> None:
         if self.render_mode != "human":
             return
         if self._window is None:
             self._window = Window()
-        self._window.show(self._picture())
+        self._window.show(self._pictures.picture(0))
 
 
 def _info_of_one(result: StepResult) -> dict[str, Any]:

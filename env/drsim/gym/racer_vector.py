@@ -9,33 +9,27 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
-from drsim.arrays import Bools, Bytes, Ints
+from drsim.arrays import Bools, Bytes
 from drsim.car.actions import DEFAULT_ACTIONS, Actions
 from drsim.car.car import CONTROL_HZ
-from drsim.car.car_parameters import DEFAULT_CAR, CarParameters, car_of
+from drsim.car.car_parameters import DEFAULT_CAR, CarParameters
 from drsim.car.conditions import Realism
-from drsim.episode.episode_rules import EpisodeRules, StepResult
+from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import RewardFunction, centre_line_reward
-from drsim.episode.simulation import Simulation
 from drsim.gym.racer import (
     Perceived,
+    Racers,
     check_choice,
-    check_start,
     checked_actions,
-    conditions_of,
     info_of,
-    perceived,
-    start_of,
 )
-from drsim.race.race import Race, race_of_name
+from drsim.race.race import Race
 from drsim.sensing.observations import Randomize
-from drsim.sensing.sensors import Sensors, sensors_of
+from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
-from drsim.track.worlds import load_track
-from drsim.viewing.rendering import VIEWS, Viewer
 
 
-class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
+class RacerVectorEnv(Racers, VectorEnv[Perceived, Any, NDArray[Any]]):
     """Many cars on one track, each with its own episodes; spaces and rules as in `RacerEnv`.
 
     Observations have one more axis in front; rewards, flags and info are arrays of shape (n,), and
@@ -77,38 +71,31 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         caller's included.
         """
         check_choice("render_mode", render_mode, (None, "rgb_array"))
-        check_choice("view", view, VIEWS)
-        check_start(start)
-        self.render_mode = render_mode
-        self.view = view
+        self._set_up(
+            num_envs,
+            num_threads,
+            world,
+            race,
+            sensors,
+            actions,
+            (start, reverse),
+            car,
+            (render_mode, view),
+            reward_function=reward_function,
+            rules=rules,
+            realism=realism,
+            randomize=randomize,
+            longest_latency_s=longest_latency_s,
+        )
         self.num_envs = num_envs
-        self._sensors = sensors_of(sensors)
         self.single_action_space = actions.space()
         self.single_observation_space = self._sensors.space()
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
         self.observation_space = gym.vector.utils.batch_space(
             self.single_observation_space, num_envs
         )
-        self._actions = actions
-        self._start = start
-        self._reverse = reverse
-        self._race = race_of_name(race) if isinstance(race, str) else race
         self._begun = False
         self._over = np.zeros(num_envs, np.bool_)
-        self._simulation = Simulation(
-            load_track(world) if isinstance(world, str) else world,
-            num_cars=num_envs,
-            reward_function=reward_function,
-            rules=rules,
-            num_threads=num_threads,
-            race=self._race,
-            sensors=self._sensors,
-            car_parameters=car_of(car),
-            realism=realism,
-            randomize=randomize,
-            longest_latency_s=longest_latency_s,
-        )
-        self._viewer: Viewer | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -118,7 +105,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         self._over[:] = False
         self._begun = True
         result = self._begin(np.arange(self.num_envs), options)
-        return perceived(self._simulation, self._sensors, slice(None)), info_of(result)
+        return self._seen(slice(None)), info_of(result)
 
     def step(
         self, actions: Any
@@ -138,16 +125,14 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             self._over[begins] = False
         # A racer that is done waits for its opponent: both begin their next episodes together.
         self._over |= result.done
-        seen = perceived(self._simulation, self._sensors, slice(None))
+        seen = self._seen(slice(None))
         return seen, result.reward, result.terminated, result.truncated, info
 
     def render(self) -> tuple[Bytes, ...] | None:
         """One picture for each car, or None without a render mode."""
         if self.render_mode is None:
             return None
-        if self._viewer is None:
-            self._viewer = Viewer(self._simulation, self.view)
-        return tuple(self._viewer.cut_to(car) for car in range(self.num_envs))
+        return tuple(self._pictures.cut_to(car) for car in range(self.num_envs))
 
     def close_extras(self, **_: Any) -> None:
         self._simulation.close()
@@ -155,15 +140,3 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
     def _begins(self) -> Bools:
         races = self._over.reshape(-1, self._race.racers)
         return np.repeat(races.all(axis=1), self._race.racers)
-
-    def _begin(self, cars: Ints, options: dict[str, Any] | None) -> StepResult:
-        races = len(cars) // self._race.racers
-        fractions, reverse = start_of(self.np_random, races, self._start, self._reverse, options)
-        seeds = self.np_random.integers(2**64, size=races, dtype=np.uint64)
-        return self._simulation.reset(
-            cars,
-            np.repeat(fractions, self._race.racers),
-            reverse=reverse,
-            seeds=np.repeat(seeds, self._race.racers),
-            conditions=conditions_of(options),
-        )

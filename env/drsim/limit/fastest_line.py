@@ -112,8 +112,7 @@ class Line(NamedTuple):
 
     @property
     def step_m(self) -> Floats:
-        step_m: Floats = np.hypot(*(np.roll(self.xy, -1, axis=0) - self.xy).T)
-        return step_m
+        return np.asarray(np.hypot(*(np.roll(self.xy, -1, axis=0) - self.xy).T))
 
     @property
     def step_s(self) -> Floats:

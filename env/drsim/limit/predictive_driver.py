@@ -121,8 +121,7 @@ class _Planner:
         at = np.arange(count) / _FINER
 
         def finer(values: Floats) -> Floats:
-            fine: Floats = np.interp(at, node, np.append(values, values[0]))
-            return fine
+            return np.asarray(np.interp(at, node, np.append(values, values[0])))
 
         ahead = np.roll(line.xy, -1, axis=0) - np.roll(line.xy, 1, axis=0)
         ahead /= np.hypot(*ahead.T)[:, None]

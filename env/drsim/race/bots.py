@@ -27,7 +27,7 @@ class Bots:
 
     def __init__(self, num_cars: int, rules: BotRules) -> None:
         shape = (num_cars, rules.count)
-        self._rules = rules
+        self.rules = rules
         self.places = LanePlaces(np.zeros(shape), np.zeros(shape), np.zeros(shape))
         self._changes = _LaneChanges(
             lane=np.zeros(shape, np.int64),
@@ -39,12 +39,12 @@ class Bots:
 
     @property
     def _changes_lanes(self) -> bool:
-        return self._rules.lane_change and self._rules.speed_mps > 0
+        return self.rules.lane_change and self.rules.speed_mps > 0
 
     @property
     def moving_mps(self) -> Floats:
         """Speed, 0 for bots that were run into. Shape (n,)."""
-        return np.where(self._halt_s > 0.0, 0.0, self._rules.speed_mps)
+        return np.where(self._halt_s > 0.0, 0.0, self.rules.speed_mps)
 
     def begin(self, car: int, places_m: Floats, lanes: Ints, random: np.random.Generator) -> None:
         """Put a car's k bots at the start of its episode, on lanes 0 (inner) or 1 (outer).
@@ -59,7 +59,7 @@ class Bots:
         self._halt_s[car] = 0.0
         self._random[car] = random
         if self._changes_lanes:
-            self._changes.wait_s[car] = random.uniform(*self._rules.lane_change_time_s, len(lanes))
+            self._changes.wait_s[car] = random.uniform(*self.rules.lane_change_time_s, len(lanes))
 
     def advance(self, moving: Bools) -> None:
         step_s = 1.0 / CONTROL_HZ
@@ -68,23 +68,23 @@ class Bots:
         # What rounding leaves of a wait is not one.
         self._halt_s[self._halt_s < 1e-9] = 0.0
         going = moving & ~halted
-        step_m = self._rules.speed_mps * step_s
+        step_m = self.rules.speed_mps * step_s
         self.places.distance_m[going] += step_m
         if self._changes_lanes:
             self._change_lanes(going, step_s, step_m)
 
     def halt(self, cars: Bools) -> None:
         """Stop all bots of some cars for the penalty, unless they wait already."""
-        self._halt_s[cars & (self._halt_s == 0.0)] = self._rules.penalty_s
+        self._halt_s[cars & (self._halt_s == 0.0)] = self.rules.penalty_s
 
     def _change_lanes(self, going: Bools, step_s: float, step_m: float) -> None:
-        change_m = max(self._rules.lane_change_distance_m, _SHORTEST_CHANGE_M)
+        change_m = max(self.rules.lane_change_distance_m, _SHORTEST_CHANGE_M)
         across = self.places.share, self.places.drift
         arrived = _drift(going, step_s, step_m, change_m, self._changes, *across)
         for car, bot in np.argwhere(arrived):
             random = self._random[car]
             assert random is not None, "a bot that drives has begun"
-            self._changes.wait_s[car, bot] = random.uniform(*self._rules.lane_change_time_s)
+            self._changes.wait_s[car, bot] = random.uniform(*self.rules.lane_change_time_s)
 
 
 @kernel
@@ -195,8 +195,7 @@ def _spline(points: Floats, knots: Floats, at: Floats) -> Floats:
     t = (at - knots[k])[:, None] / h
     p, q, u, v = points[k], points[k + 1], slope[k] * h, slope[k + 1] * h
     bend, twist = 3 * (q - p) - 2 * u - v, 2 * (p - q) + u + v
-    curve: Floats = ((twist * t + bend) * t + u) * t + p
-    return curve
+    return ((twist * t + bend) * t + u) * t + p
 
 
 def _slopes(points: Floats, gap: Floats) -> Floats:

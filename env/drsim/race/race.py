@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from drsim.errors import require
+
 ObstacleKind = Literal["box_obstacle", "deepracer_box_obstacle", "amazon_box_obstacle", "bot_car"]
 
 
@@ -32,7 +34,8 @@ class ObstacleRules:
     def __post_init__(self) -> None:
         """Raise ValueError for a number out of range."""
         for name in ("count", "min_gap_m", "reset_behind_m", "mercy"):
-            _check_at_least_0(name, getattr(self, name))
+            value = getattr(self, name)
+            require(0 <= value < math.inf, name, value, "be 0 or more")
         for fraction, _ in self.positions:
             if not 0.0 <= fraction <= 1.0:
                 raise ValueError(f"positions contain {fraction}; a place is 0 to 1 of the lap.")
@@ -63,17 +66,14 @@ class BotRules:
     def __post_init__(self) -> None:
         """Raise ValueError for a number out of range."""
         for name in ("count", "speed_mps", "min_gap_m", "lane_change_distance_m", "penalty_s"):
-            _check_at_least_0(name, getattr(self, name))
-        if self.speed_mps > _FASTEST_BOT_MPS:
-            raise ValueError(
-                f"speed_mps is {self.speed_mps:g}; it must be at most {_FASTEST_BOT_MPS:g}."
-            )
-        low_s, high_s = self.lane_change_time_s
-        if not 0.0 <= low_s <= high_s < math.inf:
-            raise ValueError(
-                f"lane_change_time_s is {self.lane_change_time_s}; it must be the least and "
-                "the most seconds, in this order."
-            )
+            value = getattr(self, name)
+            require(0 <= value < math.inf, name, value, "be 0 or more")
+        most = f"be at most {_FASTEST_BOT_MPS:g}"
+        require(self.speed_mps <= _FASTEST_BOT_MPS, "speed_mps", f"{self.speed_mps:g}", most)
+        low_s, high_s = times_s = self.lane_change_time_s
+        good = 0.0 <= low_s <= high_s < math.inf
+        both = "be the least and the most seconds, in this order"
+        require(good, "lane_change_time_s", times_s, both)
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,3 @@ def race_of_name(name: str) -> Race:
 
 
 _FASTEST_BOT_MPS = 100.0
-
-
-def _check_at_least_0(name: str, value: float) -> None:
-    if not 0 <= value < math.inf:
-        raise ValueError(f"{name} is {value}; it must be 0 or more.")

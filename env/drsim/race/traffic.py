@@ -198,12 +198,12 @@ class Traffic:
             track = self._tracks[direction]
             self._start_m[car] = fraction * track.length_m
             random = np.random.Generator(np.random.Philox(key=np.array([seed, _STREAM], np.uint64)))
-            if self._obstacles:
-                self._place_obstacles(car, track, random)
+            if self._race.obstacles is not None and self._obstacles:
+                self._place_obstacles(self._race.obstacles, car, track, random)
             if self._bots is not None:
-                self._place_bots(car, track, random)
-        if self._bots is not None:
-            self._move_bots()
+                places_m, lanes = self._places(car, track, self._bots.rules, random)
+                self._bots.begin(car, places_m, lanes - INNER, random)
+        self._move_bots()
 
     def start_lane(self, cars: Ints) -> Ints:
         """The centre line, or the lane away from an object; two racers start on different lanes."""
@@ -221,7 +221,7 @@ class Traffic:
     def advance(self, moving: Bools) -> None:
         if self._bots is not None:
             self._bots.advance(moving)
-            self._move_bots()
+        self._move_bots()
 
     def follow(self, origin_xy: Floats, yaw_rad: Floats) -> None:
         if not self._opponents:
@@ -328,9 +328,9 @@ class Traffic:
         blocked = on_m[opposite] < min(BLOCKS_M, on_m[lane])
         return lane if blocked else opposite
 
-    def _place_obstacles(self, car: int, track: Track, random: np.random.Generator) -> None:
-        rules = self._race.obstacles
-        assert rules is not None, "there are obstacles only in a race that has them"
+    def _place_obstacles(
+        self, rules: ObstacleRules, car: int, track: Track, random: np.random.Generator
+    ) -> None:
         if rules.positions:
             places_m = np.array([fraction for fraction, _ in rules.positions]) * track.length_m
             lanes = np.array([OUTER if lane == -1 else INNER for _, lane in rules.positions])
@@ -342,21 +342,10 @@ class Traffic:
             track.pose_at(places_m, "inner"),
             track.pose_at(places_m, "outer"),
         )
-        where = track.locate(poses[:, :2])
         self.xy[car, group] = poses[:, :2]
         self.yaw_rad[car, group] = poses[:, 2]
-        self.distance_m[car, group] = where.distance_m
-        self.track_width_m[car, group] = where.track_width_m
-        self._from_center_m[car, group] = where.from_center_m
-        self._left[car, group] = where.left_of_center
         self._lane[car, group] = lanes
-
-    def _place_bots(self, car: int, track: Track, random: np.random.Generator) -> None:
-        rules = self._race.bots
-        assert rules is not None, "there are bots only in a race that has them"
-        assert self._bots is not None, "there are bots only in a race that has them"
-        places_m, lanes = self._places(car, track, rules, random)
-        self._bots.begin(car, places_m, lanes - INNER, random)
+        self._locate(car, group, track)
 
     def _places(
         self,
@@ -373,33 +362,34 @@ class Traffic:
         return even_places(track, count, gap_m), INNER + np.arange(count) % 2
 
     def _move_bots(self) -> None:
-        bots, paths, group = self._bots, self._paths, self._driving
-        assert bots is not None, "only called where there are bots"
-        assert paths is not None, "bots come with the paths that they follow"
-        self.xy[:, group], self.yaw_rad[:, group] = paths.poses(self._backward, bots.places)
-        self._lane[:, group] = np.where(bots.places.share > 0.5, OUTER, INNER)
+        if self._bots is None or self._paths is None:
+            return
+        group, places = self._driving, self._bots.places
+        self.xy[:, group], self.yaw_rad[:, group] = self._paths.poses(self._backward, places)
+        self._lane[:, group] = np.where(places.share > 0.5, OUTER, INNER)
         self._find(group)
 
     def _find(self, group: slice) -> None:
         for direction, track in enumerate(self._tracks):
             cars = np.flatnonzero(self._backward == direction)
-            if not len(cars):
-                continue
-            xy = self.xy[cars, group]
-            where = track.locate(xy.reshape(-1, 2))
-            shape = xy.shape[:2]
-            self.distance_m[cars, group] = where.distance_m.reshape(shape)
-            self.track_width_m[cars, group] = where.track_width_m.reshape(shape)
-            self._from_center_m[cars, group] = where.from_center_m.reshape(shape)
-            self._left[cars, group] = where.left_of_center.reshape(shape)
+            if len(cars):
+                self._locate(cars, group, track)
+
+    def _locate(self, cars: Ints | int, group: slice, track: Track) -> None:
+        xy = self.xy[cars, group]
+        where = track.locate(xy.reshape(-1, 2))
+        shape = xy.shape[:-1]
+        self.distance_m[cars, group] = where.distance_m.reshape(shape)
+        self.track_width_m[cars, group] = where.track_width_m.reshape(shape)
+        self._from_center_m[cars, group] = where.from_center_m.reshape(shape)
+        self._left[cars, group] = where.left_of_center.reshape(shape)
 
     def _gap_m(self, there_m: Floats, here_m: Floats | float) -> Floats:
         gap_m: Floats = there_m - here_m
         if not self._tracks[0].closed:
             return gap_m
         half_m = self._tracks[0].length_m / 2
-        wrapped: Floats = (gap_m + half_m) % (2 * half_m) - half_m
-        return wrapped
+        return (gap_m + half_m) % (2 * half_m) - half_m
 
     def _wrapped(self, distance_m: float) -> float:
         length_m = self._tracks[0].length_m

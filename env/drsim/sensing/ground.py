@@ -11,7 +11,7 @@ from drsim.arrays import Bytes, Floats, Single, Singles
 from drsim.jit import kernel
 from drsim.track.appearance import Look, Paint
 from drsim.track.polyline import without_repeats
-from drsim.track.spline import cross_ring, sign_off_road
+from drsim.track.road_cells import sign_off_road
 from drsim.track.track import Track
 
 _FINE = 4
@@ -72,17 +72,11 @@ def _texels(points: Floats, grid: Grid) -> Floats:
 
 def _side_of_road(track: Track, look: Look, grid: Grid) -> Singles:
     inner, outer = (_texels(without_repeats(line), grid) for line in (track.inner, track.outer))
-    crossed = np.zeros((grid.rows, grid.columns), np.bool_)
-    if track.closed:
-        cross_ring(inner, crossed)
-        cross_ring(outer, crossed)
-    else:
-        cross_ring(np.concatenate([outer, inner[::-1]]), crossed)
     reach = 2.0 + (look.border_width_m + look.kerb_width_m) / grid.texel_m
     side = np.full((grid.rows, grid.columns), reach, np.float32)
     _stamp_distance(inner, track.closed, reach, side)
     _stamp_distance(outer, track.closed, reach, side)
-    sign_off_road(crossed, side)
+    sign_off_road(inner, outer, track.closed, side)
     return side
 
 
@@ -270,8 +264,7 @@ def _grain_tile(world: str, texel_m: float) -> Singles:
     shades = random.standard_normal(count)
     tile = np.zeros((_TILE, _TILE))
     _strew(fibres, shades, _STROKE_M / texel_m, tile)
-    even: Singles = ((tile - tile.mean()) / tile.std()).astype(np.float32)
-    return even
+    return np.asarray(((tile - tile.mean()) / tile.std()).astype(np.float32))
 
 
 @kernel

@@ -113,8 +113,7 @@ def _palette(paints: list[Paint], greys: Floats) -> Bytes:
     anchors.append(256.0)
     values.append(256.0 * contrasts[-1])
     palette = np.interp(np.arange(256), anchors, values)
-    whole: Bytes = np.clip(np.round(palette), 0, 255).astype(np.uint8)
-    return whole
+    return np.asarray(np.clip(np.round(palette), 0, 255).astype(np.uint8))
 
 
 _GAP_M = 2.2

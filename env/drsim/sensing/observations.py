@@ -72,7 +72,7 @@ class FrameRenderer:
         self._after = after
         self._changes = changes
         self._num_threads = num_threads
-        self._pool = _pool(num_threads)
+        self._pool = pool_of(num_threads)
         self._cars: Ints = np.empty(0, np.int64)
         self._eyes: list[_Eye] = []
         self._futures: list[Future[None]] = []
@@ -82,7 +82,7 @@ class FrameRenderer:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._pool = _pool(self._num_threads)
+        self._pool = pool_of(self._num_threads)
 
     def start(self, cars: Ints, lens_pos: Floats, lens_mat: Floats) -> None:
         """Begin to render some cars, in rising order."""
@@ -116,7 +116,8 @@ class FrameRenderer:
             elif len(self._cars):
                 self._gpu.wait()
             if len(self._cars) and self._is_more_to_draw():
-                self._share_out([partial(self._draw_over, rows) for rows in _jobs(self._cars)])
+                jobs = [partial(self._draw_over, rows) for rows in _jobs(self._cars)]
+                share_out(self._pool if len(self._cars) > _FRAMES_ALONE else None, jobs)
                 if self._gpu is not None:
                     self._gpu.send()
         finally:
@@ -140,20 +141,6 @@ class FrameRenderer:
             or (self._after is not None and (self._changes is None or self._changes(self._cars)))
         )
 
-    def _share_out(self, jobs: Sequence[Callable[[], None]]) -> None:
-        if self._pool is None or len(self._cars) <= _FRAMES_ALONE:
-            for job in jobs:
-                job()
-            return
-        futures = [self._pool.submit(job) for job in jobs]
-        try:
-            # From the end, because the other threads work from the beginning.
-            for future, job in zip(reversed(futures), reversed(jobs), strict=True):
-                if future.cancel():
-                    job()
-        finally:
-            _wait(futures)
-
     def _draw_over(self, rows: slice) -> None:
         light = None if self._lighting is None else self._lighting.of(rows)
         lamps = self._lamps
@@ -172,8 +159,20 @@ class FrameRenderer:
             self._after(rows)
 
 
-def _pool(num_threads: int) -> ThreadPoolExecutor | None:
+def pool_of(num_threads: int) -> ThreadPoolExecutor | None:
+    """The caller works, too."""
     return ThreadPoolExecutor(num_threads - 1) if num_threads > 1 else None
+
+
+def share_out(pool: ThreadPoolExecutor | None, jobs: Sequence[Callable[[], None]]) -> None:
+    futures = [] if pool is None else [pool.submit(job) for job in jobs]
+    try:
+        # From the end, because the other threads work from the beginning.
+        for number in reversed(range(len(jobs))):
+            if pool is None or futures[number].cancel():
+                jobs[number]()
+    finally:
+        _wait(futures)
 
 
 def _wait(futures: Sequence[Future[None]]) -> None:
@@ -184,21 +183,13 @@ def _wait(futures: Sequence[Future[None]]) -> None:
 
 
 def _jobs(cars: Ints) -> list[slice]:
+    """A few neighbours each."""
+    runs = np.split(cars, np.flatnonzero(np.diff(cars) != 1) + 1)
     return [
-        slice(begin, min(begin + _FRAMES_PER_JOB, last))
-        for first, last in _runs(cars)
-        for begin in range(first, last, _FRAMES_PER_JOB)
+        slice(begin, min(begin + _FRAMES_PER_JOB, int(run[-1]) + 1))
+        for run in runs
+        for begin in range(int(run[0]), int(run[-1]) + 1, _FRAMES_PER_JOB)
     ]
-
-
-def _runs(cars: Ints) -> list[tuple[int, int]]:
-    if not len(cars):
-        return []
-    if cars[-1] - cars[0] + 1 == len(cars):
-        return [(int(cars[0]), int(cars[-1]) + 1)]
-    ends = np.flatnonzero(np.diff(cars) != 1)
-    firsts, lasts = [cars[0], *cars[ends + 1]], [*cars[ends], cars[-1]]
-    return [(int(first), int(last) + 1) for first, last in zip(firsts, lasts, strict=True)]
 
 
 Randomize = Literal["nothing", "lights", "textures"]

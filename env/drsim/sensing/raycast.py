@@ -119,26 +119,14 @@ def draw(
             (mat[0, 2], mat[1, 2], mat[2, 2]),
             lenses.focal_px,
         )
-        walls = _Walls(
-            backdrop.walls_m,
-            backdrop.wall_height_m,
-            wall_greys[car % len(wall_greys)],
-            sky_greys[car % len(sky_greys)],
-        )
-        first, clear = _backdrop(walls, lens, behind, share)
+        greys, sky_grey = wall_greys[car % len(wall_greys)], sky_greys[car % len(sky_greys)]
+        first, clear = _backdrop(backdrop, greys, sky_grey, lens, behind, share)
         for row in range(first):
             _store(behind[row], lenses.bias, frame[row])
         if first < rows:
             palette = backdrop.palettes[car] if len(backdrop.palettes) > 0 else _NO_PALETTE
             beyond = _Beyond(behind, share, first, clear)
             _floor(ground, palette, lens, beyond, lenses.bias, frame)
-
-
-class _Walls(NamedTuple):
-    walls_m: Singles
-    height_m: float
-    greys: Singles
-    sky_grey: float
 
 
 class _Beyond(NamedTuple):
@@ -151,10 +139,16 @@ class _Beyond(NamedTuple):
 
 
 @kernel
-def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tuple[int, int]:
+def _backdrop(
+    backdrop: Backdrop,
+    greys: Singles,
+    sky_grey: Single,
+    lens: Lens,
+    behind: Singles,
+    share: Singles,
+) -> tuple[int, int]:
     rows, columns = behind.shape
-    pos, walls_m, focal_px = lens.pos, walls.walls_m, lens.focal_px
-    greys, sky_grey = walls.greys, Single(walls.sky_grey)
+    pos, walls_m, focal_px = lens.pos, backdrop.walls_m, lens.focal_px
     inside = walls_m[0] < pos[0] < walls_m[1] and walls_m[2] < pos[1] < walls_m[3]
     upright = lens.up[2] > 0.5
     near = (
@@ -163,7 +157,7 @@ def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tup
         nearness(walls_m[2] - pos[1]),
         nearness(walls_m[3] - pos[1]),
     )
-    edges = Single(pos[2]), Single(pos[2] - walls.height_m), Single(focal_px / EDGE_BLUR)
+    edges = Single(pos[2]), Single(pos[2] - backdrop.wall_height_m), Single(focal_px / EDGE_BLUR)
     first = rows
     for row in range(rows):
         ahead, step = ray_through(lens, row + 0.5, rows, columns)

@@ -55,7 +55,7 @@ class Scene:
     def __getstate__(self) -> dict[str, Any]:
         """Without the overlap of words, which would be lost, at twice the size."""
         state = {**self.__dict__, "texels": self.pairs()}
-        for cached in ("ground", "picture", "backdrop"):
+        for cached in ("picture", "backdrop"):
             state.pop(cached, None)
         return state
 
@@ -80,12 +80,8 @@ class Scene:
         )
         return tuple(backdrop)
 
-    @cached_property
-    def ground(self) -> Bytes:
-        """Row 0 has the least y."""
-        return self.level(0)
-
     def level(self, index: int) -> Bytes:
+        """Row 0 has the least y."""
         first, pitch, columns, rows = self.levels[index]
         words = self.texels[first : first + pitch * rows].reshape(rows, pitch)[:, :columns]
         return (words & 0xFF).astype(np.uint8)

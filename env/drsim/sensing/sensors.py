@@ -10,6 +10,7 @@ import numpy as np
 
 from drsim.arrays import Cuboids, Floats, Singles
 from drsim.car.car import FRONT
+from drsim.errors import require
 from drsim.jit import kernel
 
 
@@ -132,7 +133,8 @@ def _to_box(box: Any, ray: _Ray, least_m: float) -> float:
     return leave if leave >= least_m else math.inf
 
 
-CAMERAS = ("FRONT_FACING_CAMERA", "LEFT_CAMERA", "observation", "STEREO_CAMERAS")
+EYES = {"FRONT_FACING_CAMERA": 1, "LEFT_CAMERA": 1, "observation": 1, "STEREO_CAMERAS": 2}
+CAMERAS = tuple(EYES)
 LIDARS = ("LIDAR", "SECTOR_LIDAR", "DISCRETIZED_SECTOR_LIDAR")
 
 _LEAST_M, _MOST_M = 0.15, 1.0
@@ -177,10 +179,8 @@ class Sensors:
             raise ValueError(
                 f"A car carries at most one of {', '.join(LIDARS)}, not {list(self.names)}."
             )
-        if self.num_sectors < 1 or LIDAR.samples % self.num_sectors:
-            raise ValueError(
-                f"num_sectors is {self.num_sectors}; it must divide the {LIDAR.samples} rays."
-            )
+        good = self.num_sectors >= 1 and LIDAR.samples % self.num_sectors == 0
+        require(good, "num_sectors", self.num_sectors, f"divide the {LIDAR.samples} rays")
         if self.values_per_sector < 1 or not 0.0 < self.clipping_m < math.inf:
             raise ValueError(
                 "values_per_sector must be at least 1 and clipping_m more than 0, not "
@@ -193,7 +193,7 @@ class Sensors:
 
     @property
     def eyes(self) -> int:
-        return 2 if self.camera == "STEREO_CAMERAS" else 1
+        return EYES[self.camera]
 
     @property
     def lidar(self) -> str | None:
@@ -205,10 +205,13 @@ class Sensors:
 
     @property
     def num_values(self) -> int:
-        if self.lidar is None:
-            return 0
-        return {"LIDAR": LIDAR.samples, "SECTOR_LIDAR": _SECTORS}.get(
-            self.lidar, self.num_sectors * self.values_per_sector
+        return int(self.process(np.zeros((1, LIDAR.samples), np.float32)).size)
+
+    @property
+    def sectors(self) -> int:
+        """Parts of the sweep that one tells apart: groups of four rays without sectors."""
+        return {"LIDAR": LIDAR.samples // 4, "SECTOR_LIDAR": _SECTORS}.get(
+            self.lidar or "", self.num_sectors
         )
 
     def space(self) -> gym.Space[object]:
@@ -230,16 +233,13 @@ class Sensors:
             return np.empty((len(rays_m), 0), np.float32)
         if self.lidar == "LIDAR":
             return np.clip(rays_m, np.float32(_LEAST_M), np.float32(_MOST_M))
+        nearest_m = rays_m.reshape(len(rays_m), self.sectors, -1).min(axis=2)
         if self.lidar == "SECTOR_LIDAR":
-            nearest_m = rays_m.reshape(len(rays_m), _SECTORS, -1).min(axis=2)
-            near: Singles = (nearest_m < _SECTOR_NEAR_M).astype(np.float32)
-            return near
-        nearest_m = rays_m.reshape(len(rays_m), self.num_sectors, -1).min(axis=2)
+            return np.asarray(nearest_m < _SECTOR_NEAR_M, np.float32)
         bin_m = self.clipping_m / self.values_per_sector
         bins = np.floor(np.minimum(nearest_m, self.clipping_m) / bin_m).astype(np.int64)
         one_hot = bins[..., None] == np.arange(self.values_per_sector)
-        values: Singles = one_hot.reshape(len(rays_m), -1).astype(np.float32)
-        return values
+        return np.asarray(one_hot.reshape(len(rays_m), -1), np.float32)
 
 
 def sensors_of(names: Sensors | str | Sequence[str]) -> Sensors:

@@ -186,8 +186,7 @@ def _nearest(line: Floats, x: float, y: float, scratch: Floats) -> tuple[int, fl
 
 @kernel
 def _distance_m(line: Floats, k: int, along: float) -> float:
-    distance_m: float = line[START_M, k] + along * (line[END_M, k] - line[START_M, k])
-    return distance_m
+    return float(line[START_M, k] + along * (line[END_M, k] - line[START_M, k]))
 
 
 @kernel

@@ -357,8 +357,7 @@ def _crossed(a: Floats, b: Floats, c: Floats, d: Floats, *, touching: bool) -> B
         apart = (c_left != d_left) & (a_left != b_left)
     else:
         apart = (sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)
-    result: Bools = apart & (np.abs(_cross(ab, cd)) > _PARALLEL_M2)
-    return result
+    return np.asarray(apart & (np.abs(_cross(ab, cd)) > _PARALLEL_M2))
 
 
 def _crossing(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
@@ -367,8 +366,7 @@ def _crossing(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
 
 
 def _cross(u: Floats, v: Floats) -> Floats:
-    result: Floats = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    return result
+    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
 
 
 def _area(ring: Floats) -> float:

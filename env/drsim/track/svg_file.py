@@ -156,11 +156,10 @@ def _flattened(curves: Floats, chords: int) -> Floats:
 def _on(curves: Floats, share: Floats) -> Floats:
     t = share[:, None]
     weights = ((1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3)
-    total: Floats = sum(
+    return sum(
         (curves[:, None, j] * weight for j, weight in enumerate(weights)),
         start=np.zeros((len(curves), len(share), 2)),
     )
-    return total
 
 
 def _straight(start: complex, end: complex) -> Curve:

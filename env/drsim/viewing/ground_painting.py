@@ -8,7 +8,7 @@ import numpy as np
 from drsim.arrays import RGB, Floats, Singles
 from drsim.jit import kernel
 from drsim.track.polyline import without_repeats
-from drsim.track.spline import cross_ring, sign_off_road
+from drsim.track.road_cells import sign_off_road
 from drsim.track.track import Track
 
 Corners = tuple[float, float, float, float]
@@ -325,19 +325,14 @@ def measure_ground(track: Track, *, everywhere: bool) -> tuple[Singles, float, f
     cell_m = max(CELL_M, math.sqrt(float((high - low).prod()) / MOST_CELLS))
     columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
 
-    crossed = np.zeros((rows, columns), np.bool_)
-    if track.closed:
-        cross_ring(_in_cells(inner, low, cell_m), crossed)
-        cross_ring(_in_cells(outer, low, cell_m), crossed)
-    else:
-        cross_ring(_in_cells(np.concatenate([outer, inner[::-1]]), low, cell_m), crossed)
     cells = np.zeros((rows, columns, 5), np.float32)
     cells[:, :, SIDE] = cells[:, :, CENTRE] = REACH_M
     for line in (inner, outer):
         kerbs = np.ones(len(line)) if everywhere else kerbs_of(line, track.closed)
         _stamp(line - low, kerbs, track.closed, cell_m, SIDE, cells)
     _stamp(center - low, np.zeros(len(center)), track.closed, cell_m, CENTRE, cells)
-    sign_off_road(crossed, cells[:, :, SIDE])
+    borders = [np.ascontiguousarray((line - low) / cell_m) for line in (inner, outer)]
+    sign_off_road(borders[0], borders[1], track.closed, cells[:, :, SIDE])
     return cells, float(low[0]), float(low[1]), cell_m
 
 
@@ -357,12 +352,7 @@ def kerbs_of(line: Floats, closed: bool) -> Floats:
     )
     least, most = KERB_RADIUS_M
     bend = np.abs(turn) / _BEND_M
-    kerbs: Floats = np.clip((bend - 1.0 / most) / (1.0 / least - 1.0 / most), 0.0, 1.0)
-    return kerbs
-
-
-def _in_cells(points: Floats, low: Floats, cell_m: float) -> Floats:
-    return np.ascontiguousarray((points - low) / cell_m)
+    return np.asarray(np.clip((bend - 1.0 / most) / (1.0 / least - 1.0 / most), 0.0, 1.0))
 
 
 @kernel

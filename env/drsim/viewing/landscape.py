@@ -50,8 +50,7 @@ def landscape_of(world: str) -> Bytes:
         _cover(picture, height, line, np.array(color), pixel, light=10.0)
     trees = 0.006 + 0.016 * _treetops(random)
     _cover(picture, height, trees, np.array(_WOODS), pixel, light=26.0)
-    finished: Bytes = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
-    return finished
+    return np.asarray(np.clip(np.rint(picture), 0, 255).astype(np.uint8))
 
 
 @lru_cache(maxsize=2)
@@ -104,8 +103,7 @@ def _clouds(random: np.random.Generator) -> Floats:
         )
         weight += part
     total /= weight
-    even: Floats = (total - total.min()) / np.ptp(total)
-    return even
+    return np.asarray((total - total.min()) / np.ptp(total))
 
 
 def _between(dots: Floats, rows: Floats, columns: Floats) -> Floats:
@@ -117,8 +115,7 @@ def _between(dots: Floats, rows: Floats, columns: Floats) -> Floats:
     here, beside = column % dots.shape[1], (column + 1) % dots.shape[1]
     upper = dots[row][:, here] * (1.0 - right) + dots[row][:, beside] * right
     lower = dots[below][:, here] * (1.0 - right) + dots[below][:, beside] * right
-    mixed: Floats = upper * (1.0 - down) + lower * down
-    return mixed
+    return np.asarray(upper * (1.0 - down) + lower * down)
 
 
 def _ridge(azimuth: Floats, waves: int, random: np.random.Generator) -> Floats:
@@ -127,8 +124,7 @@ def _ridge(azimuth: Floats, waves: int, random: np.random.Generator) -> Floats:
         turn, phase = waves * 2**octave, random.uniform(0.0, 2.0 * np.pi)
         wobble = np.sin(azimuth * (turn // 2 + 1) + random.uniform(0.0, 6.28))
         line += 0.5**octave * np.sin(azimuth * turn + phase + wobble)
-    even: Floats = (line - line.min()) / np.ptp(line)
-    return even
+    return np.asarray((line - line.min()) / np.ptp(line))
 
 
 def _treetops(random: np.random.Generator) -> Floats:
@@ -140,8 +136,7 @@ def _treetops(random: np.random.Generator) -> Floats:
         away = (at - middle + COLUMNS / 2) % COLUMNS - COLUMNS / 2
         crown = np.sqrt(np.maximum(1.0 - (away / radius) ** 2, 0.0)) * (0.35 + radius / 20.0)
         line = np.maximum(line, crown)
-    tops: Floats = np.clip(line * np.clip(stands * 1.7 - 0.35, 0.0, 1.0), 0.0, 1.0)
-    return tops
+    return np.asarray(np.clip(line * np.clip(stands * 1.7 - 0.35, 0.0, 1.0), 0.0, 1.0))
 
 
 def _cover(

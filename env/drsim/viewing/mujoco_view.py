@@ -146,7 +146,15 @@ class MujocoView:
             castshadow=True,
         )
         world.add_camera(name="film", pos=[0, 0, 1])
-        self._add_sky(spec)
+        spec.add_texture(
+            name="sky",
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.80, 0.87, 0.94],
+            rgb2=[0.25, 0.47, 0.80],
+            width=256,
+            height=1536,
+        )
         self._add_ground(spec, world)
         parts = [(*kind, mesh) for kind in kinds for mesh in meshes_of(kind[0])]
         for number, (shape, color, ghost, mesh) in enumerate(parts):
@@ -166,17 +174,6 @@ class MujocoView:
         except Exception as error:
             raise RendererError(f"MuJoCo cannot draw here: {error}") from None
         self._kinds = kinds
-
-    def _add_sky(self, spec: Any) -> None:
-        spec.add_texture(
-            name="sky",
-            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-            rgb1=[0.80, 0.87, 0.94],
-            rgb2=[0.25, 0.47, 0.80],
-            width=256,
-            height=1536,
-        )
 
     def _add_ground(self, spec: Any, world: Any) -> None:
         side = self._ground.shape[0]

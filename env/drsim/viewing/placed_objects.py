@@ -225,13 +225,12 @@ def _smooth(table: Floats, times: int) -> Floats:
     first = np.minimum(wanted.astype(int), len(table) - 2)
     t = (wanted - at[first])[:, None]
     a, b, m, n = table[first], table[first + 1], slope[first], slope[first + 1]
-    between: Floats = (
+    return np.asarray(
         (2 * t**3 - 3 * t**2 + 1) * a
         + (t**3 - 2 * t**2 + t) * m
         + (3 * t**2 - 2 * t**3) * b
         + (t**3 - t**2) * n
     )
-    return between
 
 
 def _ring(

@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from drsim.arrays import RGB, Bytes, Floats, Singles, Vector
 from drsim.jit import kernel
 from drsim.sensing.cuboids import TO_SUN
+from drsim.sensing.observations import pool_of, share_out
 from drsim.track.appearance import Look, look_of
 from drsim.track.track import Track
 from drsim.viewing.ground_painting import measure_ground, paint_ground
@@ -105,7 +106,7 @@ class WorldView:
         )
         self._palette = _palette(look)
         self._fine = 3 if columns * rows <= 640 * 480 else 2
-        self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
+        self._pool = pool_of(threads)
         self._meshes: ThingMeshes | None = None
 
     def frame(self, lens: Lens, things: Sequence[PlacedObject]) -> Bytes:
@@ -139,18 +140,7 @@ class WorldView:
                 size = (rows, columns, first)
                 draw(triangles, seen_by, TO_SUN, counts, GHOST_OPACITY, size, self._fine, part)
 
-        if self._pool is None:
-            for number in range(_BANDS):
-                band(number)
-            return out
-        # The caller works, too: it takes what no other thread has begun, from the other end.
-        jobs = [self._pool.submit(band, number) for number in range(_BANDS)]
-        for number in reversed(range(_BANDS)):
-            if jobs[number].cancel():
-                band(number)
-        for job in jobs:
-            if not job.cancelled():
-                job.result()
+        share_out(self._pool, [partial(band, number) for number in range(_BANDS)])
         return out
 
     def _paint(self, lens: LensParts, rows: Rows, shadows: Floats, out: Bytes) -> None:

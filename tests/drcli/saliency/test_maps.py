@@ -6,7 +6,7 @@ import torch
 
 from drcli.convert.runtimes import policy_of_model
 from drcli.learn.policy import Observation, decide
-from drcli.view.saliency.maps import ExplainedPolicy, NotExplainable, lidar_sectors, saliency_maps
+from drcli.view.saliency.maps import ExplainedPolicy, NotExplainable, saliency_maps
 from drcli.view.saliency.policy_outputs import outputs_of
 from small_policies import small_metadata, small_network
 
@@ -113,7 +113,7 @@ def test_the_lidar_map_names_the_only_sector_that_matters():
 
     found = saliency_maps(explained, frames, scans, methods=["perturbation"], spacing=20)
 
-    assert lidar_sectors(explained) == 8
+    assert explained.sensors.sectors == 8
     assert found.lidar.shape == (1, 8)
     assert np.flatnonzero(found.lidar[0] > 1e-7).tolist() == [5]
 

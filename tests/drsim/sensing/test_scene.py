@@ -39,7 +39,7 @@ def grey_at(scene: Scene, x_m: float, y_m: float) -> int:
     """Grey of the texel that holds a point of the ground."""
     column = int((x_m - scene.x_m) / scene.texel_m)
     row = int((y_m - scene.y_m) / scene.texel_m)
-    return int(scene.ground[row, column])
+    return int(scene.level(0)[row, column])
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_a_world_looks_the_same_driven_the_other_way():
 
     forward, backward = build_scene(track), build_scene(track.reversed())
 
-    np.testing.assert_array_equal(forward.ground, backward.ground)
+    np.testing.assert_array_equal(forward.level(0), backward.level(0))
 
 
 def test_grain_is_the_same_in_every_build_and_another_in_another_world():
@@ -117,8 +117,8 @@ def test_grain_is_the_same_in_every_build_and_another_in_another_world():
     scenes = [build_scene(track), build_scene(track), build_scene(other)]
 
     np.testing.assert_array_equal(scenes[0].texels, scenes[1].texels)
-    assert (scenes[0].ground != scenes[2].ground).mean() > 0.3
-    road = scenes[0].ground[350:400, 1000:1100]
+    assert (scenes[0].level(0) != scenes[2].level(0)).mean() > 0.3
+    road = scenes[0].level(0)[350:400, 1000:1100]
     assert road.std() > 1.0
 
 

@@ -65,7 +65,7 @@ def test_a_file_of_one_direction_wins_over_its_base_and_a_missing_one_is_made_fr
 def test_a_route_can_be_drawn(world):
     track = load_track(world, ROUTES)
 
-    ground = build_scene(track).ground
+    ground = build_scene(track).level(0)
 
     assert ground.min() < ground.max() - 100  # both road and line
     assert look_of(world).line.grey == pytest.approx(float(ground.max()), abs=40)

@@ -9,9 +9,8 @@ import shapely
 
 import drsim
 from drsim.car.car import CONTROL_HZ
-from drsim.track.spline import ClosedSpline
 from drsim.track.track import Track
-from drsim.track.worlds import describe, load_track
+from drsim.track.worlds import ClosedSpline, describe, load_track
 
 DEFINITIONS = [
     file

@@ -332,7 +332,7 @@ def test_sharp_bends_are_cut_where_the_border_would_cross_itself(tmp_path, spike
 
     assert_sound(track)
     assert track.locate(track.center).track_width_m.min() > 0.9
-    assert build_scene(track).ground.max() > 200  # repeated border points do no harm there
+    assert build_scene(track).level(0).max() > 200  # repeated border points do no harm there
 
 
 def test_a_circle_of_a_drawing_becomes_a_round_road(tmp_path):

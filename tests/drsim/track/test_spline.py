@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drsim.track.spline import ClosedSpline
+from drsim.track.worlds import ClosedSpline
 
 
 def circle_points(count: int, radius_m: float) -> np.ndarray:
