@@ -24,6 +24,8 @@ def test_pictures_are_written_into_a_new_folder(tmp_path):
         picture = Image.open(io.BytesIO(path.read_bytes()))
         assert picture.width >= 1000
         assert len(picture.convert("RGB").getcolors(1 << 20)) > 20
+        title = picture.crop((0, 0, picture.width // 3, 40))
+        assert len(title.convert("RGB").getcolors(1 << 20)) > 20
 
 
 def test_another_file_is_not_replaced_and_nothing_is_written(tmp_path):

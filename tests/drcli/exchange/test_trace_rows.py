@@ -16,7 +16,7 @@ from drcli.analysis.read_run import run_of
 from drcli.base.errors import SettingsError
 from drcli.cli.commands.action_space import traces_in_folders
 from drcli.config.loading import load_settings
-from drcli.records.trace import COLUMNS
+from drcli.records.trace import COLUMNS, read_rows
 from drcli.run.seen_in_bucket import lap_lines
 from drcli.view.video.trace_source import trace_of_file
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
@@ -253,3 +253,9 @@ def test_every_reader_refuses_what_is_not_a_trace_by_its_name(tmp_path, settings
         reader(path, settings)
 
     assert reader is by_page or "0-iteration.csv" in str(refused.value)
+
+
+def test_whole_numbers_that_a_file_lacks_have_values_of_their_own():
+    [row] = read_rows(b"X,Y\n1.5,2.5\n").rows
+
+    assert (row.x, row.episode, row.closest_waypoint) == (1.5, 0, -1)

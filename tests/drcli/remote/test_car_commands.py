@@ -352,7 +352,9 @@ def test_a_load_waits_until_the_car_has_loaded_the_model(logged_in, capsys):
 
     assert logged_in("load", "fast", "--json") == 0
 
-    assert printed(capsys)["model"] == "fast"
+    report = printed(capsys)
+    assert report["model"] == "fast"
+    assert 0.0 < report["seconds"] < 60.0
     assert logged_in.car.state == "loaded"
     assert logged_in.car.requests.count("GET /api/isModelLoading") == 3
 

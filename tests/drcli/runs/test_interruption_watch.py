@@ -13,6 +13,7 @@ from drcli.records.job import Job
 from drcli.run import interruption_watch
 from drcli.run.interruption_watch import InterruptionWatch, chosen_source
 from drcli.run.journal import Journal, read_journal
+from drcli.run.outcome import Ending
 from memory_bucket import MemoryBucket
 
 
@@ -28,6 +29,7 @@ def watch(tmp_path, monkeypatch):
 
     class Laid:
         announced_now: ClassVar[list[Announced]] = []
+        stopped: ClassVar = False
 
         def __init__(self, *_: object) -> None:
             pass
@@ -36,7 +38,7 @@ def watch(tmp_path, monkeypatch):
             pass
 
         def stop(self) -> None:
-            pass
+            Laid.stopped = True
 
         def announced(self) -> list[Announced]:
             return self.announced_now
@@ -82,6 +84,8 @@ def test_a_notice_of_two_minutes_ends_the_training_with_a_minute_to_save(watch):
     assert outcome.save_within_s == 55.0
     assert not outcome.stays_ended
     assert "--resume-or-start" in outcome.remedy
+    found.duty.finish(Ending(outcome, None, lambda: False))
+    assert found.laid.stopped
 
 
 @pytest.mark.parametrize(("left_s", "save_s"), [(30.0, 25.0), (2.0, 8.0), (None, 55.0)])

@@ -294,13 +294,17 @@ def test_a_damaged_model_keeps_its_stack(amazon, stack):
 
 def test_a_checkpoint_of_the_reference_is_not_said_to_be_whole(amazon, stack, monkeypatch):
     monkeypatch.setattr(stack_end, "delete_stack", lambda *_: None)
-    monkeypatch.setattr(stack_end, "end_groups", lambda *_: None)
+    sizes = []
+    groups = amazon.client("autoscaling")
+    monkeypatch.setattr(groups, "update_auto_scaling_group", lambda **size: sizes.append(size))
     bucket = amazon.bucket("models")
     for end in (".index", ".data-00000-of-00001", ".meta"):
         bucket.put(keys.checkpoint_part(stack.model, "3_Step-30.ckpt", end), b"")
 
     report = stack_end.remove_training(amazon, stack, stack_end.verified_checkpoint(amazon, stack))
 
+    ended = {"MinSize": 0, "DesiredCapacity": 0}
+    assert sizes == [{"AutoScalingGroupName": group, **ended} for group in stack.groups]
     assert (report.checkpoint, report.whole) == ("3_Step-30.ckpt", False)
     assert "checkpoint, 3_Step-30.ckpt, was not checked." in str(report)
 

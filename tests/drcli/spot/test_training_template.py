@@ -127,9 +127,11 @@ def test_an_ordinary_machine_takes_over_only_by_choice():
     made = template(market="spot-or-on-demand")
 
     _, second = resource(made, "AutoScaling::AutoScalingGroup")
-    distribution = second["MixedInstancesPolicy"]["InstancesDistribution"]
     assert second["DesiredCapacity"] == "0"
-    assert distribution["OnDemandPercentageAboveBaseCapacity"] == 100
+    alone = resource(template(market="on-demand"), "AutoScaling::AutoScalingGroup")
+    for group in (second, *alone):
+        distribution = group["MixedInstancesPolicy"]["InstancesDistribution"]
+        assert distribution["OnDemandPercentageAboveBaseCapacity"] == 100
     assert len(resource(made, "AutoScaling::ScheduledAction")) == 2
     alarm = resource(made, "CloudWatch::Alarm")[0]
     assert alarm["Metrics"][-1]["Expression"] == "wanted - running"

@@ -1,18 +1,20 @@
 """The order in which the trainings of a sweep run, pause, end and copy each other."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from drcli.base.errors import ProblemsError, SettingsError, StorageError, TrainedElsewhere
-from drcli.base.processes import NotedSignals, Stopped
+from drcli.base.processes import NotedSignals, Stopped, started_s
 from drcli.config.loading import load_settings
 from drcli.model import keys
 from drcli.model.notes import DESCRIPTION
-from drcli.records.run_record import RunRecord
-from drcli.sweeps import sweep_run
+from drcli.records.run_record import RunRecord, WaitingStart, run_folder
+from drcli.sweeps import start_sweep, sweep_run
+from drcli.sweeps.start_sweep import SweepStart
 from drcli.sweeps.stored_sweep import read_sweep, refuse_used_models, wipe_sweep
 from drcli.sweeps.sweep_file import read_sweep_file
 from drcli.sweeps.sweep_report import SweepProgress
@@ -216,6 +218,21 @@ def test_an_interrupted_sweep_goes_on_where_it_was(shop):
     assert all(used(record)[name] >= amount for name, amount in before.items())
 
 
+def test_ctrl_c_that_ends_a_start_too_interrupts_the_sweep_and_no_training_has_failed(shop):
+    class Ended(PaperRun):
+        def start(self, limits):
+            shop.signals._note(2, None)
+            raise SettingsError("The supervisor has ended.", remedy="Read its log.")
+
+    sweep = shop.sweep()
+    sweep._open_run = lambda trial: Ended(shop, trial)
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run()
+
+    assert set(states(read_sweep(shop.bucket, "s")).values()) == {"waiting"}
+
+
 def test_a_bucket_that_does_not_answer_ends_the_sweep_and_loses_nothing(shop):
     shop.failures["s-02"] = [StorageError("It does not answer.", remedy="Wait.")]
     with pytest.raises(StorageError):
@@ -357,6 +374,22 @@ def test_the_worst_of_a_population_goes_on_with_the_weights_of_the_best(shop, pa
     assert settings.train_max_iterations == 8 - first.earlier
     custom = shop.folder / "experiments" / "p-01" / "custom_files" / "hyperparameters.json"
     assert json.loads(custom.read_text())["lr"] == first.hyperparameters["lr"]
+
+
+def test_a_sweep_runs_once_in_a_folder(shop, monkeypatch):
+    monkeypatch.setattr(start_sweep, "open_bucket", lambda _: shop.bucket)
+    monkeypatch.setattr(SweepStart, "_warnings", lambda *_: [])
+    monkeypatch.setattr(SweepStart, "_run_here", lambda _, progress, *rest: progress.record)
+    (shop.folder / "sweep.yaml").write_text(FILE)
+    start = SweepStart(load_settings(shop.folder), shop.folder / "sweep.yaml")
+    here, pid = run_folder(shop.folder, 0), os.getpid()
+    same = WaitingStart(pid, started_s(pid), shop.bucket.name, "s", "sweep")
+    calls = {"say": print, "warn": print, "on_change": print}
+
+    with same.shown(here), pytest.raises(SettingsError, match="sweep s already runs here"):
+        start.run(parallel=1, **calls)
+    with replace(same, prefix="another").shown(here):
+        assert start.run(parallel=1, **calls).name == "s"
 
 
 def test_other_trainings_under_the_same_name_are_refused(shop):

@@ -56,9 +56,11 @@ def test_evaluation_laps_that_become_slower_and_earn_more_are_slow_driving():
     assert item.numbers["early_lap_s"] == pytest.approx(11.0, abs=0.5)
     assert item.numbers["late_lap_s"] == pytest.approx(13.4, abs=0.5)
     assert evidence.rate.slower.sentence in item.evidence
-    section = reward_rate_section(run, evidence.rate)
+    unpaid = replace(evidence.rate, slow_s=13.0, slow_reward=0.0, fast_s=11.0, fast_reward=9.0)
+    section = reward_rate_section(run, unpaid)
     page = "".join(map(str, section.content))
     assert "Slow laps earn more" in page
+    assert "took 13.000 s and earned 0, the faster half took 11.000 s and earned 9" in page
     assert evidence.rate.slower.sentence in page
 
 

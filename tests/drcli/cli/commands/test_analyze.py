@@ -89,13 +89,16 @@ def test_a_lap_with_resets_is_no_clean_lap_on_the_terminal_in_json_and_in_the_re
     assert evaluation["trials"][0]["penalty_s"] == pytest.approx(5.0)
 
 
-def test_a_comparison_is_written_as_a_page(dr, working_folder, models, capsys):
+def test_a_comparison_is_shown_and_written_as_a_page(dr, working_folder, models, capsys):
     page = working_folder / "compare.html"
+    put(working_folder / "fast", "ip/hyperparameters.json", b'{"lr": 0.001}')
 
     assert dr("analyze", "compare", *models, "--html", str(page)) == 0
 
     assert "slow and fast compared" in page.read_text()
-    assert "Wrote" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "hyperparameters.json: slow (-), fast (+)\n  @@ -1," in shown
+    assert "Wrote" in shown
 
 
 def test_a_comparison_replaces_no_other_file(dr, working_folder, models, never_read, capsys):

@@ -129,6 +129,7 @@ def test_presets_are_explained_with_and_without_a_folder(dr, empty, capsys):
     assert (battery["value"], battery["present"], battery["default"]) == ("0.15", "0.3", "0.0")
     assert "DR_SIM_BATTERY=0.15  # here 0.3, run.env line" in text
     assert "nearly empty" in text
+    assert f"Files: {', '.join(preset['files'])}." in text
 
 
 def test_a_folder_of_files_alone_is_a_preset(tmp_path, monkeypatch):
