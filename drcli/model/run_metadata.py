@@ -34,7 +34,6 @@ PROGRAM_PATIENCE_S = 5.0
 
 def describe_start(
     settings: Settings,
-    directory: Path,
     seed: int,
     pretrained: Pretrained | None,
     before: TrainingStart | None,
@@ -47,7 +46,7 @@ def describe_start(
         cars=[race.sim_car for race in settings.races],
         versions={"python": platform.python_version(), **installed_versions(PACKAGES)},
         git={
-            "working_folder": _git_state(directory, "."),
+            "working_folder": _git_state(settings.directory, "."),
             "package": _git_state(Path(str(resources.files("drcli"))), "__init__.py"),
         },
         machine={

@@ -48,6 +48,7 @@ from drcli.run.run_logs import begin_logs
 from drcli.run.take_model import taken
 from drcli.train.goals import ending
 from drcli.transfer.continue_reference import plan_conversion
+from drcli.transfer.record_training import NewStart
 from drcli.workers.ray_extra import has_cluster
 
 # Makes the job of a start, and the record of its begin.
@@ -200,7 +201,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         SettingsError: With a line for each problem.
         CheckpointsLost: None of the model's checkpoints can be read.
     """
-    directory, prefix = settings.directory, settings.model_prefix
+    prefix = settings.model_prefix
     if options.wipe and options.resume:
         raise SettingsError(
             "-w deletes the model and --resume continues it; they cannot be combined.",
@@ -272,8 +273,9 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     if resumes is not None and design.metadata.algorithm.replay:
         warnings += _replay_lost(design.metadata.algorithm, model, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
-    source = transfer.source if transfer is not None else None
+    source = None
     if transfer is not None:
+        source = transfer.source
         errors.show(transfer.sentence)
     ends = ending(job, design.parameters)
 
@@ -285,19 +287,20 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             refuse(review_prefix(now))
 
     with taken(job, model, review):
-        records = StartRecorder(model, settings)
+        records = StartRecorder(model)
         training = records.prepare(before, resumes=options.resume)
-        wiping = options.wipe and is_used(model)
-        if wiping:
+        wiped = options.wipe and is_used(model)
+        if wiped:
             wipe(model, spared=[keys.lease(prefix)])
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
         write_outcome(model, begun)
         freeze(settings.custom_files, model, inputs, job.inputs, staged.review.frozen, trained)
         warnings += _forget_other_scores(settings, model, before)
-        start = describe_start(settings, directory, job.seed, source, before, training)
+        start = describe_start(settings, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())
-        training = records.record(start, begun, resumes, previous, job.inputs)
+        new = NewStart(settings, start, begun, resumes, previous, job.inputs)
+        training = records.record(new)
         describe(model, settings.model_description, is_new=not options.resume)
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
@@ -308,9 +311,9 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         if conversion is not None:
             conversion.write()
         if not options.resume:
-            begin_logs(directory, prefix, settings.log_max_mb)
+            begin_logs(settings.directory, prefix, settings.log_max_mb)
     job = replace(job, begun=begun, noted=noted, training=training)
-    return RunPlan(job, inputs, warnings, resumes, ends, source, wiping)
+    return RunPlan(job, inputs, warnings, resumes, ends, source, wiped)
 
 
 def prepare_end_work(settings: Settings, outcome: RunOutcome, model: ModelStore) -> EndWorkPlan:

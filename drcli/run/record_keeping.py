@@ -3,13 +3,11 @@
 import secrets
 import socket
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 
 from drcli.base import errors
 from drcli.base.errors import DrError, OwnershipLost
 from drcli.base.log import get_logger
-from drcli.config.settings import Settings
 from drcli.model.history import HistoryReader
 from drcli.model.model_store import ModelStore
 from drcli.model.training_records import (
@@ -41,14 +39,12 @@ END_PATIENCE_S = 4.0
 
 
 class StartRecorder:
-    def __init__(self, model: ModelStore, settings: Settings) -> None:
+    def __init__(self, model: ModelStore) -> None:
         self._model = model
-        self._settings = settings
         self._known: TrainingRecord | None = None
 
     def prepare(self, before: TrainingStart | None, *, resumes: bool) -> str:
         """Complete the record of a training that is deleted or begun anew."""
-        prefix = self._model.prefix
         try:
             if resumes:
                 self._known = known_training(self._model, before)
@@ -56,18 +52,10 @@ class StartRecorder:
             settle(self._model, gone=True)
         except DrError as error:
             _warn("of the training before", error)
-        return training_id(prefix, before) if resumes else secrets.token_hex(4)
+        return training_id(self._model.prefix, before) if resumes else secrets.token_hex(4)
 
-    def record(
-        self,
-        start: TrainingStart,
-        outcome: RunOutcome,
-        resumes: str | None,
-        previous: RunOutcome | None,
-        inputs: Mapping[str, str],
-    ) -> str:
+    def record(self, new: NewStart) -> str:
         """The id of the training; empty if nothing could be written."""
-        new = NewStart(self._settings, start, outcome, resumes, previous, inputs)
         try:
             return record_start(self._model, new, self._known).id
         except DrError as error:

@@ -7,7 +7,7 @@ import re
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -333,7 +333,7 @@ class NewStart:
     outcome: RunOutcome
     resumes: str | None
     previous: RunOutcome | None
-    inputs: Mapping[str, str] = field(default_factory=dict)
+    inputs: Mapping[str, str]
 
 
 def training_id(prefix: str, start: TrainingStart | None) -> str:
