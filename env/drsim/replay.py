@@ -17,9 +17,8 @@ import numpy as np
 
 from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR
 from drsim.errors import TrackError
-from drsim.fidelity.motion import Windows, compare_motion
+from drsim.fidelity.motion import Agreement, Windows, compare_motion, compare_track_columns
 from drsim.fidelity.recordings import Recording, RecordingError, load_recordings
-from drsim.fidelity.track_columns import Agreement, compare_track_columns
 from drsim.track.worlds import load_track
 
 EXIT_SETTINGS = 3

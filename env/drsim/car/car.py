@@ -287,8 +287,7 @@ class CarBatch:
 
 def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
     data = mujoco.MjData(model)
-    steps = round(_SETTLE_STEPS / CONTROL_HZ / model.opt.timestep)
-    mujoco.mj_step(model, data, steps)
+    mujoco.mj_step(model, data, round(_SETTLE_STEPS / CONTROL_HZ / model.opt.timestep))
     return float(data.qpos[2]), 2.0 * math.atan2(float(data.qpos[5]), float(data.qpos[3]))
 
 

@@ -39,7 +39,6 @@ class Conditions:
         battery: Factor on speed reached and torque.
         steering_trim_deg: Further to the left than requested.
         steering_left: Factor on angles to the left.
-        steering_right: Likewise.
         pattern: Fixes the noise of each pixel, and where lamps are.
     """
 
@@ -75,8 +74,7 @@ class Conditions:
         trim, pattern = self.steering_trim_deg, self.pattern
         most = f"be within {MOST_TRIM_DEG:g} degrees to either side"
         require(abs(trim) <= MOST_TRIM_DEG, "steering_trim_deg", trim, most)
-        whole = "be a whole number from 0 to 2**64 - 1"
-        require(0 <= pattern < 2**64, "pattern", pattern, whole)
+        require(0 <= pattern < 2**64, "pattern", pattern, "be a whole number from 0 to 2**64 - 1")
 
     @property
     def changes_car(self) -> bool:
@@ -118,7 +116,6 @@ class Realism:
         latency_s: Every action acts this much later.
         latency_jitter_s: And later still by up to this much.
         friction: Share of grip.
-        mass: Share.
         battery: Share of speed reached and torque.
         steering_lock: Share of the angle reached, drawn for each side.
         glare: Of a lamp that shines into the lens, 0 .. 1.
@@ -266,8 +263,7 @@ class Disturbances:
         """From nominal lenses to real ones."""
         if not self._moved.any():
             return lens_pos, lens_mat
-        shifted = lens_pos + np.einsum("nij,nj->ni", lens_mat, self._shift_m)
-        return shifted, lens_mat @ self._turn
+        return lens_pos + np.einsum("nij,nj->ni", lens_mat, self._shift_m), lens_mat @ self._turn
 
     def next_frames(self, cars: Ints) -> None:
         self._noise_key[cars] += np.uint64(1)

@@ -164,8 +164,7 @@ class WarpPhysics:
             dtype = getattr(self._model, name).dtype
             setattr(self._model, name, wp.array(values.astype(np.float32), dtype=dtype))
         self._varied_changed = False
-        at_rest = mujoco.MjData(model)
-        self._rest_history = wp.array(at_rest.history, dtype=float)
+        self._rest_history = wp.array(mujoco.MjData(model).history, dtype=float)
 
         self.qpos: Floats = np.zeros((num_cars, model.nq))
         self.qvel: Floats = np.zeros((num_cars, model.nv))

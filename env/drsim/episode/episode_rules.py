@@ -46,9 +46,6 @@ class EpisodeRules:
         laps: More than one makes a continuous race.
         max_resets: Violations forgiven: the car is put back on the track, and waits.
         off_track_penalty_s: Wait after leaving the track, seconds.
-        collision_penalty_s: After a crash.
-        reversed_penalty_s: After driving backwards.
-        immobilized_penalty_s: After standing still.
         patience_steps: Consecutive steps without motion, or with falling progress, until a
             violation.
         max_steps: Then an episode is cut off.
@@ -345,15 +342,11 @@ class StepResult:
         y: Of that point, metres.
         yaw_deg: Heading, -180 .. 180.
         all_wheels_on_track: All wheel centres are strictly inside the borders.
-        closest_waypoint: Index.
-        from_center_m: Of that point.
         steps: 1 for the first.
         sim_time_s: Clock of the car, which never runs backwards.
         pause_s: Still to wait.
-        laps: Completed.
         lap_time_s: Since the lap began, waiting included; in its last step, the lap time.
         resets: Violations forgiven.
-        crashes: In this episode.
     """
 
     driven: Bools

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any, NoReturn
+from typing import Any
 
 from drsim.episode.reward import (
     USER_MODULE,
@@ -45,7 +45,10 @@ def load_reward_function(path: Path) -> RewardFunction:
     try:
         code = compile(text, str(path), "exec")
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        _raise_syntax(path, error)
+        line = error.lineno if isinstance(error, SyntaxError) else None
+        what = error.msg if isinstance(error, SyntaxError) else str(error) or type(error).__name__
+        told = f"The reward function{place(path, line)} is not valid Python: {what}."
+        raise _refused(told, path, line) from error
     module = _run_module(path, code)
     function = getattr(module, _FUNCTION_NAME, None)
     if not callable(function):
@@ -130,14 +133,6 @@ def _check_kind(path: Path, function: Callable[..., Any]) -> None:
         path,
         line,
     )
-
-
-def _raise_syntax(path: Path, error: Exception) -> NoReturn:
-    line = error.lineno if isinstance(error, SyntaxError) else None
-    what = error.msg if isinstance(error, SyntaxError) else str(error) or type(error).__name__
-    raise _refused(
-        f"The reward function{place(path, line)} is not valid Python: {what}.", path, line
-    ) from error
 
 
 def _refused(

@@ -22,7 +22,6 @@ class Situation:
         xy: That point, metres. Shape (n, 2).
         heading_deg: -180 .. 180.
         all_on: All four wheel centres are on the track.
-        none_on: None is.
         steering_deg: Like the speed, asked for, not clipped.
         backward: Index into the tracks: 1 for the other way.
         objects: None where a car is alone.

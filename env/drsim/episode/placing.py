@@ -33,8 +33,7 @@ def offset_of(track: Track, fraction: float, side: Side) -> float:
         return 0.0
     distance_m = np.array([fraction * track.length_m])
     centre = track.pose_at(distance_m)[0]
-    inside_is_left = track.is_ccw
-    lane = track.pose_at(distance_m, "inner" if (side == "left") == inside_is_left else "outer")[0]
+    lane = track.pose_at(distance_m, "inner" if (side == "left") == track.is_ccw else "outer")[0]
     return float((lane[:2] - centre[:2]) @ _leftwards(centre[2]))
 
 

@@ -288,8 +288,7 @@ class Simulation:
             self.traffic.advance(running)
             self.traffic.follow(self._cars.origin_xy, self._cars.yaw_rad)
         # A car that waits sees the traffic go on.
-        sees = driven if self.traffic is None else running
-        self._start_to_draw(np.flatnonzero(sees))
+        self._start_to_draw(np.flatnonzero(driven if self.traffic is None else running))
         try:
             self._ticks[running] += 1
             self._positions.refresh()
@@ -396,7 +395,7 @@ class Simulation:
 
     def _start_to_draw(self, cars: Ints) -> None:
         if self.draws:
-            self._observations.start(cars, self._cars)
+            self._observations.look(cars, self._cars)
 
     def _situation(self, steering_deg: Floats, speed_mps: Floats, crashed: Bools) -> Situation:
         return Situation(

@@ -215,7 +215,8 @@ def _drives(steps: list[_Step]) -> Iterator[Recording]:
         ends_s = np.array([step.end_s for step in part])
         held = part[0].status in _STANDING
         # In some episodes the first row still shows where the last one ended, the second the start.
-        freed = first > 0 and not held and _freed(steps[first - 1], part[0])
+        before = steps[first - 1]
+        freed = first > 0 and not held and before.status in _STANDING and _next(before, part[0])
         yield Recording(
             episode=part[0].episode,
             poses=poses,
@@ -229,10 +230,6 @@ def _drives(steps: list[_Step]) -> Iterator[Recording]:
             wheels_on=np.array([step.wheels_on for step in part], np.int64),
             track_length_m=part[0].track_length_m,
         )
-
-
-def _freed(before: _Step, now: _Step) -> bool:
-    return before.status in _STANDING and _next(before, now)
 
 
 def _next(before: _Step, now: _Step) -> bool:

@@ -138,5 +138,4 @@ class RacerVectorEnv(Racers, VectorEnv[Perceived, Any, NDArray[Any]]):
         self._simulation.close()
 
     def _begins(self) -> Bools:
-        races = self._over.reshape(-1, self._race.racers)
-        return np.repeat(races.all(axis=1), self._race.racers)
+        return np.repeat(self._over.reshape(-1, self._race.racers).all(axis=1), self._race.racers)

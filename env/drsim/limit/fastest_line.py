@@ -132,8 +132,7 @@ def fastest_line(track: Track, grip: Grip) -> Line:
     """
     if not track.closed:
         raise NoLine(f"{track.name} is not a loop, so it has no flying lap")
-    reach = round(_SMOOTH_M / STEP_M)
-    middle = _smoothed(_resampled(track.center[:-1]), reach, passes=2)
+    middle = _smoothed(_resampled(track.center[:-1]), round(_SMOOTH_M / STEP_M), passes=2)
     line = _improved(track, middle, grip)
     # There are several lines that no small change improves. From the other side, the solver comes
     # to another one now and then, by up to 4 %.

@@ -165,8 +165,7 @@ class LanePaths:
 
 
 def _knots(track: Track, lane: Lane) -> tuple[Floats, Floats]:
-    border = track.inner if lane == "inner" else track.outer
-    vertices = (track.center + border) / 2
+    vertices = (track.center + (track.inner if lane == "inner" else track.outer)) / 2
     row_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(track.center, axis=0).T))])
     off_m = track.locate(vertices).distance_m - row_m
     if track.closed:

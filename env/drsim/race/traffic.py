@@ -160,28 +160,28 @@ class Traffic:
             + (SHAPES["bot_car"],) * number_of_bots
         )
         count = len(self.shapes)
-        self._footprint_m: Floats = np.array(
-            [shape.footprint_m for shape in self.shapes], np.float64
-        ).reshape(count, 2)
-        self.xy: Floats = np.zeros((num_cars, count, 2))
-        self.yaw_rad: Floats = np.zeros((num_cars, count))
-        self.distance_m: Floats = np.zeros((num_cars, count))
+        box = race.obstacles is not None and race.obstacles.kind != "bot_car"
+        tells_heading = [not (box and shape.name == kind) for shape in self.shapes]
+        self._objects = Objects(
+            xy=np.zeros((num_cars, count, 2)),
+            yaw_rad=np.zeros((num_cars, count)),
+            footprint_m=np.array([each.footprint_m for each in self.shapes]).reshape(count, 2),
+            distance_m=np.zeros((num_cars, count)),
+            from_center_m=np.zeros((num_cars, count)),
+            left_of_center=np.zeros((num_cars, count), np.bool_),
+            speed_mps=np.zeros(count),
+            tells_heading=np.array(tells_heading, np.bool_),
+        )
+        self.xy, self.yaw_rad, self._footprint_m, self.distance_m, *_ = self._objects
         self.track_width_m: Floats = np.zeros((num_cars, count))
-        self._from_center_m: Floats = np.zeros((num_cars, count))
-        self._left: Bools = np.zeros((num_cars, count), np.bool_)
         self._lane: Ints = np.full((num_cars, count), INNER)
         self._backward: Ints = np.zeros(num_cars, np.int64)
         self._start_m: Floats = np.zeros(num_cars)
         self._put_back_at: Ints = np.zeros((num_cars, count), np.int64)
         self._bots = Bots(num_cars, race.bots) if race.bots is not None else None
         self._paths = LanePaths(tracks) if race.bots is not None else None
-        box = race.obstacles is not None and race.obstacles.kind != "bot_car"
-        self._tells_heading = np.array(
-            [not (box and shape.name == kind) for shape in self.shapes], np.bool_
-        )
-        self._speed_mps = np.zeros(count)
         if race.bots is not None:
-            self._speed_mps[self._driving] = race.bots.speed_mps
+            self._objects.speed_mps[self._driving] = race.bots.speed_mps
 
     def begin(
         self,
@@ -261,8 +261,7 @@ class Traffic:
         behind[:, self._standing] = True
         into = touching & behind
         if self._bots is not None:
-            struck = np.asarray((touching & ~behind)[:, self._driving].any(axis=1))
-            self._bots.halt(struck)
+            self._bots.halt(np.asarray((touching & ~behind)[:, self._driving].any(axis=1)))
         crashed = np.asarray(into.any(axis=1))
         other = np.where(crashed, into.argmax(axis=1), -1)
         stands = (other >= self._standing.start) & (other < self._standing.stop)
@@ -295,16 +294,7 @@ class Traffic:
 
     def objects(self) -> Objects:
         """A live view."""
-        return Objects(
-            xy=self.xy,
-            yaw_rad=self.yaw_rad,
-            footprint_m=self._footprint_m,
-            distance_m=self.distance_m,
-            from_center_m=self._from_center_m,
-            left_of_center=self._left,
-            speed_mps=self._speed_mps,
-            tells_heading=self._tells_heading,
-        )
+        return self._objects
 
     def gap_m(self, cars: Ints, along_m: Floats) -> Floats:
         """How far ahead of cars their objects are, the shorter way; negative behind."""
@@ -325,8 +315,7 @@ class Traffic:
         on_inner_m, on_outer_m = _nearest_on(self._lane[car, self._standing], apart_m)
         on_m = {INNER: float(on_inner_m), OUTER: float(on_outer_m)}
         opposite = INNER + OUTER - lane
-        blocked = on_m[opposite] < min(BLOCKS_M, on_m[lane])
-        return lane if blocked else opposite
+        return lane if (on_m[opposite] < min(BLOCKS_M, on_m[lane])) else opposite
 
     def _place_obstacles(
         self, rules: ObstacleRules, car: int, track: Track, random: np.random.Generator
@@ -356,8 +345,7 @@ class Traffic:
     ) -> tuple[Floats, Ints]:
         count, gap_m = rules.count, rules.min_gap_m
         if rules.randomize:
-            start_m = float(self._start_m[car])
-            places_m = drawn_places(track, count, gap_m, start_m, random)
+            places_m = drawn_places(track, count, gap_m, float(self._start_m[car]), random)
             return places_m, random.integers(INNER, OUTER + 1, count)
         return even_places(track, count, gap_m), INNER + np.arange(count) % 2
 
@@ -379,10 +367,13 @@ class Traffic:
         xy = self.xy[cars, group]
         where = track.locate(xy.reshape(-1, 2))
         shape = xy.shape[:-1]
-        self.distance_m[cars, group] = where.distance_m.reshape(shape)
-        self.track_width_m[cars, group] = where.track_width_m.reshape(shape)
-        self._from_center_m[cars, group] = where.from_center_m.reshape(shape)
-        self._left[cars, group] = where.left_of_center.reshape(shape)
+        for known, found in (
+            (self.distance_m, where.distance_m),
+            (self.track_width_m, where.track_width_m),
+            (self._objects.from_center_m, where.from_center_m),
+            (self._objects.left_of_center, where.left_of_center),
+        ):
+            known[cars, group] = found.reshape(shape)
 
     def _gap_m(self, there_m: Floats, here_m: Floats | float) -> Floats:
         gap_m: Floats = there_m - here_m

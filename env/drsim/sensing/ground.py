@@ -58,8 +58,7 @@ def paint_ground(track: Track, look: Look, grid: Grid) -> Bytes:
     )
     cover = _Cover(side, marks, _stripes_of_kerb(track, look, grid, side))
     near, far = line_near_m / grid.texel_m, line_far_m / grid.texel_m
-    kerb_end = near - look.kerb_width_m / grid.texel_m
-    limits = Single(near), Single(far), Single(kerb_end)
+    limits = Single(near), Single(far), Single(near - look.kerb_width_m / grid.texel_m)
     ground = _mix(cover, _grain_tile(track.name, grid.texel_m), *limits, paints)
     if look.start_depth_m > 0.0:
         _paint_start(track, look, grid, ground)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -23,13 +23,6 @@ if TYPE_CHECKING:
 _FRAMES_PER_JOB = 4
 _FRAMES_ALONE = 2
 """Until another thread would wake up."""
-
-
-class _Eye(NamedTuple):
-    lenses: LensParts
-    frames: Bytes
-    cars: Ints
-    taken: Ints
 
 
 class FrameRenderer:
@@ -74,7 +67,7 @@ class FrameRenderer:
         self._num_threads = num_threads
         self._pool = pool_of(num_threads)
         self._cars: Ints = np.empty(0, np.int64)
-        self._eyes: list[_Eye] = []
+        self._eyes: list[tuple[LensParts, Bytes, Ints]] = []
         self._futures: list[Future[None]] = []
 
     def __getstate__(self) -> dict[str, Any]:
@@ -96,11 +89,10 @@ class FrameRenderer:
             lenses = lens_parts(
                 lens_pos + to_left_m * lens_mat[:, :, 1], lens_mat, rounding=eyes > 1
             )
-            taken = np.zeros(1, np.int64)
-            self._eyes.append(_Eye(lenses, self.frames[:, eye], cars, taken))
+            self._eyes.append((lenses, self.frames[:, eye], np.zeros(1, np.int64)))
         if self._gpu is not None:
             light = None if self._lighting is None else self._lighting.of(slice(None))
-            self._gpu.draw([eye.lenses for eye in self._eyes], cars, light)
+            self._gpu.draw([lenses for lenses, _, _ in self._eyes], cars, light)
             self._gpu.fetch()
             return
         if self._pool is not None and len(cars) > _FRAMES_ALONE:
@@ -115,7 +107,9 @@ class FrameRenderer:
                 _wait(self._futures)  # ends what has not begun: nothing is left for it
             elif len(self._cars):
                 self._gpu.wait()
-            if len(self._cars) and self._is_more_to_draw():
+            after = self._after is not None and (self._changes is None or self._changes(self._cars))
+            lit = self._lamps is not None and self._lamps.lit(self._cars)
+            if len(self._cars) and (self._solids is not None or lit or after):
                 jobs = [partial(self._draw_over, rows) for rows in _jobs(self._cars)]
                 share_out(self._pool if len(self._cars) > _FRAMES_ALONE else None, jobs)
                 if self._gpu is not None:
@@ -131,24 +125,16 @@ class FrameRenderer:
 
     def _draw_ground(self) -> None:
         light = None if self._lighting is None else self._lighting.of(slice(None))
-        for eye in self._eyes:
-            draw_ground(self._scene, eye.lenses, eye.frames, eye.cars, eye.taken, light)
-
-    def _is_more_to_draw(self) -> bool:
-        return (
-            self._solids is not None
-            or (self._lamps is not None and self._lamps.lit(self._cars))
-            or (self._after is not None and (self._changes is None or self._changes(self._cars)))
-        )
+        for lenses, frames, taken in self._eyes:
+            draw_ground(self._scene, lenses, frames, self._cars, taken, light)
 
     def _draw_over(self, rows: slice) -> None:
         light = None if self._lighting is None else self._lighting.of(rows)
         lamps = self._lamps
         if lamps is not None and not lamps.lit(rows):
             lamps = None
-        for eye in self._eyes:
-            pos, mat, focal_px, bias = eye.lenses
-            lenses, frames = (pos[rows], mat[rows], focal_px, bias), eye.frames[rows]
+        for (pos, mat, focal_px, bias), all_frames, _ in self._eyes:
+            lenses, frames = (pos[rows], mat[rows], focal_px, bias), all_frames[rows]
             if lamps is not None:
                 lamps.reflect(rows, frames, lenses)
             if self._solids is not None:
@@ -198,7 +184,7 @@ world.
 """
 
 
-class Observations:
+class Observations(FrameRenderer):
     """Camera frames and lidar scans of n cars.
 
     Attributes:
@@ -224,39 +210,32 @@ class Observations:
         Raises:
             OSError: There is no GPU that can be used.
         """
-        self._scene = scene
         self._sensors = sensors
         self._traffic = traffic
         self._disturbances = disturbances
-        self._solids = Solids(num_cars, traffic.shapes) if traffic is not None else None
-        textures = randomize == "textures"
-        self._lighting = (
-            Lighting(num_cars, look_of(world), textures=textures)
-            if randomize != "nothing"
-            else None
-        )
-        self._lamps = Lamps(scene, num_cars)
-        self._gpu = None
+        lighting = None
+        if randomize != "nothing":
+            lighting = Lighting(num_cars, look_of(world), textures=randomize == "textures")
+        camera = None
         if gpu:
             try:
                 from drsim.sensing.cuda_camera import CudaCamera  # loads CUDA
             except (ImportError, AttributeError) as error:
                 raise OSError(f"numba cannot load CUDA: {error}") from error
 
-            self._gpu = CudaCamera(scene, num_cars, eyes=sensors.eyes)
-        self._renderer = FrameRenderer(
+            camera = CudaCamera(scene, num_cars, eyes=sensors.eyes)
+        super().__init__(
             scene,
             num_cars,
             num_threads,
             eyes=sensors.eyes,
-            solids=self._solids,
-            lighting=self._lighting,
-            lamps=self._lamps,
+            solids=Solids(num_cars, traffic.shapes) if traffic is not None else None,
+            lighting=lighting,
+            lamps=Lamps(scene, num_cars),
             after=self._spoil,
             changes=disturbances.spoils,
-            gpu=self._gpu,
+            gpu=camera,
         )
-        self.frames = self._renderer.frames
         nothing = np.full((num_cars, LIDAR.samples), np.inf, np.float32)
         self.scans: Singles = sensors.process(nothing)
 
@@ -274,27 +253,23 @@ class Observations:
             self._solids.paint(np.array([car]), colors)
 
     def light(self, car: int, conditions: Conditions) -> None:
-        self._lamps.begin(
-            car,
-            glare=conditions.glare,
-            reflections=conditions.reflections,
-            pattern=conditions.pattern,
-        )
+        if self._lamps is not None:
+            self._lamps.begin(
+                car,
+                glare=conditions.glare,
+                reflections=conditions.reflections,
+                pattern=conditions.pattern,
+            )
 
-    def start(self, cars: Ints, bodies: CarBatch) -> None:
+    def look(self, cars: Ints, bodies: CarBatch) -> None:
+        """Begin to draw what these cars perceive; `finish` completes the frames."""
         if self._solids is not None and self._traffic is not None:
             self._solids.move(cars, self._traffic.xy[cars], self._traffic.yaw_rad[cars])
         lens_pos, lens_mat = self._disturbances.lenses(bodies.lens_pos, bodies.lens_mat)
         self._disturbances.next_frames(cars)
-        self._renderer.start(cars, lens_pos, lens_mat)
+        self.start(cars, lens_pos, lens_mat)
         if self._sensors.lidar and len(cars):
             self._scan(cars, bodies)
-
-    def finish(self) -> None:
-        self._renderer.finish()
-
-    def close(self) -> None:
-        self._renderer.close()
 
     def _scan(self, cars: Ints, bodies: CarBatch) -> None:
         boxes = np.empty((len(cars), 0), CUBOID)

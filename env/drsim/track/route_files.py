@@ -246,8 +246,7 @@ def road_along(name: str, center: Floats, width_m: Floats, length_m: float | Non
     if length_m is not None:  # chords between waypoints are a little shorter than the line was
         center *= length_m / _length(center)
     left, right = (_beside(center, side * width_m / 2, closed) for side in (1, -1))
-    counter_clockwise = not closed or _area(center) > 0
-    inner, outer = (left, right) if counter_clockwise else (right, left)
+    inner, outer = (left, right) if (not closed or _area(center) > 0) else (right, left)
     track = Track(name, center, inner, outer, closed)
     _check_apart(track)
     return track

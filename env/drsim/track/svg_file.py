@@ -50,8 +50,7 @@ def read_line(text: str, chords: int) -> Floats:
     shape, matrix = _first_shape(_parsed(text))
     curves = _curves(shape) @ matrix[:, :2].T + matrix[:, 2]
     _check_reach(curves)
-    points = _flattened(curves, chords)
-    return points * [1.0, -1.0]  # SVG counts y downwards
+    return _flattened(curves, chords) * [1.0, -1.0]  # SVG counts y downwards
 
 
 def _parsed(text: str) -> ElementTree.Element:
@@ -139,8 +138,7 @@ def _curves(shape: ElementTree.Element) -> Floats:
 
 
 def _flattened(curves: Floats, chords: int) -> Floats:
-    share = np.linspace(0.0, 1.0, _STEPS_TO_MEASURE + 1)
-    rough = _on(curves, share)
+    rough = _on(curves, np.linspace(0.0, 1.0, _STEPS_TO_MEASURE + 1))
     length = np.hypot(*np.moveaxis(np.diff(rough, axis=1), 2, 0)).sum(axis=1)
     whole = length.sum()
     if not whole > 0:

@@ -89,7 +89,7 @@ def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
         name=track.name,
         length_m=track.length_m,
         width_m=Width(float(width_m.mean()), float(width_m.min()), float(width_m.max())),
-        direction=_direction(track),
+        direction=("counterclockwise" if track.is_ccw else "clockwise") if track.closed else "open",
         waypoints=len(track.center),
         repeated=np.setdiff1d(np.arange(len(track.center)), first).tolist(),
         spacing_m=track.length_m / (len(first) - 1),
@@ -125,12 +125,6 @@ def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = Fal
         if track.is_ccw == clockwise:
             track = replace(track.reversed(), reverse=track.reverse)
     return track.reversed() if reverse else track
-
-
-def _direction(track: Track) -> Direction:
-    if not track.closed:
-        return "open"
-    return "counterclockwise" if track.is_ccw else "clockwise"
 
 
 class _Found(NamedTuple):
@@ -266,8 +260,7 @@ def _slopes(points: Floats, chord_m: Floats) -> Floats:
     np.add.at(matrix, (here, before), b)
     np.add.at(matrix, (here, here), 2 * (a + b))
     np.add.at(matrix, (here, after), a)
-    right = 3 * (b[:, None] * secant[before] + a[:, None] * secant)
-    return _solved(matrix, right)
+    return _solved(matrix, 3 * (b[:, None] * secant[before] + a[:, None] * secant))
 
 
 def _solved(matrix: Floats, right: Floats) -> Floats:

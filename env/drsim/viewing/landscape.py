@@ -84,8 +84,7 @@ def _add_clouds(picture: Floats, height: Floats, random: np.random.Generator) ->
     cover = np.clip((heaps - 0.52) / 0.16, 0.0, 1.0)
     cover = cover * cover * (3.0 - 2.0 * cover)
     cover *= np.clip((height - 0.05) / 0.08, 0.0, 1.0) * 0.9
-    below = np.roll(heaps, -6, axis=0)
-    lit = np.clip(0.5 + (heaps - below) * 9.0, 0.0, 1.0)[:, :, None]
+    lit = np.clip(0.5 + (heaps - np.roll(heaps, -6, axis=0)) * 9.0, 0.0, 1.0)[:, :, None]
     color = np.array(_CLOUD_SHADE) + lit * (np.array(_CLOUD) - np.array(_CLOUD_SHADE))
     picture += cover[:, :, None] * (color - picture)
 
@@ -291,8 +290,7 @@ def _barrier(
     # Boards of 1.6 m, every third of them light, with a light edge on top and a dark joint.
     place = along / 1.6
     part = (place - math.floor(place)) * 1.6
-    number = math.floor(place) % 3
-    mix = 1.0 if number == 0 else 0.0
+    mix = 1.0 if (math.floor(place) % 3) == 0 else 0.0
     edge = min(max(0.5 + (height - 0.84 * barrier_m) / pixel_m, 0.0), 1.0)
     mix = max(mix, edge)
     joint = 1.0 - 0.35 * min(max(1.0 - abs(min(part, 1.6 - part)) / max(0.012, pixel_m), 0.0), 1.0)

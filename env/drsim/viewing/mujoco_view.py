@@ -68,9 +68,6 @@ class MujocoView:
         self._ground, self._ground_m, self._middle = _ground_picture(track, self._look)
         self._kinds: Kinds | None = None
         self._context: Any = None
-        self._scene: Any = None
-        self._model: Any = None
-        self._data: Any = None
 
     def frame(self, lens: Lens, things: Sequence[PlacedObject]) -> Bytes:
         """Picture some things on the track.
@@ -229,8 +226,7 @@ def _ground_picture(track: Track, look: Look) -> tuple[Bytes, float, Floats]:
 
 def _add_mesh(spec: Any, body: Any, mesh: Mesh, name: str, color: RGB, opacity: float) -> None:
     for material in np.unique(mesh.materials).tolist():
-        faces = mesh.faces[mesh.materials == material]
-        used, renumbered = np.unique(faces, return_inverse=True)
+        used, renumbered = np.unique(mesh.faces[mesh.materials == material], return_inverse=True)
         key = f"{name}-{material}"
         plain = tuple(channel / 255.0 for channel in color)
         spec.add_mesh(

@@ -249,8 +249,7 @@ def _ring(
         (0.0, top),
     ]
     left = [(forward, y, z) for y, z in half]
-    right = [(forward, -y, z) for y, z in half[-2:0:-1]]
-    return np.array(left + right)
+    return np.array(left + [(forward, -y, z) for y, z in half[-2:0:-1]])
 
 
 def _box(middle: Vector, size: Vector, material: int) -> list[Mesh]:

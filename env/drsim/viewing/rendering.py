@@ -48,8 +48,7 @@ class Viewer:
         things = self._things(car)
         if self._view == "chase":
             return self._world.frame(self._behind.lens(things[0].pose), things)
-        lens = lens_above(self._simulation.track, self._world.size)
-        return self._world.frame(lens, things)
+        return self._world.frame(lens_above(self._simulation.track, self._world.size), things)
 
     def _things(self, car: int) -> list[PlacedObject]:
         x, y, yaw = self._simulation.poses[car].tolist()

@@ -52,8 +52,7 @@ def pixel_rows(lens: LensParts, size: tuple[int, int]) -> Rows:
     )
     # The row in which the ground ends is blended with the horizon.
     below = np.clip(0.5 - directions[:, 2] * focal_px, 0.0, 1.0)
-    depths = pos[2] / -np.minimum(directions[:, 2], -0.4 / focal_px)
-    return directions, depths, below
+    return directions, pos[2] / -np.minimum(directions[:, 2], -0.4 / focal_px), below
 
 
 GHOST_OPACITY = 0.42

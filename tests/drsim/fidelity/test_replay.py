@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from drsim.car.car import CarBatch
 from drsim.car.car_parameters import CAR_SETS, CarParameters
-from drsim.fidelity.motion import compare_motion
+from drsim.fidelity.motion import compare_motion, compare_track_columns
 from drsim.fidelity.recordings import RecordingError, load_recordings
-from drsim.fidelity.track_columns import compare_track_columns
 from drsim.replay import main, summary
 from drsim.track.worlds import load_track
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from drsim.episode.episode_rules import advance_progress
+from drsim.fidelity.motion import all_wheels_on, compare_track_columns
 from drsim.fidelity.recordings import load_recordings
-from drsim.fidelity.track_columns import all_wheels_on, compare_track_columns
 from drsim.track.worlds import load_track
 
 pytestmark = pytest.mark.nightly
