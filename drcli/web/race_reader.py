@@ -135,16 +135,9 @@ class RaceReader:
         settings = self.folder.settings()
         return settings, self.folder.bucket(settings)
 
-    def to_look_at(self, settings: Settings) -> Bucket | None:
-        """Starts no server. None if there is none."""
-        found = open_running_bucket(settings.storage)
-        if found is None and settings.storage.cloud != "local":
-            return self.folder.bucket(settings)
-        return found
-
     def races(self) -> RaceList:
         settings = self.folder.settings()
-        bucket = self.to_look_at(settings)
+        bucket = open_running_bucket(settings.storage)
         if bucket is None:
             return RaceList(settings.bucket, [])
         return list_races(bucket, objects=self._objects_of(settings), now_s=self.clock())
@@ -159,7 +152,7 @@ class RaceReader:
 
     def _read(self, race: str) -> tuple[RaceReport, dict[str, Any]]:
         settings = self.folder.settings()
-        bucket = self.to_look_at(settings)
+        bucket = open_running_bucket(settings.storage)
         if bucket is None or not is_race_id(race):
             raise no_race(race, [], settings.bucket)
         seen = self._objects_of(settings).look(bucket, race_keys.folder(race))

@@ -10,6 +10,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import SettingsError
+from drcli.bucket.connect import open_running_bucket
 from drcli.config.race_types import RaceKind
 from drcli.model import keys, race_keys
 from drcli.model.checkpoint_choice import best_and_last
@@ -187,14 +188,14 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
     def models(_: Request) -> Any:
         settings = reader.folder.settings()
-        bucket = reader.to_look_at(settings)
+        bucket = open_running_bucket(settings.storage)
         return {"models": [] if bucket is None else list_models(bucket).models}
 
     def checkpoints(request: Request) -> Any:
         prefix = request.query_params.get("prefix", "")
         if not keys.is_valid_prefix(prefix):
             raise BadRequest("This is not the name of a model.")
-        bucket = reader.to_look_at(reader.folder.settings())
+        bucket = open_running_bucket(reader.folder.settings().storage)
         listed = [] if bucket is None else bucket.list(keys.model_folder(prefix))
         names = {keys.checkpoint_of(prefix, info.key) for info in listed}
         numbers = sorted({name.number for name in names if name is not None}, reverse=True)
@@ -378,7 +379,7 @@ def _file(text: str, media_type: str, name: str) -> Response:
 
 def _bucket_of(reader: RaceReader) -> Any:
     settings = reader.folder.settings()
-    found = reader.to_look_at(settings)
+    found = open_running_bucket(settings.storage)
     if found is None:
         raise SettingsError(
             f"There is no bucket {settings.bucket} yet.",

@@ -1,7 +1,6 @@
 """`dr droa`."""
 
 import inspect
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -204,7 +203,6 @@ def _code(question: str) -> str:
 
 def _trace(line: str) -> None:
     terminal.err.print(line, markup=False, soft_wrap=True)
-    sys.stderr.flush()
 
 
 # Takes a model of the racer's bucket for DeepRacer on AWS.
