@@ -36,7 +36,7 @@ printf '%s\n' "$PWD" "$PWD/env" >"$(echo "$work"/venv/lib/python3.*/site-package
 "$work/venv/bin/python" -m drcli.base.installation
 
 "$work/venv/bin/python" -m pytest -q -m "not nightly" -o filterwarnings= -p no:cacheprovider \
-    tests/drsim tests/drcli/{base,config,exchange,formats,learn,modelfiles,store,tracking,video}
+    tests/drsim tests/drcli/{base,bucket,config,convert,learn,metrics,model,records,view/video}
 export PATH=$work/venv/bin:$PATH
 mkdir "$work/racer" && cd "$work/racer"
 dr init </dev/null

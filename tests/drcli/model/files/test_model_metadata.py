@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drcli.base.errors import SettingsError
 from drcli.model.files.model_metadata import ModelMetadata
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 EXAMPLE = (ROOT / "defaults" / "model_metadata.json").read_bytes()
 
 RANGES = {"steering_angle": {"low": -20, "high": 30.0}, "speed": {"low": 0.5, "high": 2}}

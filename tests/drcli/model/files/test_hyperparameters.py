@@ -12,7 +12,7 @@ from drcli.base.errors import SettingsError
 from drcli.learn.algorithms import ALGORITHMS
 from drcli.model.files.hyperparameters import REFERENCE_KEYS, Hyperparameters
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 EXAMPLE = (ROOT / "defaults" / "hyperparameters.json").read_bytes()
 
 

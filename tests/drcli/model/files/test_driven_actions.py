@@ -7,7 +7,7 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.model.files.action_choice import complete_laps, read_steps
 
-RUNS = Path(__file__).resolve().parents[4] / "shared" / "reference-runs"
+RUNS = Path(__file__).resolve().parents[5] / "shared" / "reference-runs"
 
 HEADER = "episode,steps,X,Y,yaw,steer,throttle,action,reward,done,all_wheels_on_track,progress,"
 HEADER += "closest_waypoint,track_len,tstamp,episode_status,pause_duration\n"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-REWARD_FILE = Path(__file__).resolve().parents[3] / "defaults" / "reward_function.py"
+REWARD_FILE = Path(__file__).resolve().parents[4] / "defaults" / "reward_function.py"
 
 
 @pytest.fixture
