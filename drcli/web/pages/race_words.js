@@ -25,8 +25,7 @@ export const KINDS = {
 export const OBJECT_SETTINGS = { OBJECT_AVOIDANCE: "DR_OA_", HEAD_TO_BOT: "DR_H2B_" };
 /** For a page that prepares a training. */
 export const KIND_NOTES = {
-  OBJECT_AVOIDANCE:
-    'The template "object avoidance" of the reward function is made for this race.',
+  OBJECT_AVOIDANCE: 'The template "object avoidance" of the reward function is made for this race.',
   HEAD_TO_BOT: 'The template "head to bot" of the reward function is made for this race.',
   HEAD_TO_MODEL:
     "Two trained models race; it is for evaluations only. Choose another race to train.",
