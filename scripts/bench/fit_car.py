@@ -164,7 +164,7 @@ def _count(search: Search) -> None:
 def _errors(drives: Sequence[Recording], parameters: CarParameters) -> Floats:
     """Median metres and degrees, and the metres that nine of ten windows stay below. Shape (3,)."""
     found = summary(compare_motion(drives, parameters))
-    return np.array([found.median_m, found.median_yaw_deg, found.p90_m])
+    return np.array([found[name] for name in ("median_m", "median_yaw_deg", "p90_m")])
 
 
 def _camera_height_m(parameters: CarParameters) -> float:
@@ -227,7 +227,7 @@ def main() -> int:
     }
     if options.json:
         result: dict[str, Any] = {"parameters": asdict(found), "evaluations": evaluations}
-        print_json(result | {name: vars(each) for name, each in report.items()})
+        print_json(result | report)
         return 0
     for name, each in report.items():
         print(f"{name:13} {_text(each)}")
@@ -238,8 +238,8 @@ def main() -> int:
 
 def _text(found: Fidelity) -> str:
     return (
-        f"{found.median_m:.3f} m, {found.median_yaw_deg:.1f} degrees, 9 of 10 within "
-        f"{found.p90_m:.3f} m"
+        f"{found['median_m']:.3f} m, {found['median_yaw_deg']:.1f} degrees, 9 of 10 within "
+        f"{found['p90_m']:.3f} m"
     )
 
 

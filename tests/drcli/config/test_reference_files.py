@@ -41,7 +41,7 @@ def test_the_defaults_are_the_values_of_the_reference(folder):
 
     # Its evaluations of five laps say too little about a checkpoint.
     assert (silent.eval_laps, written.eval_laps) == (20, 5)
-    same = {"sources": {}, "problems": (), "train_min_eval_trials": 5}
+    same = {"written": {}, "sources": {}, "problems": (), "train_min_eval_trials": 5}
     assert silent.replaced(**same) == written.replaced(**same)
 
 
