@@ -207,9 +207,9 @@ class ModelCheckpoints:
 
 def take_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
     """As `ModelCheckpoints.choose`, but says which one it took."""
-    has = ModelCheckpoints.read(model)
-    chosen = has.choose(choice, remedy)
-    errors.show(has.sentence_about(chosen))
+    checkpoints = ModelCheckpoints.read(model)
+    chosen = checkpoints.choose(choice, remedy)
+    errors.show(checkpoints.sentence_about(chosen))
     return chosen
 
 

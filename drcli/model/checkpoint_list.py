@@ -135,10 +135,10 @@ def list_checkpoints(model: ModelStore, *, check: bool = False) -> CheckpointLis
             f"{model.prefix!r} is not the prefix of a model.",
             remedy="List the models with `dr-list-models`.",
         )
-    has = ModelCheckpoints.read(model)
-    if not has.names:
-        raise SettingsError(f"{has.model.url} has no checkpoint.", remedy=what_helps(model))
-    history = has.history
+    checkpoints = ModelCheckpoints.read(model)
+    if not checkpoints.names:
+        raise SettingsError(f"{checkpoints.model.url} has no checkpoint.", remedy=what_helps(model))
+    history = checkpoints.history
     results = readable_evaluations(model).values()
     # By number: where driving and learning overlap, an older one drove the iteration.
     evaluated = {
@@ -153,13 +153,13 @@ def list_checkpoints(model: ModelStore, *, check: bool = False) -> CheckpointLis
         number = checkpoint_name(result.checkpoint).number
         evaluated[number] = (episodes.progress, episodes.lap_s)
     # The record of a milestone has the numbers of an evaluation that the learning curve has lost.
-    marked = {found.name: found for _, found in has.milestones.reached()}
-    sizes = _sizes(has)
-    checkpoints = CheckpointStore(model)
-    spaced = set(has.milestones.spaced)
-    there = {info.key for info in has.listed}
+    marked = {found.name: found for _, found in checkpoints.milestones.reached()}
+    sizes = _sizes(checkpoints)
+    store = CheckpointStore(model)
+    spaced = set(checkpoints.milestones.spaced)
+    there = {info.key for info in checkpoints.listed}
     listed = []
-    for name in has.names:
+    for name in checkpoints.names:
         progress, lap_s = evaluated.get(name.number, ([], []))
         known = marked.get(name)
         if known is None or progress:
@@ -167,7 +167,7 @@ def list_checkpoints(model: ModelStore, *, check: bool = False) -> CheckpointLis
         else:
             seen = known.episodes, known.laps, known.progress, known.best_lap_s
         untaught = is_untaught(history, name.number)
-        words = has.words_for(name)
+        words = checkpoints.words_for(name)
         listed.append(
             ListedCheckpoint(
                 number=name.number,
@@ -179,7 +179,7 @@ def list_checkpoints(model: ModelStore, *, check: bool = False) -> CheckpointLis
                 progress=seen[2],
                 best_lap_s=seen[3],
                 size_bytes=sizes[name],
-                problem=_problem(has, checkpoints, name, check=check),
+                problem=_problem(checkpoints, store, name, check=check),
                 form="tensorflow" if is_tensorflow(there, model.prefix, str(name)) else "drcli",
                 median_s=Laps(len(progress), lap_s).median_s,
                 untaught=untaught,
@@ -192,19 +192,21 @@ def list_checkpoints(model: ModelStore, *, check: bool = False) -> CheckpointLis
             found.laps,
             found.episodes,
             found.best_lap_s,
-            found.name in has.names,
+            found.name in checkpoints.names,
         )
-        for kind, found in has.milestones.reached()
+        for kind, found in checkpoints.milestones.reached()
     ]
     words_known = {entry.word for entry in reached}
-    records = [str(n) for n in has.names if keys.checkpoint_record(model.prefix, str(n)) in there]
+    records = [
+        str(n) for n in checkpoints.names if keys.checkpoint_record(model.prefix, str(n)) in there
+    ]
     return CheckpointList(
-        has.model.url,
+        checkpoints.model.url,
         listed,
         reached,
         [kind for kind in KINDS if kind not in words_known],
         sum(sizes.values()),
-        [*has.damaged, *filter(None, at_once(partial(_damage, checkpoints), records))],
+        [*checkpoints.damaged, *filter(None, at_once(partial(_damage, store), records))],
     )
 
 
@@ -222,24 +224,27 @@ def _mean(progress: list[float]) -> float | None:
     return sum(progress) / len(progress) if progress else None
 
 
-def _sizes(has: ModelCheckpoints) -> dict[CheckpointName, int]:
-    sizes = dict.fromkeys(has.names, 0)
-    graphs = {keys.checkpoint_graph(has.model.prefix, name.number): name for name in has.names}
-    for info in has.listed:
-        name = keys.checkpoint_of(has.model.prefix, info.key) or graphs.get(info.key)
+def _sizes(checkpoints: ModelCheckpoints) -> dict[CheckpointName, int]:
+    sizes = dict.fromkeys(checkpoints.names, 0)
+    graphs = {
+        keys.checkpoint_graph(checkpoints.model.prefix, name.number): name
+        for name in checkpoints.names
+    }
+    for info in checkpoints.listed:
+        name = keys.checkpoint_of(checkpoints.model.prefix, info.key) or graphs.get(info.key)
         if name is not None:
             sizes[name] += info.size_bytes
     return sizes
 
 
 def _problem(
-    has: ModelCheckpoints, store: CheckpointStore, name: CheckpointName, *, check: bool
+    checkpoints: ModelCheckpoints, store: CheckpointStore, name: CheckpointName, *, check: bool
 ) -> str:
-    missing = has.missing_parts(str(name))
+    missing = checkpoints.missing_parts(str(name))
     if missing:
         return f"{missing[0].rpartition('/')[2]} is missing."
-    tensors = keys.checkpoint_tensors(has.model.prefix, str(name))
-    if not check or not any(info.key == tensors for info in has.listed):
+    tensors = keys.checkpoint_tensors(checkpoints.model.prefix, str(name))
+    if not check or not any(info.key == tensors for info in checkpoints.listed):
         return ""
     try:
         store.load(str(name))

@@ -16,6 +16,7 @@ HYPERPARAMETERS_FILE = "hyperparameters.json"
 
 _PREFIX = re.compile(r"[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*")
 _STAMP = re.compile(r"\d{14}")
+_TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
 
 def is_valid_prefix(prefix: str) -> bool:
@@ -107,6 +108,12 @@ def training_traces(prefix: str, iteration: int, worker: int) -> list[str]:
     """Wherever they may be: the first that exists counts."""
     places = [training_trace(prefix, iteration, worker=worker, workers=count) for count in (2, 1)]
     return list(dict.fromkeys(places))
+
+
+def training_trace_of(prefix: str, key: str) -> tuple[int, int] | None:
+    """Iteration and worker of a trace."""
+    found = _TRACE.fullmatch(key.removeprefix(folder(prefix)))
+    return None if found is None else (int(found[2]), int(found[1] or 0))
 
 
 def evaluation_trace(prefix: str, stamp: str, index: int = 0) -> str:

@@ -10,8 +10,6 @@ from drcli.model.checkpoints import checkpoint_objects, checkpoints_among
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import CheckpointName
 
-_TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
-
 
 class ModelListing:
     """What lies below a prefix, listed once; `model-10` does not count for `model-1`.
@@ -61,9 +59,10 @@ class ModelListing:
         """Of iterations, by worker."""
         found: dict[int, dict[int, str]] = {}
         for key in self.objects:
-            match = _TRACE.fullmatch(key.removeprefix(keys.folder(self.model.prefix)))
-            if match is not None:
-                found.setdefault(int(match[2]), {})[int(match[1] or 0)] = key
+            trace = keys.training_trace_of(self.model.prefix, key)
+            if trace is not None:
+                iteration, worker = trace
+                found.setdefault(iteration, {})[worker] = key
         return dict(sorted(found.items()))
 
 

@@ -410,12 +410,11 @@ def load_unless_lost(
 
 
 def _tells_of_training(prefix: str, key: str) -> bool:
-    name = key.removeprefix(keys.folder(prefix))
     history = keys.history(prefix)
     return (
         key in (keys.coach_checkpoint(prefix), history)
         or keys.part_number(history, key) is not None
-        or re.fullmatch(r"(\d+/)?training-simtrace/\d+-iteration\.csv", name) is not None
+        or keys.training_trace_of(prefix, key) is not None
     )
 
 

@@ -174,9 +174,9 @@ def _driven(
 ) -> str:
     if source.file is not None:
         return source.file.name
-    has = _checkpoints(settings, model)
-    chosen = has.choose(parse_checkpoint(choice))
-    on_progress(has.sentence_about(chosen, option))
+    checkpoints = _checkpoints(settings, model)
+    chosen = checkpoints.choose(parse_checkpoint(choice))
+    on_progress(checkpoints.sentence_about(chosen, option))
     return chosen.name
 
 
@@ -198,10 +198,10 @@ def choose_checkpoint(settings: Settings, model: ModelStore) -> str:
 
 
 def _checkpoints(settings: Settings, model: ModelStore) -> ModelCheckpoints:
-    has = ModelCheckpoints.read(ModelStore.of(settings.model, model.bucket, model.prefix))
-    if has.scores is None:
+    checkpoints = ModelCheckpoints.read(ModelStore.of(settings.model, model.bucket, model.prefix))
+    if checkpoints.scores is None:
         raise SettingsError(f"{model.url} has no checkpoint yet.", remedy=what_helps(model))
-    return has
+    return checkpoints
 
 
 def _cloned(settings: Settings, bucket: Bucket) -> Settings:

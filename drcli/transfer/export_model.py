@@ -96,8 +96,8 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     model = ModelStore.of(settings.model, bucket, prefix)
     repair_unless_trained(model)
     for attempt in range(_PICKS):
-        has = ModelCheckpoints.read(model)
-        chosen = has.choose(selection.choice)
+        checkpoints = ModelCheckpoints.read(model)
+        chosen = checkpoints.choose(selection.choice)
         try:
             found = load_checkpoint(store, chosen.name)
         except ObjectMissing as e:
@@ -108,7 +108,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
                 ) from e
             continue
         break
-    errors.show(has.sentence_about(chosen))
+    errors.show(checkpoints.sentence_about(chosen))
     weights_part = next(part for part in (*OUR_PARTS, ".index") if part in chosen.parts)
     key = keys.checkpoint_part(prefix, chosen.name, weights_part)
     graph = keys.checkpoint_graph(prefix, chosen.number)

@@ -81,8 +81,8 @@ def read_weights(
         ProblemsError: It is missing or incomplete.
     """
     folder = f"s3://{model.bucket.name}/{keys.model_folder(model.prefix)}"
-    has = ModelCheckpoints.read(model)
-    scores = has.scores
+    checkpoints = ModelCheckpoints.read(model)
+    scores = checkpoints.scores
     try:
         pointed = CheckpointStore(model).pointed()
         if scores is None and pointed is not None:
@@ -91,12 +91,12 @@ def read_weights(
             remedy = what_helps(model, setting=name)
             raise _wrong(name, place, model.prefix, f"there is no checkpoint at {folder}.", remedy)
         else:
-            chosen = has.choose(checkpoint).name
+            chosen = checkpoints.choose(checkpoint).name
         found = load_checkpoint(model, chosen)
     except (ObjectMissing, ObjectDamaged, CheckpointGone) as e:
         what = f"its {checkpoint} checkpoint cannot be used: {e}"
         if not isinstance(e, CheckpointGone):
-            what += f" {has.summary}"
+            what += f" {checkpoints.summary}"
         other = "last" if checkpoint == "best" else "best"
         remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other} or to another one of these, or "
         raise _wrong(name, place, model.prefix, what, f"{remedy}choose another model.") from e
@@ -106,7 +106,7 @@ def read_weights(
         raise _wrong(name, place, model.prefix, str(e), e.remedy) from e
     metric = None if scores is None else scores.metric_of(chosen)
     sha256 = found.record.tensors.sha256
-    sentence = has.sentence_about(Chosen(checkpoint, Score(chosen, metric), ()))
+    sentence = checkpoints.sentence_about(Chosen(checkpoint, Score(chosen, metric), ()))
     return Pretrained(model.prefix, str(checkpoint), chosen, metric, sha256), found, sentence
 
 

@@ -256,11 +256,11 @@ def _rollouts(model: ModelStore) -> Iterator[_Found]:
 
 def _checkpoints(settings: Settings, model: ModelStore, rules: tuple[str, ...]) -> list[_Found]:
     """What the pointers name always stays."""
-    has = ModelCheckpoints.read(ModelStore.of(settings.model, model.bucket, model.prefix))
-    if has.scores is None:
+    checkpoints = ModelCheckpoints.read(ModelStore.of(settings.model, model.bucket, model.prefix))
+    if checkpoints.scores is None:
         return []
-    names = list(has.names)
-    scored = (has.scores.best_checkpoint, has.scores.last_checkpoint)
+    names = list(checkpoints.names)
+    scored = (checkpoints.scores.best_checkpoint, checkpoints.scores.last_checkpoint)
     stay: set[CheckpointName | None] = {CheckpointName.parse(each.name) for each in scored}
     # A training that is killed between its two pointers leaves an index without the newest one.
     stay.add(CheckpointStore(model).pointed())
@@ -271,13 +271,13 @@ def _checkpoints(settings: Settings, model: ModelStore, rules: tuple[str, ...]) 
         elif kind == "every":
             stay |= {name for name in names if name.number and name.number % int(number) == 0}
         else:
-            reached = has.milestones.reached()
+            reached = checkpoints.milestones.reached()
             stay |= {each.name for word, each in reached if rule in ("milestones", word)}
     gone = [name for name in names if name not in stay]
     numbers = {name.number for name in gone} - {name.number for name in names if name in stay}
     graphs = {keys.checkpoint_graph(model.prefix, number): number for number in numbers}
     doomed: list[tuple[int, ObjectInfo]] = []
-    for info in has.listed:
+    for info in checkpoints.listed:
         name = keys.checkpoint_of(model.prefix, info.key)
         if name is not None and name in gone:
             doomed.append((name.number, info))

@@ -218,8 +218,8 @@ def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice)
     bucket = transfer_buckets.bucket_to_look_at(settings.transfer, upload=False)
     model = ModelStore(bucket, prefix)
     checkpoint_list.refuse_incomplete(settings.model, model)
-    has = ModelCheckpoints.read(ModelStore.of(settings.model, bucket, prefix))
-    chosen = has.choose(choice)
+    checkpoints = ModelCheckpoints.read(ModelStore.of(settings.model, bucket, prefix))
+    chosen = checkpoints.choose(choice)
     if not set(keys.TENSORFLOW_PARTS) <= set(chosen.parts):
         exported = export_droa.read_droa_export(
             settings, export_model.Selection(choice, prefix), world=None
@@ -227,7 +227,7 @@ def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice)
         for note in exported.notes:
             errors.show(note)
         return export_droa.package_files(exported)
-    errors.show(has.sentence_about(chosen))
+    errors.show(checkpoints.sentence_about(chosen))
     items = [
         *checkpoint_list.read_checkpoint(model, chosen),
         *checkpoint_list.read_model_files(

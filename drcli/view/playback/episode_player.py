@@ -109,12 +109,12 @@ def open_checkpoint(model: ModelStore, config: ModelConfig, number: int) -> "Exp
 
 
 def _available(model: ModelStore, config: ModelConfig) -> list[int]:
-    has = ModelCheckpoints.read(ModelStore.of(config, model.bucket, model.prefix))
-    there = {info.key for info in has.listed}
-    whole = {name.number for name in has.names if not has.missing_parts(str(name))}
+    checkpoints = ModelCheckpoints.read(ModelStore.of(config, model.bucket, model.prefix))
+    there = {info.key for info in checkpoints.listed}
+    whole = {name.number for name in checkpoints.names if not checkpoints.missing_parts(str(name))}
     graphs = {
         name.number
-        for name in has.names
+        for name in checkpoints.names
         if keys.checkpoint_graph(model.prefix, name.number) in there
     }
     return sorted(whole | graphs)

@@ -160,8 +160,8 @@ def _checkpoint(
         choice = parse_checkpoint(name)
     except BadValue as error:
         raise SettingsError(f"--policy {name:.60} {error.reason}.", remedy=error.remedy) from None
-    has = ModelCheckpoints.read(ModelStore.of(defaults.model, bucket, model))
-    found = has.choose(choice).name
+    checkpoints = ModelCheckpoints.read(ModelStore.of(defaults.model, bucket, model))
+    found = checkpoints.choose(choice).name
     number = found.partition("_")[0]
     title = f"{race_keys.submitted_model(model)} · checkpoint {number}"
     return policy_outputs.open_policy(ModelStore(bucket, model), found), title, []
