@@ -35,6 +35,7 @@ from drsim.race.traffic import Traffic
 from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
+from drsim.track.ways import Ways
 from drsim.track.worlds import load_track
 
 _logger = get_logger(__name__)
@@ -95,7 +96,7 @@ def load_race(config: DriveConfig, track: Track) -> Race:
     try:
         race = race_of(config)
         if race != TIME_TRIAL:
-            Traffic((track, track.reversed()), race.racers, race)
+            Traffic(Ways([track], race.racers), race)
     except ValueError as error:
         if config.race_type == "OBJECT_AVOIDANCE":
             number, gap = "DR_OA_NUMBER_OF_OBSTACLES", "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES"
@@ -129,10 +130,9 @@ def race_warnings(config: DriveConfig, track: Track, race: Race) -> list[Problem
         if where in known:
             found.append(f"two obstacles stand in the same place, {fraction:g},{lane:g}")
         known.add(where)
-    traffic = Traffic((track, track.reversed()), DRAWS if drawn else 1, race)
+    traffic = Traffic(Ways([track], DRAWS if drawn else 1), race)
     cars = np.arange(len(traffic.xy))
-    forward = np.zeros(len(cars), np.int64)
-    traffic.begin(cars, np.zeros(len(cars)), forward, np.arange(len(cars), dtype=np.uint64))
+    traffic.begin(cars, np.zeros(len(cars)), np.arange(len(cars), dtype=np.uint64))
     closed_m = closed_at_m(track, traffic.objects())
     closed_m = closed_m[~np.isnan(closed_m)]
     what = "obstacles" if is_obstacle else "bots"

@@ -25,6 +25,7 @@ from drsim.episode.reward import RewardParams
 from drsim.race.objects import Objects
 from drsim.race.race import TIME_TRIAL
 from drsim.race.traffic import Traffic
+from drsim.track.ways import Ways
 
 # Reward parameters of a car at places on and off the road.
 
@@ -86,7 +87,7 @@ def track_grid(drive: Drive) -> Grid:
         sim_time_s=np.tile(steps / CONTROL_HZ, len(OFFSETS)),
         steering_deg=np.zeros(len(xy)),
         speed_mps=np.full(len(xy), SPEED_MPS),
-        backward=np.zeros(len(xy), np.int64),
+        way=np.zeros(len(xy), np.int64),
         crashed=np.zeros(len(xy), np.bool_),
         objects=objects,
     )
@@ -100,9 +101,9 @@ def track_grid(drive: Drive) -> Grid:
 def _objects(drive: Drive, count: int) -> tuple[Objects | None, Floats]:
     if drive.race == TIME_TRIAL:
         return None, np.empty((0, 4, 2))
-    traffic = Traffic((drive.track, drive.track.reversed()), 1, drive.race)
+    traffic = Traffic(Ways([drive.track], 1), drive.race)
     car = np.zeros(1, np.int64)
-    traffic.begin(car, np.array([drive.start_fraction]), car, np.ones(1, np.uint64))
+    traffic.begin(car, np.array([drive.start_fraction]), np.ones(1, np.uint64))
     one = traffic.objects()
     of_each_car = ("xy", "yaw_rad", "distance_m", "from_center_m", "left_of_center")
     repeated = {name: np.repeat(getattr(one, name), count, axis=0) for name in of_each_car}

@@ -16,6 +16,7 @@ from drsim.episode.reward import RewardParams
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.race.traffic import Traffic
 from drsim.track.track import Track
+from drsim.track.ways import Ways
 from drsim.track.worlds import load_track
 
 POSITIONS = 40
@@ -77,16 +78,15 @@ def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
         sim_time_s=np.arange(count) / CONTROL_HZ,
         steering_deg=np.zeros(count),
         speed_mps=np.full(count, _SPEED_MPS),
-        backward=np.zeros(count, dtype=np.int64),
+        way=np.zeros(count, np.int64),
         crashed=off & (race != TIME_TRIAL),  # so that crashes are tried as well
     )
-    tracks = (track, track.reversed())
+    ways = Ways([track], count)
     if race != TIME_TRIAL:
-        traffic = Traffic(tracks, count, race)
-        seeds = np.arange(count, dtype=np.uint64)
-        traffic.begin(np.arange(count), fraction, situation.backward, seeds)
+        traffic = Traffic(ways, race)
+        traffic.begin(np.arange(count), fraction, np.arange(count, dtype=np.uint64))
         situation = replace(situation, objects=traffic.objects())
-    samples = list(params_of(tracks, situation, np.arange(count)))
+    samples = list(params_of(ways.tracks, situation, np.arange(count)))
     rest = [params for index, params in enumerate(samples) if index not in _STATES]
     return [*(samples[index] for index in _STATES), *rest, *_unusual(track, samples)]
 

@@ -92,7 +92,7 @@ def lap_parameters(
         sim_time_s=lap.clock_s[rows],
         steering_deg=lap.steering_deg[rows],
         speed_mps=lap.speed_mps[rows],
-        backward=np.zeros(len(poses), np.int64),
+        way=np.zeros(len(poses), np.int64),
         crashed=np.array([each == "crashed" for each in lap.status[rows]]),
         objects=objects,
     )

@@ -23,7 +23,7 @@ class Situation:
         heading_deg: -180 .. 180.
         all_on: All four wheel centres are on the track.
         steering_deg: Like the speed, asked for, not clipped.
-        backward: Index into the tracks: 1 for the other way.
+        way: Index into the tracks that `params_of` gets.
         objects: None where a car is alone.
     """
 
@@ -37,7 +37,7 @@ class Situation:
     sim_time_s: Floats
     steering_deg: Floats
     speed_mps: Floats
-    backward: Ints
+    way: Ints
     crashed: Bools
     objects: Objects | None = None
 
@@ -52,7 +52,7 @@ def params_of(tracks: Sequence[Track], situation: Situation, cars: Ints) -> Iter
     all_on, none_on = s.all_on.tolist(), s.none_on.tolist()
     progress, steps, sim_time_s = s.progress.tolist(), s.steps.tolist(), s.sim_time_s.tolist()
     steering_deg, speed_mps = s.steering_deg.tolist(), s.speed_mps.tolist()
-    backward, crashed = s.backward.tolist(), s.crashed.tolist()
+    way, crashed = s.way.tolist(), s.crashed.tolist()
     distance_m, width_m = where.distance_m.tolist(), where.track_width_m.tolist()
     from_center_m, left = where.from_center_m.tolist(), where.left_of_center.tolist()
     previous, following = where.previous.tolist(), where.next.tolist()
@@ -60,7 +60,7 @@ def params_of(tracks: Sequence[Track], situation: Situation, cars: Ints) -> Iter
     if s.objects is not None and len(s.objects.speed_mps):
         objects = _params_of_objects(s.objects, s, cars)
     for car in cars.tolist():
-        track = tracks[backward[car]]
+        track = tracks[way[car]]
         params = {
             "all_wheels_on_track": all_on[car],
             "x": xy[car][0],

@@ -1,7 +1,7 @@
 """Where on the lap cars are put, and how they keep their own stretch."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from drsim.jit import kernel
 from drsim.race.traffic import Contacts, Traffic
 from drsim.track.polyline import Location
 from drsim.track.track import CENTER, INNER, LANES, OUTER, Lane, Track
+from drsim.track.ways import Ways
 
 Side = Literal["left", "centre", "right"]
 
@@ -73,23 +74,21 @@ _SAMPLES = 81
 
 
 class Placing:
-    """Poses on the lanes of a track, for both driving directions."""
+    """Poses on the lanes of the tracks."""
 
-    def __init__(self, tracks: Sequence[Track], backward: Ints) -> None:
-        self.tracks = tracks
-        self.backward = backward
+    def __init__(self, ways: Ways) -> None:
+        self.ways = ways
 
     def on(self, cars: Ints, fraction: Floats, lane: Lane = "center") -> Floats:
         """Poses on one lane in driving direction: metres and radians. Shape (k, 3).
 
         `fraction` is of the lap in the car's own direction.
         """
-        backward = self.backward[cars]
+        ways = self.ways.way[cars]
         poses = np.empty((len(cars), 3))
-        for direction, track in enumerate(self.tracks):
-            chosen = backward == direction
-            if chosen.any():
-                poses[chosen] = track.pose_at(fraction[chosen] * track.length_m, lane)
+        for k in np.unique(ways):
+            chosen, track = ways == k, self.ways.tracks[k]
+            poses[chosen] = track.pose_at(fraction[chosen] * track.length_m, lane)
         return poses
 
     def on_each(self, cars: Ints, fraction: Floats, lanes: Ints) -> Floats:
@@ -109,9 +108,9 @@ class Placing:
 
     def aside(self, cars: Ints, fraction: Floats) -> Floats:
         poses = self.on(cars, fraction)
-        x_min, y_min, x_max, y_max = self.tracks[0].bounds
-        low, high = np.array([x_min, y_min]), np.array([x_max, y_max])
-        for pose in poses:
+        for car, pose in zip(cars, poses, strict=True):
+            x_min, y_min, x_max, y_max = self.ways.of(car).bounds
+            low, high = np.array([x_min, y_min]), np.array([x_max, y_max])
             outwards_m = np.stack([pose[:2] - low, high - pose[:2]])
             side, axis = np.unravel_index(outwards_m.argmin(), outwards_m.shape)
             pose[axis] = (low - _PARKED_BESIDE_M, high + _PARKED_BESIDE_M)[side][axis]
@@ -162,8 +161,8 @@ class CarPlacement:
         if self._traffic is None:
             self._cars.place(cars, self._placing.on(cars, fraction))
         else:
-            self._traffic.begin(cars, fraction, self._placing.backward[cars], seeds)
-            gap = self._traffic.start_gap_m(cars) / self._placing.tracks[0].length_m
+            self._traffic.begin(cars, fraction, seeds)
+            gap = self._traffic.start_gap_m(cars) / self._placing.ways.length_m[cars]
             lanes = self._traffic.start_lane(cars)
             self._cars.place(cars, self._placing.on_each(cars, fraction - gap, lanes))
             self._follow()
@@ -217,7 +216,7 @@ class CarPlacement:
         poses = self._poses(cars[moved])
         for row, k in enumerate(moved):
             if on_line[k]:
-                track = self._placing.tracks[self._placing.backward[cars[k]]]
+                track = self._placing.ways.of(cars[k])
                 poses[row] = start_pose(track, fraction[k], offset_m[k], angle_deg[k]).pose
             else:
                 poses[row, 2] += np.radians(angle_deg[k])
@@ -270,11 +269,11 @@ class TrackPositions:
     where: Location
     wheels_on: Ints
 
-    def __init__(self, tracks: Sequence[Track], backward: Ints, cars: CarBatch) -> None:
-        self._tracks = tracks
-        self._backward = backward
+    def __init__(self, ways: Ways, cars: CarBatch) -> None:
+        self._ways = ways
         self._cars = cars
-        self.along_m: Floats = np.zeros(len(backward))
+        self._all: Ints = np.arange(len(ways.way))
+        self.along_m: Floats = np.zeros(len(ways.way))
         self._look()
 
     def refresh(self) -> None:
@@ -283,10 +282,9 @@ class TrackPositions:
         self._look()
         along_m = self.where.distance_m.copy()
         along_m[stands] = self.along_m[stands]
-        for car in np.flatnonzero(np.abs(along_m - self.along_m) > JUMP_M):
-            track = self._tracks[self._backward[car]]
+        for car in np.flatnonzero(np.abs(along_m - self.along_m) > JUMP_M).tolist():
             along_m[car] = without_jump(
-                track, self._cars.front_xy[car], along_m[car], self.along_m[car]
+                self._ways.of(car), self._cars.front_xy[car], along_m[car], self.along_m[car]
             )
         self.along_m = along_m
 
@@ -294,19 +292,19 @@ class TrackPositions:
         self._seen_xy[cars] = self._cars.front_xy[cars]
         self.where = Location._make(column.copy() for column in self.where)
         self.wheels_on = self.wheels_on.copy()
-        self.wheels_on[cars] = self._tracks[0].on_road(self._cars.wheel_xy[cars]).sum(axis=1)
-        for direction, track in enumerate(self._tracks):
-            self._scatter(cars[self._backward[cars] == direction], track)
+        self.wheels_on[cars] = self._ways.on_road(cars, self._cars.wheel_xy[cars])
+        self._scatter(self._ways.groups(cars))
         self.along_m[cars] = self.where.distance_m[cars]
 
     def _look(self) -> None:
         self._seen_xy = self._cars.front_xy.copy()
-        self.where = self._tracks[0].locate(self._cars.front_xy)
-        self.wheels_on = self._tracks[0].on_road(self._cars.wheel_xy).sum(axis=1)
-        self._scatter(np.flatnonzero(self._backward), self._tracks[1])
+        (_, track), *others = self._ways.groups(self._all)
+        self.where = track.locate(self._cars.front_xy)
+        self.wheels_on = self._ways.on_road(self._all, self._cars.wheel_xy)
+        self._scatter(others)
 
-    def _scatter(self, cars: Ints, track: Track) -> None:
-        if len(cars):
+    def _scatter(self, groups: Iterable[tuple[Ints, Track]]) -> None:
+        for cars, track in groups:
             where = track.locate(self._cars.front_xy[cars])
             for known, column in zip(self.where, where, strict=True):
                 known[cars] = column

@@ -24,6 +24,7 @@ from drsim.sensing.observations import Observations, Randomize
 from drsim.sensing.scene import Scene, build_scene
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
+from drsim.track.ways import Ways
 
 # Calls the reward functions of many cars.
 
@@ -45,7 +46,7 @@ class RewardCalls:
         self._clock = clock
 
     def rewards(
-        self, tracks: tuple[Track, Track], situation: Situation, driven: Bools
+        self, tracks: Sequence[Track], situation: Situation, driven: Bools
     ) -> tuple[Floats, Floats, Bools, Bools]:
         """Rewards, seconds of the calls, which failed, whose episodes are declared broken.
 
@@ -102,7 +103,7 @@ class Simulation:
 
     def __init__(
         self,
-        track: Track,
+        track: Track | Sequence[Track],
         *,
         num_cars: int,
         reward_function: RewardFunction | Sequence[RewardFunction] | RewardHost,
@@ -125,14 +126,14 @@ class Simulation:
         """Build the cars and, unless given, the picture of the track.
 
         Args:
-            track: Where they drive.
+            track: Where they drive; of several, `reset` chooses.
             num_cars: A multiple of `race.racers`.
             reward_function: Called once per driven step and car; one for each car where it keeps
                 something between steps, or a host that calls them.
             rules: Default: those of training.
             num_threads: For physics and camera, the caller's included.
             seed: Of episodes without one of their own.
-            scene: Default: built from the track.
+            scene: Of the one track; default: built.
             car_parameters: Default: the calibrated ones.
             reward_deadline_s: Of one call, seconds.
             on_reward_error: From a failure and the number of calls to the reward instead, or it
@@ -152,13 +153,13 @@ class Simulation:
         """
         if num_cars % race.racers:
             raise ValueError(f"{num_cars} cars cannot race in groups of {race.racers}.")
-        self.track = track
+        self.tracks = (track,) if isinstance(track, Track) else tuple(track)
+        self.track = self.tracks[0]
         self.num_cars = num_cars
         self.rules = rules or EpisodeRules()
-        self._tracks = (track, track.reversed())
-        self._backward: Ints = np.zeros(num_cars, np.int64)
+        self._ways = Ways(self.tracks, num_cars)
         self._race = race
-        self.traffic = None if race == TIME_TRIAL else Traffic(self._tracks, num_cars, race)
+        self.traffic = None if race == TIME_TRIAL else Traffic(self._ways, race)
         realism = realism or Realism()
         self._draws = EpisodeDraws(
             num_cars,
@@ -169,10 +170,9 @@ class Simulation:
             randomizes=randomize != "nothing",
         )
         self._observations = Observations(
-            scene or build_scene(track),
-            num_cars,
+            [scene] if scene is not None else [build_scene(each) for each in self.tracks],
             num_threads,
-            world=track.name,
+            ways=self._ways,
             sensors=sensors or Sensors(),
             traffic=self.traffic,
             disturbances=self._draws.disturbances,
@@ -190,11 +190,10 @@ class Simulation:
             physics=physics,
         )
         self.physics = self._cars.physics
-        placing = Placing(self._tracks, self._backward)
-        self._placement = CarPlacement(placing, self._cars, self.traffic)
+        self._placement = CarPlacement(Placing(self._ways), self._cars, self.traffic)
         self._episodes = Episodes(num_cars, self.rules)
         self.unstable: Bools = np.zeros(num_cars, np.bool_)
-        self._positions = TrackPositions(self._tracks, self._backward, self._cars)
+        self._positions = TrackPositions(self._ways, self._cars)
         self._ticks: Ints = np.zeros(num_cars, np.int64)
         self._requests: Floats = np.zeros((num_cars, 2))
         self._rewards = RewardCalls(
@@ -209,6 +208,7 @@ class Simulation:
         cars: Ints,
         start_fraction: Floats,
         *,
+        track: int | Ints = 0,
         reverse: bool | Bools = False,
         seeds: Seeds | None = None,
         offset_m: Floats | None = None,
@@ -223,7 +223,8 @@ class Simulation:
         Args:
             cars: Running or not. Shape (k,).
             start_fraction: Of the lap, 0 .. 1. Shape (k,).
-            reverse: Against the direction of `track`. One value or shape (k,).
+            track: Which of the tracks. One value or shape (k,).
+            reverse: Against the direction of that track. One value or shape (k,).
             seeds: Default: from the simulation's seed, the car and the count of its episodes.
                 Shape (k,).
             offset_m: To the left of the centre line; less where wheels would leave the road, or 0
@@ -241,9 +242,9 @@ class Simulation:
         """
         cars = np.asarray(cars, np.int64)
         start_fraction = np.asarray(start_fraction, np.float64)
-        if self.track.closed:
-            start_fraction = start_fraction % 1.0
-        self._backward[cars] = np.asarray(reverse, np.int64)
+        self._ways.choose(cars, track, reverse)
+        closed = self._ways.closed[cars]
+        start_fraction = np.where(closed, start_fraction % 1.0, start_fraction)
         self._requests[cars] = 0.0
         seeds = self._draws.seeds(cars) if seeds is None else np.asarray(seeds, np.uint64)
         self._draws.begin(cars, seeds, conditions, self._observations, self._cars)
@@ -252,7 +253,7 @@ class Simulation:
         self._ticks[cars] += 1
         self._positions.refresh_placed(cars)
         self._episodes.begin(
-            cars, start_fraction, self._positions.along_m[cars] / self.track.length_m
+            cars, start_fraction, self._positions.along_m[cars] / self._ways.length_m[cars]
         )
 
         nobody = np.zeros(self.num_cars, np.bool_)
@@ -299,7 +300,7 @@ class Simulation:
                     driven, self._cars.origin_xy, self._cars.yaw_rad, self._positions.along_m
                 )
             crashed = contacts.crashed if contacts is not None else np.zeros_like(driven)
-            fraction = self._positions.along_m / self.track.length_m
+            fraction = self._positions.along_m / self._ways.length_m
             off_track = (self._positions.wheels_on == 0) | self.unstable
             verdict = episodes.judge(Observed(driven, fraction, moved_m, off_track, crashed))
             episodes.wait(waiting)
@@ -307,7 +308,7 @@ class Simulation:
                 steering_deg, speed_mps, driven & (verdict.status == Status.CRASHED)
             )
             rewards, reward_time_s, failed, discarded = self._rewards.rewards(
-                self._tracks, situation, driven
+                self._ways.tracks, situation, driven
             )
             if discarded.any():
                 episodes.discard(discarded, verdict)
@@ -322,7 +323,8 @@ class Simulation:
             self._placement.put_back(forgiven, episodes.state, verdict.status, came_from, contacts)
             self._requests[forgiven] = 0.0
             self._positions.refresh_placed(forgiven)
-            episodes.put_back(forgiven, self._positions.along_m[forgiven] / self.track.length_m)
+            along = self._positions.along_m[forgiven] / self._ways.length_m[forgiven]
+            episodes.put_back(forgiven, along)
             self._start_to_draw(forgiven)
             self._observations.finish()
         if self._race.racers > 1 and result.done.any():
@@ -362,9 +364,9 @@ class Simulation:
         """See `privileged_features`."""
         here = np.column_stack([self._cars.front_xy[cars], self._cars.yaw_rad[cars]])
         return features(
-            self._tracks,
+            self._ways.tracks,
             cars,
-            self._backward[cars],
+            self._ways.way[cars],
             here,
             self._cars.speed[cars],
             self._positions.along_m[cars],
@@ -376,7 +378,7 @@ class Simulation:
         state = self._episodes.state
         now = CarsNow(
             cars=cars,
-            backward=self._backward[cars],
+            way=self._ways.way[cars],
             poses=np.column_stack([self._cars.front_xy[cars], self._cars.yaw_rad[cars]]),
             velocity=self._cars.velocity[cars],
             wheel_rad=self._cars.wheels[cars, 0],
@@ -386,7 +388,7 @@ class Simulation:
             progress=state.progress[cars],
             steps=state.steps[cars],
         )
-        return teacher_features(self._tracks, now, self.traffic, self._cars.speed)
+        return teacher_features(self._ways.tracks, now, self.traffic, self._cars.speed)
 
     def close(self) -> None:
         """Stop threads, and the host of reward functions."""
@@ -409,7 +411,7 @@ class Simulation:
             sim_time_s=self._ticks / CONTROL_HZ,
             steering_deg=np.asarray(steering_deg, np.float64),
             speed_mps=np.asarray(speed_mps, np.float64),
-            backward=self._backward,
+            way=self._ways.way,
             crashed=crashed,
             objects=None if self.traffic is None else self.traffic.objects(),
         )

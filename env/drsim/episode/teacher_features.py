@@ -1,5 +1,6 @@
 """What a teacher drives by: all that decides how to go on, known exactly."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +36,7 @@ class CarsNow(NamedTuple):
     """What is known of k cars. Shape (k,) unless given.
 
     Attributes:
-        backward: Index into the tracks.
+        way: Index into the tracks.
         poses: Reference points, metres, and yaws, radians. Shape (k, 3).
         velocity: As `CarBatch.velocity`. Shape (k, 3).
         wheel_rad: To the left.
@@ -43,7 +44,7 @@ class CarsNow(NamedTuple):
     """
 
     cars: Ints
-    backward: Ints
+    way: Ints
     poses: Floats
     velocity: Floats
     wheel_rad: Floats
@@ -55,7 +56,7 @@ class CarsNow(NamedTuple):
 
 
 def teacher_features(
-    tracks: tuple[Track, Track], now: CarsNow, traffic: Traffic | None, speeds_mps: Floats
+    tracks: Sequence[Track], now: CarsNow, traffic: Traffic | None, speeds_mps: Floats
 ) -> Singles:
     """Features of each car for a teacher, mostly within -1 .. 1. Shape (k, TEACHER_DIMS).
 
@@ -81,11 +82,10 @@ def teacher_features(
     - 7, 8: its speed along the lap less that of the car / 4 m/s, and to the left, m/s
     """
     rows = np.zeros((len(now.cars), TEACHER_DIMS), np.float32)
-    for direction, track in enumerate(tracks):
-        mine = np.flatnonzero(now.backward == direction)
-        if len(mine):
-            these = CarsNow._make(column[mine] for column in now)
-            rows[mine] = _one_way(track, these, traffic, speeds_mps)
+    for way in np.unique(now.way):
+        mine = np.flatnonzero(now.way == way)
+        these = CarsNow._make(column[mine] for column in now)
+        rows[mine] = _one_way(tracks[way], these, traffic, speeds_mps)
     return rows
 
 
@@ -183,9 +183,9 @@ PRIVILEGED_DIMS = 6 + 2 * len(_CRITIC_AHEAD_M) + 2 * _CRITIC_OBJECTS
 
 
 def features(
-    tracks: tuple[Track, Track],
+    tracks: Sequence[Track],
     cars: Ints,
-    backward: Ints,
+    ways: Ints,
     poses: Floats,
     speed_mps: Floats,
     along_m: Floats,
@@ -199,10 +199,8 @@ def features(
     offset in half widths.
     """
     rows = np.zeros((len(cars), PRIVILEGED_DIMS), np.float32)
-    for direction, track in enumerate(tracks):
-        mine = np.flatnonzero(backward == direction)
-        if not len(mine):
-            continue
+    for way in np.unique(ways):
+        mine, track = np.flatnonzero(ways == way), tracks[way]
         where = track.locate(poses[mine, :2])
         half_m = where.track_width_m / 2
         side = np.where(where.left_of_center, 1.0, -1.0)

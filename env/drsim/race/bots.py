@@ -1,6 +1,7 @@
 """Bot cars: slow cars without physics that follow the lanes."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from drsim.car.car import CONTROL_HZ
 from drsim.jit import kernel
 from drsim.race.race import BotRules
 from drsim.track.track import LANES, Lane, Track
+from drsim.track.ways import Ways
 
 _SHORTEST_CHANGE_M = 0.01
 
@@ -140,28 +142,29 @@ class LanePlaces(NamedTuple):
 
 
 class LanePaths:
-    """Both lanes of a track as cubic splines over the distance along the centre line.
+    """Both lanes of each way as cubic splines over the distance along the centre line.
 
     So a bot is faster on the outer lane of a curve, as in the reference simulator.
     """
 
-    def __init__(self, tracks: tuple[Track, Track]) -> None:
-        self._length_m = tracks[0].length_m
-        steps = int(np.ceil(self._length_m / _TABLE_STEP_M))
-        self._step_m = self._length_m / steps
-        beyond = int(np.ceil(_LOOK_AHEAD_M / self._step_m)) + 1
-        at_m = self._step_m * np.arange(steps + beyond + 1, dtype=np.float64)
-        self._xy = np.array(
-            [[_spline(*_knots(track, lane), at_m) for lane in LANES[1:]] for track in tracks]
-        )
+    def __init__(self, tracks: Sequence[Track]) -> None:
+        lengths_m = np.array([track.length_m for track in tracks])
+        steps = np.ceil(lengths_m / _TABLE_STEP_M)
+        self._step_m = lengths_m / steps
+        rows = (steps + np.ceil(_LOOK_AHEAD_M / self._step_m)).astype(int) + 2
+        self._xy = np.zeros((len(tracks), 2, rows.max(), 2))
+        for track, xy, step_m, count in zip(tracks, self._xy, self._step_m, rows, strict=True):
+            at_m = step_m * np.arange(count, dtype=np.float64)
+            for side, lane in enumerate(LANES[1:]):
+                xy[side, :count] = _spline(*_knots(track, lane), at_m)
 
-    def poses(self, backward: Ints, places: LanePlaces) -> tuple[Floats, Floats]:
+    def poses(self, ways: Ways, places: LanePlaces) -> tuple[Floats, Floats]:
         """Centres in metres, shape (n, k, 2), and yaws in radians.
 
         At the end of an open track a bot begins again, so that none blocks the finish.
         """
-        here_m = places.distance_m % self._length_m
-        return _poses(self._xy, self._step_m, backward, (here_m, places.share, places.drift))
+        here_m = places.distance_m % ways.length_m[:, None]
+        return _poses(self._xy, self._step_m, ways.way, (here_m, places.share, places.drift))
 
 
 def _knots(track: Track, lane: Lane) -> tuple[Floats, Floats]:
@@ -220,13 +223,13 @@ def _slopes(points: Floats, gap: Floats) -> Floats:
 
 @kernel
 def _poses(
-    lanes: Floats, step_m: float, backward: Ints, places: tuple[Floats, Floats, Floats]
+    lanes: Floats, steps_m: Floats, ways: Ints, places: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, Floats]:
     distance_m, shares, drift = places
     cars, bots = shares.shape
     xy, yaw_rad = np.empty((cars, bots, 2)), np.empty((cars, bots))
     for i in range(cars):
-        inner, outer = lanes[backward[i], 0], lanes[backward[i], 1]
+        inner, outer, step_m = lanes[ways[i], 0], lanes[ways[i], 1], steps_m[ways[i]]
         for k in range(bots):
             here_m, share = distance_m[i, k], shares[i, k]
             x, y = _between(inner, outer, here_m / step_m, share)

@@ -13,6 +13,7 @@ from drsim.race.objects import Objects
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.race.solids import SHAPES, Shape
 from drsim.track.track import CENTER, INNER, OUTER, Track
+from drsim.track.ways import Ways
 
 # Whether rectangles on the floor overlap.
 
@@ -138,19 +139,21 @@ class Traffic:
     Distances are along the centre line, in the car's driving direction.
     """
 
-    def __init__(self, tracks: tuple[Track, Track], num_cars: int, race: Race) -> None:
-        """ValueError if objects do not fit on the track."""
-        self._tracks = tracks
+    def __init__(self, ways: Ways, race: Race) -> None:
+        """ValueError if objects do not fit on a track."""
+        num_cars = len(ways.way)
+        self.ways = ways
         self._race = race
         self._opponents = race.racers - 1
         self._obstacles = 0
         if race.obstacles is not None:
             self._obstacles = len(race.obstacles.positions) or race.obstacles.count
         number_of_bots = race.bots.count if race.bots is not None else 0
-        if race.obstacles is not None and not race.obstacles.positions:
-            check_room(tracks[0], race.obstacles.count, race.obstacles.min_gap_m)
-        if race.bots is not None:
-            check_room(tracks[0], race.bots.count, race.bots.min_gap_m)
+        for track in ways.tracks[::2]:
+            if race.obstacles is not None and not race.obstacles.positions:
+                check_room(track, race.obstacles.count, race.obstacles.min_gap_m)
+            if race.bots is not None:
+                check_room(track, race.bots.count, race.bots.min_gap_m)
         self._standing = slice(self._opponents, self._opponents + self._obstacles)
         self._driving = slice(self._opponents + self._obstacles, None)
         kind = race.obstacles.kind if race.obstacles is not None else "box_obstacle"
@@ -175,27 +178,19 @@ class Traffic:
         self.xy, self.yaw_rad, self._footprint_m, self.distance_m, *_ = self._objects
         self.track_width_m: Floats = np.zeros((num_cars, count))
         self._lane: Ints = np.full((num_cars, count), INNER)
-        self._backward: Ints = np.zeros(num_cars, np.int64)
         self._start_m: Floats = np.zeros(num_cars)
         self._put_back_at: Ints = np.zeros((num_cars, count), np.int64)
         self._bots = Bots(num_cars, race.bots) if race.bots is not None else None
-        self._paths = LanePaths(tracks) if race.bots is not None else None
+        self._paths = LanePaths(ways.tracks) if race.bots is not None else None
         if race.bots is not None:
             self._objects.speed_mps[self._driving] = race.bots.speed_mps
 
-    def begin(
-        self,
-        cars: Ints,
-        start_fraction: Floats,
-        backward: Ints,
-        seeds: Seeds,
-    ) -> None:
+    def begin(self, cars: Ints, start_fraction: Floats, seeds: Seeds) -> None:
         """Place the objects of new episodes of some cars."""
-        self._backward[cars] = backward
         self._put_back_at[cars] = 0
-        columns = (cars.tolist(), start_fraction.tolist(), backward.tolist(), seeds.tolist())
-        for car, fraction, direction, seed in zip(*columns, strict=True):
-            track = self._tracks[direction]
+        columns = (cars.tolist(), start_fraction.tolist(), seeds.tolist())
+        for car, fraction, seed in zip(*columns, strict=True):
+            track = self.ways.of(car)
             self._start_m[car] = fraction * track.length_m
             random = np.random.Generator(np.random.Philox(key=np.array([seed, _STREAM], np.uint64)))
             if self._race.obstacles is not None and self._obstacles:
@@ -209,7 +204,7 @@ class Traffic:
         """The centre line, or the lane away from an object; two racers start on different lanes."""
         if self._opponents:
             return np.where(cars % 2 == 0, OUTER, INNER)
-        apart_m = np.abs(self._gap_m(self.distance_m[cars], self._start_m[cars][:, None]))
+        apart_m = np.abs(self._gap_m(cars, self.distance_m[cars], self._start_m[cars][:, None]))
         on_inner_m, on_outer_m = _nearest_on(self._lane[cars], apart_m)
         away = np.where(on_inner_m <= on_outer_m, OUTER, INNER)
         return np.where(np.minimum(on_inner_m, on_outer_m) < NEAR_M, away, CENTER)
@@ -255,9 +250,9 @@ class Traffic:
             # The opponent's own count, so that exactly one of two is behind. If they drive towards
             # each other, both meet what is ahead of them.
             opponent = np.arange(len(active)) ^ 1
-            same_way = self._backward == self._backward[opponent]
+            same_way = self.ways.way == self.ways.way[opponent]
             there_m[same_way, 0] = origin_m[opponent[same_way]]
-        behind = self._gap_m(there_m, origin_m[:, None]) > 0
+        behind = self._gap_m(np.arange(len(active)), there_m, origin_m[:, None]) > 0
         behind[:, self._standing] = True
         into = touching & behind
         if self._bots is not None:
@@ -276,10 +271,10 @@ class Traffic:
         if rules is None or not self._obstacles:
             return fraction, lanes
         fraction, lanes = fraction.copy(), lanes.copy()
-        length_m = self._tracks[0].length_m
         for k, car in enumerate(cars.tolist()):
+            length_m = float(self.ways.length_m[car])
             distance_m = self.distance_m[car, self._standing]
-            apart_m = np.abs(self._gap_m(distance_m, fraction[k] * length_m))
+            apart_m = np.abs(self._gap_m(car, distance_m, fraction[k] * length_m))
             nearest = int(apart_m.argmin())
             if apart_m[nearest] >= NEAR_M:
                 continue
@@ -287,7 +282,7 @@ class Traffic:
             self._put_back_at[car, obstacle] += 1
             merciful = rules.mercy > 0 and self._put_back_at[car, obstacle] % rules.mercy == 0
             aside_m = rules.reset_behind_m if merciful else -rules.reset_behind_m
-            place_m = self._wrapped(distance_m[nearest] + aside_m)
+            place_m = self._wrapped(car, distance_m[nearest] + aside_m)
             fraction[k] = place_m / length_m
             lanes[k] = self._lane_past(car, obstacle, place_m)
         return fraction, lanes
@@ -298,7 +293,7 @@ class Traffic:
 
     def gap_m(self, cars: Ints, along_m: Floats) -> Floats:
         """How far ahead of cars their objects are, the shorter way; negative behind."""
-        return self._gap_m(self.distance_m[cars], along_m[:, None])
+        return self._gap_m(cars, self.distance_m[cars], along_m[:, None])
 
     def moving_mps(self, car_speeds_mps: Floats) -> Floats:
         """How fast all objects move now. Shape (n, k)."""
@@ -311,7 +306,7 @@ class Traffic:
 
     def _lane_past(self, car: int, obstacle: int, place_m: float) -> int:
         lane = int(self._lane[car, obstacle])
-        apart_m = np.abs(self._gap_m(self.distance_m[car, self._standing], place_m))
+        apart_m = np.abs(self._gap_m(car, self.distance_m[car, self._standing], place_m))
         on_inner_m, on_outer_m = _nearest_on(self._lane[car, self._standing], apart_m)
         on_m = {INNER: float(on_inner_m), OUTER: float(on_outer_m)}
         opposite = INNER + OUTER - lane
@@ -353,15 +348,13 @@ class Traffic:
         if self._bots is None or self._paths is None:
             return
         group, places = self._driving, self._bots.places
-        self.xy[:, group], self.yaw_rad[:, group] = self._paths.poses(self._backward, places)
+        self.xy[:, group], self.yaw_rad[:, group] = self._paths.poses(self.ways, places)
         self._lane[:, group] = np.where(places.share > 0.5, OUTER, INNER)
         self._find(group)
 
     def _find(self, group: slice) -> None:
-        for direction, track in enumerate(self._tracks):
-            cars = np.flatnonzero(self._backward == direction)
-            if len(cars):
-                self._locate(cars, group, track)
+        for cars, track in self.ways.groups(np.arange(len(self.ways.way))):
+            self._locate(cars, group, track)
 
     def _locate(self, cars: Ints | int, group: slice, track: Track) -> None:
         xy = self.xy[cars, group]
@@ -375,18 +368,17 @@ class Traffic:
         ):
             known[cars, group] = found.reshape(shape)
 
-    def _gap_m(self, there_m: Floats, here_m: Floats | float) -> Floats:
+    def _gap_m(self, cars: Ints | int, there_m: Floats, here_m: Floats | float) -> Floats:
         gap_m: Floats = there_m - here_m
-        if not self._tracks[0].closed:
-            return gap_m
-        half_m = self._tracks[0].length_m / 2
-        return (gap_m + half_m) % (2 * half_m) - half_m
+        half_m = self.ways.length_m[cars, None] / 2
+        around_m = (gap_m + half_m) % (2 * half_m) - half_m
+        return np.where(self.ways.closed[cars, None], around_m, gap_m)
 
-    def _wrapped(self, distance_m: float) -> float:
-        length_m = self._tracks[0].length_m
-        return (
-            distance_m % length_m if self._tracks[0].closed else min(max(distance_m, 0), length_m)
-        )
+    def _wrapped(self, car: int, distance_m: float) -> float:
+        track = self.ways.of(car)
+        if track.closed:
+            return distance_m % track.length_m
+        return min(max(distance_m, 0), track.length_m)
 
 
 _STREAM = 1 << 32

@@ -4,6 +4,7 @@ All cars share the grey picture of the ground, and see it through palettes.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -32,10 +33,10 @@ _LEAST_GAP = 1.5
 
 
 class Lighting:
-    def __init__(self, num_cars: int, look: Look, *, textures: bool = False) -> None:
-        """Begin with the usual light; `textures` draws colours of the ground too."""
-        self._look = look
-        self._paints = _paints(look)
+    def __init__(self, num_cars: int, looks: Sequence[Look], *, textures: bool = False) -> None:
+        """Begin with the usual light of the first; `textures` draws colours of the ground too."""
+        self._looks = [(look, _paints(look)) for look in looks]
+        look = looks[0]
         self._textures = textures
         self._light = Light(
             palettes=np.tile(np.arange(256, dtype=np.uint8), (num_cars, 1)),
@@ -49,20 +50,23 @@ class Lighting:
         """A live view."""
         return Light._make(part[cars] for part in self._light)
 
-    def draw(self, car: int, random: np.random.Generator) -> None:
+    def draw(self, car: int, random: np.random.Generator, world: int = 0) -> None:
         """As in the reference: colours of sun and lamp and the lamp's attenuations."""
+        look, paints = self._looks[world]
         sun, lamp, attenuation = random.random((3, 3))
         sun = sun / _USUAL_SUN
         loss = attenuation @ (1.0, _LAMP_HEIGHT_M, _LAMP_HEIGHT_M**2)
         lamp = np.minimum(lamp / loss / _USUAL_LAMP, 1.0)
         lit = AMBIENT + _SUN_ON_GROUND * sun + _LAMP_ON_GROUND * lamp
         factor = lit / (AMBIENT + _SUN_ON_GROUND + _LAMP_ON_GROUND)
-        colors = np.array([paint.rgb for paint in self._paints])
+        colors = np.array([paint.rgb for paint in paints])
         if self._textures:
-            colors = _other_colors(self._paints, self._look, random)
+            colors = _other_colors(paints, look, random)
         greys = np.minimum(colors * factor, 255.0) @ LUMA
-        self._light.palettes[car] = _palette(self._paints, greys)
-        walls = self._look.walls
+        self._light.palettes[car] = _palette(paints, greys)
+        self._light.sky_greys[car] = look.sky_grey
+        walls = look.walls
+        self._light.wall_greys[car] = walls.greys
         if walls.height_m > 0.0:
             tint = np.array(walls.tint) * LUMA
             self._light.wall_greys[car] = tint @ factor / tint.sum() * np.array(walls.greys)

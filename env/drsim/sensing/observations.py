@@ -16,6 +16,7 @@ from drsim.sensing.lighting import Lamps, Lighting
 from drsim.sensing.scene import Scene, draw_ground, draw_solids, lens_parts
 from drsim.sensing.sensors import LIDAR, Sensors, scan
 from drsim.track.appearance import look_of
+from drsim.track.ways import Ways
 
 if TYPE_CHECKING:
     from drsim.sensing.cuda_camera import CudaCamera
@@ -38,27 +39,28 @@ class FrameRenderer:
 
     def __init__(
         self,
-        scene: Scene,
-        num_cars: int,
+        scenes: Sequence[Scene],
+        scene_of: Ints,
         num_threads: int,
         *,
         eyes: int = 1,
         solids: Solids | None = None,
         lighting: Lighting | None = None,
-        lamps: Lamps | None = None,
+        lamps: Sequence[Lamps] = (),
         after: Callable[[slice], None] | None = None,
         changes: Callable[[Ints], bool] | None = None,
         gpu: "CudaCamera | None" = None,
     ) -> None:
-        """`num_threads` render, the caller's included.
+        """`num_threads` render, the caller's included; `scene_of` is that of each car.
 
         `solids` must not move between `start` and `finish`. `after` gets the rows of rendered
         frames, on the thread that finished them.
         """
-        shape = (num_cars, eyes, FRONT.rows, FRONT.columns)
+        shape = (len(scene_of), eyes, FRONT.rows, FRONT.columns)
         self.frames: Bytes = np.zeros(shape, np.uint8) if gpu is None else gpu.frames
         self._gpu = gpu
-        self._scene = scene
+        self._scenes = scenes
+        self._scene_of = scene_of
         self._solids = solids
         self._lighting = lighting
         self._lamps = lamps
@@ -67,7 +69,8 @@ class FrameRenderer:
         self._num_threads = num_threads
         self._pool = pool_of(num_threads)
         self._cars: Ints = np.empty(0, np.int64)
-        self._eyes: list[tuple[LensParts, Bytes, Ints]] = []
+        self._eyes: list[tuple[LensParts, Bytes]] = []
+        self._parts: list[tuple[Scene, LensParts, Bytes, Ints, Ints]] = []
         self._futures: list[Future[None]] = []
 
     def __getstate__(self) -> dict[str, Any]:
@@ -89,12 +92,18 @@ class FrameRenderer:
             lenses = lens_parts(
                 lens_pos + to_left_m * lens_mat[:, :, 1], lens_mat, rounding=eyes > 1
             )
-            self._eyes.append((lenses, self.frames[:, eye], np.zeros(1, np.int64)))
+            self._eyes.append((lenses, self.frames[:, eye]))
         if self._gpu is not None:
             light = None if self._lighting is None else self._lighting.of(slice(None))
-            self._gpu.draw([lenses for lenses, _, _ in self._eyes], cars, light)
+            self._gpu.draw([lenses for lenses, _ in self._eyes], cars, light)
             self._gpu.fetch()
             return
+        scenes = self._scene_of[cars]
+        self._parts = [
+            (self._scenes[k], lenses, frames, cars[scenes == k], np.zeros(1, np.int64))
+            for k in np.unique(scenes)
+            for lenses, frames in self._eyes
+        ]
         if self._pool is not None and len(cars) > _FRAMES_ALONE:
             self._futures = [
                 self._pool.submit(self._draw_ground) for _ in range(self._num_threads - 1)
@@ -108,7 +117,7 @@ class FrameRenderer:
             elif len(self._cars):
                 self._gpu.wait()
             after = self._after is not None and (self._changes is None or self._changes(self._cars))
-            lit = self._lamps is not None and self._lamps.lit(self._cars)
+            lit = any(lamps.lit(self._cars) for lamps in self._lamps)
             if len(self._cars) and (self._solids is not None or lit or after):
                 jobs = [partial(self._draw_over, rows) for rows in _jobs(self._cars)]
                 share_out(self._pool if len(self._cars) > _FRAMES_ALONE else None, jobs)
@@ -116,7 +125,7 @@ class FrameRenderer:
                     self._gpu.send()
         finally:
             self._cars = np.empty(0, np.int64)
-            self._eyes = []
+            self._eyes, self._parts = [], []
             self._futures = []
 
     def close(self) -> None:
@@ -125,21 +134,19 @@ class FrameRenderer:
 
     def _draw_ground(self) -> None:
         light = None if self._lighting is None else self._lighting.of(slice(None))
-        for lenses, frames, taken in self._eyes:
-            draw_ground(self._scene, lenses, frames, self._cars, taken, light)
+        for scene, lenses, frames, cars, taken in self._parts:
+            draw_ground(scene, lenses, frames, cars, taken, light)
 
     def _draw_over(self, rows: slice) -> None:
         light = None if self._lighting is None else self._lighting.of(rows)
-        lamps = self._lamps
-        if lamps is not None and not lamps.lit(rows):
-            lamps = None
-        for (pos, mat, focal_px, bias), all_frames, _ in self._eyes:
+        lit = [lamps for lamps in self._lamps if lamps.lit(rows)]
+        for (pos, mat, focal_px, bias), all_frames in self._eyes:
             lenses, frames = (pos[rows], mat[rows], focal_px, bias), all_frames[rows]
-            if lamps is not None:
+            for lamps in lit:
                 lamps.reflect(rows, frames, lenses)
             if self._solids is not None:
                 draw_solids(self._solids.boxes[rows], lenses, frames, light)
-            if lamps is not None:
+            for lamps in lit:
                 lamps.shine(rows, frames, lenses)
         if self._after is not None:
             self._after(rows)
@@ -194,44 +201,48 @@ class Observations(FrameRenderer):
 
     def __init__(
         self,
-        scene: Scene,
-        num_cars: int,
+        scenes: Sequence[Scene],
         num_threads: int,
         *,
-        world: str,
+        ways: Ways,
         sensors: Sensors,
         traffic: Traffic | None,
         disturbances: Disturbances,
         randomize: Randomize,
         gpu: bool = False,
     ) -> None:
-        """`num_threads` render, the caller's included, or a GPU.
+        """`num_threads` render, the caller's included, or a GPU if there is one track.
 
         Raises:
             OSError: There is no GPU that can be used.
         """
+        num_cars = len(ways.way)
+        self._ways = ways
         self._sensors = sensors
         self._traffic = traffic
         self._disturbances = disturbances
         lighting = None
         if randomize != "nothing":
-            lighting = Lighting(num_cars, look_of(world), textures=randomize == "textures")
+            looks = [look_of(track.name) for track in ways.tracks[::2]]
+            lighting = Lighting(num_cars, looks, textures=randomize == "textures")
         camera = None
+        if gpu and len(scenes) > 1:
+            raise OSError("a GPU draws one track at a time")
         if gpu:
             try:
                 from drsim.sensing.cuda_camera import CudaCamera  # loads CUDA
             except (ImportError, AttributeError) as error:
                 raise OSError(f"numba cannot load CUDA: {error}") from error
 
-            camera = CudaCamera(scene, num_cars, eyes=sensors.eyes)
+            camera = CudaCamera(scenes[0], num_cars, eyes=sensors.eyes)
         super().__init__(
-            scene,
-            num_cars,
+            scenes,
+            ways.road,
             num_threads,
             eyes=sensors.eyes,
             solids=Solids(num_cars, traffic.shapes) if traffic is not None else None,
             lighting=lighting,
-            lamps=Lamps(scene, num_cars),
+            lamps=[Lamps(scene, num_cars) for scene in scenes],
             after=self._spoil,
             changes=disturbances.spoils,
             gpu=camera,
@@ -247,17 +258,18 @@ class Observations(FrameRenderer):
     def draw(self, car: int, random: np.random.Generator) -> None:
         if self._lighting is None:
             return
-        self._lighting.draw(car, random)
+        self._lighting.draw(car, random, int(self._ways.road[car]))
         if self._solids is not None and self._traffic is not None:
             colors = random.uniform(0.0, 255.0, (1, len(self._traffic.shapes), 3))
             self._solids.paint(np.array([car]), colors)
 
     def light(self, car: int, conditions: Conditions) -> None:
-        if self._lamps is not None:
-            self._lamps.begin(
+        for k, lamps in enumerate(self._lamps):
+            share = float(k == self._ways.road[car])  # the lamps of other halls do not shine here
+            lamps.begin(
                 car,
-                glare=conditions.glare,
-                reflections=conditions.reflections,
+                glare=share * conditions.glare,
+                reflections=share * conditions.reflections,
                 pattern=conditions.pattern,
             )
 
@@ -272,18 +284,21 @@ class Observations(FrameRenderer):
             self._scan(cars, bodies)
 
     def _scan(self, cars: Ints, bodies: CarBatch) -> None:
-        boxes = np.empty((len(cars), 0), CUBOID)
-        if self._solids is not None:
-            boxes = self._solids.boxes[cars]
-        rays = scan(
-            self._scene.walls_m,
-            self._scene.wall_height_m,
-            boxes,
-            bodies.origin_xy[cars],
-            bodies.yaw_rad[cars],
-            self._sensors.lidar_model,
-        )
-        self.scans[cars] = self._sensors.process(rays)
+        scenes = self._scene_of[cars]
+        for k in np.unique(scenes):
+            mine, scene = cars[scenes == k], self._scenes[k]
+            boxes = np.empty((len(mine), 0), CUBOID)
+            if self._solids is not None:
+                boxes = self._solids.boxes[mine]
+            rays = scan(
+                scene.walls_m,
+                scene.wall_height_m,
+                boxes,
+                bodies.origin_xy[mine],
+                bodies.yaw_rad[mine],
+                self._sensors.lidar_model,
+            )
+            self.scans[mine] = self._sensors.process(rays)
 
     def _spoil(self, cars: slice) -> None:
         self._disturbances.spoil(self.frames, cars)

@@ -14,6 +14,7 @@ from drsim.race.objects import Objects, closest, in_camera
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.race.traffic import Traffic
 from drsim.sensing.scene import build_scene
+from drsim.track.ways import Ways
 from drsim.track.worlds import load_track
 
 TRACK = load_track("reinvent_base")
@@ -64,7 +65,7 @@ def situation(objects: Objects | None, at_m, crashed=False, backward: int = 0) -
         sim_time_s=np.full(count, 0.2),
         steering_deg=np.full(count, -15.0),
         speed_mps=np.full(count, 1.5),
-        backward=np.full(count, backward),
+        way=np.full(count, backward),
         crashed=np.full(count, crashed),
         objects=objects,
     )
@@ -78,10 +79,10 @@ def told(traffic: Traffic, at_m: float, *, crashed=False, backward: int = 0) -> 
 
 
 def traffic_of(backward: int = 0, seed: int = 1, **race) -> Traffic:
-    traffic = Traffic(TRACKS, 1, Race(**race))
-    traffic.begin(
-        np.zeros(1, np.int64), np.zeros(1), np.array([backward]), np.array([seed], np.uint64)
-    )
+    traffic = Traffic(Ways(TRACKS[:1], 1), Race(**race))
+    car = np.zeros(1, np.int64)
+    traffic.ways.choose(car, 0, backward == 1)
+    traffic.begin(car, np.zeros(1), np.array([seed], np.uint64))
     return traffic
 
 

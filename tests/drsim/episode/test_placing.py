@@ -6,13 +6,16 @@ import pytest
 from drsim.episode.placing import Placing
 from drsim.track.appearance import look_of
 from drsim.track.track import CENTER, INNER, LANES, OUTER
+from drsim.track.ways import Ways
 from drsim.track.worlds import known_worlds, load_track
 
 TRACK = load_track("reinvent_base")
 
 
 def placing(track, backward) -> Placing:
-    return Placing((track, track.reversed()), np.asarray(backward, np.int64))
+    ways = Ways([track], len(backward))
+    ways.choose(np.arange(len(backward)), 0, np.asarray(backward) == 1)
+    return Placing(ways)
 
 
 def test_each_car_is_put_on_its_lane_in_its_own_direction() -> None:
@@ -23,7 +26,7 @@ def test_each_car_is_put_on_its_lane_in_its_own_direction() -> None:
     poses = where.on_each(cars, fraction, lanes)
 
     for car, lane in enumerate(lanes):
-        track = where.tracks[where.backward[car]]
+        track = where.ways.of(car)
         expected = track.pose_at(fraction[car : car + 1] * track.length_m, LANES[lane])[0]
         np.testing.assert_array_equal(poses[car], expected)
 

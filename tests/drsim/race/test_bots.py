@@ -12,6 +12,7 @@ from drsim.race.bots import Bots, LanePaths, LanePlaces
 from drsim.race.race import BotRules, Race
 from drsim.race.traffic import Traffic
 from drsim.track.track import Track
+from drsim.track.ways import Ways
 from drsim.track.worlds import load_track
 
 ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
@@ -43,23 +44,22 @@ def both(track: Track) -> tuple[Track, Track]:
     return track, track.reversed()
 
 
-def on_lanes(paths: LanePaths, at_m: np.ndarray, share: float, backward: int = 0):
+def on_lanes(track: Track, at_m: np.ndarray, share: float, backward: int = 0):
     """Points and directions of a lane, shapes (m, 2) and (m,)."""
     shape = (1, len(at_m))
     places = LanePlaces(at_m[None], np.full(shape, share), np.zeros(shape))
-    xy, yaw_rad = paths.poses(np.array([backward]), places)
+    ways = Ways([track], 1)
+    ways.choose(np.zeros(1, np.int64), 0, backward == 1)
+    xy, yaw_rad = LanePaths(ways.tracks).poses(ways, places)
     return xy[0], yaw_rad[0]
 
 
 def drive(track: Track, steps: int, *, seed: int = 1, start=0.0, backward: int = 0, **rules):
     """Places, directions and distances of the bots of one car; shapes (steps, k, ...)."""
-    traffic = Traffic(both(track), 1, Race(bots=BotRules(**rules)))
-    traffic.begin(
-        np.zeros(1, np.int64),
-        np.array([start]),
-        np.array([backward]),
-        np.array([seed], np.uint64),
-    )
+    traffic = Traffic(Ways([track], 1), Race(bots=BotRules(**rules)))
+    car = np.zeros(1, np.int64)
+    traffic.ways.choose(car, 0, backward == 1)
+    traffic.begin(car, np.array([start]), np.array([seed], np.uint64))
     xy, yaw_rad, distance_m = [], [], []
     for _ in range(steps):
         xy.append(traffic.xy[0].copy())
@@ -74,7 +74,7 @@ def test_lanes_of_a_ring_are_circles(share, radius_m) -> None:
     track = ring()
     at_m = np.linspace(0.0, track.length_m, 500, endpoint=False)
 
-    xy, yaw_rad = on_lanes(LanePaths(both(track)), at_m, share)
+    xy, yaw_rad = on_lanes(track, at_m, share)
 
     np.testing.assert_allclose(np.hypot(*xy.T), radius_m, atol=0.002)
     along_rad = np.arctan2(xy[:, 1], xy[:, 0]) + np.pi / 2
@@ -85,7 +85,7 @@ def test_lanes_pass_through_their_vertices() -> None:
     vertices = (REINVENT.center + REINVENT.outer)[:-1] / 2
     at_m = REINVENT.locate(vertices).distance_m
 
-    xy, _ = on_lanes(LanePaths(both(REINVENT)), at_m, 1.0)
+    xy, _ = on_lanes(REINVENT, at_m, 1.0)
 
     assert np.hypot(*(xy - vertices).T).max() < 0.002
 
@@ -99,7 +99,7 @@ def test_vertices_on_the_other_side_of_the_finish_line_bend_no_lane(
     track = ring(skew_rad=skew_rad)
     at_m = np.linspace(0.0, 2 * track.length_m, 3000)
 
-    xy, _ = on_lanes(LanePaths(both(track)), at_m, share, backward)
+    xy, _ = on_lanes(track, at_m, share, backward)
 
     assert track.on_road(xy).all()
     speed = np.hypot(*np.diff(xy, axis=0).T) / np.diff(at_m)
@@ -117,9 +117,7 @@ def test_lanes_of_known_tracks_have_no_jump_and_no_turn_on_the_spot(world, backw
         pytest.skip(f"there is no folder of reference routes with {world}.npy")
     track = load_track(str(file))
     at_m = np.arange(0.0, track.length_m + 0.1, 0.01)
-    paths = LanePaths(both(track))
-
-    lanes = [on_lanes(paths, at_m, share, backward) for share in (0.0, 1.0)]
+    lanes = [on_lanes(track, at_m, share, backward) for share in (0.0, 1.0)]
 
     for xy, yaw_rad in lanes:
         speed = np.hypot(*np.diff(xy, axis=0).T) / 0.01
@@ -234,12 +232,12 @@ def test_bots_that_stand_still_change_no_lane() -> None:
 
 def test_the_same_seed_gives_the_same_drive_whatever_came_before() -> None:
     race = Race(bots=BotRules(randomize=True, lane_change=True, lane_change_time_s=(0.5, 1.0)))
-    traffic = Traffic(both(REINVENT), 2, race)
+    traffic = Traffic(Ways([REINVENT], 2), race)
     cars, seeds = np.arange(2), np.array([5, 6], np.uint64)
-    traffic.begin(cars, np.array([0.1, 0.2]), np.zeros(2, np.int64), seeds)
+    traffic.begin(cars, np.array([0.1, 0.2]), seeds)
 
     def drive_first() -> np.ndarray:
-        traffic.begin(cars[:1], np.array([0.3]), np.zeros(1, np.int64), np.array([9], np.uint64))
+        traffic.begin(cars[:1], np.array([0.3]), np.array([9], np.uint64))
         places = []
         for _ in range(120):
             places.append(traffic.xy[0].copy())
@@ -305,9 +303,9 @@ def test_a_halt_puts_lane_changes_off_by_as_much() -> None:
 
 
 def test_bots_of_a_car_that_waits_for_its_start_stand_still() -> None:
-    traffic = Traffic(both(REINVENT), 2, Race(bots=BotRules()))
+    traffic = Traffic(Ways([REINVENT], 2), Race(bots=BotRules()))
     everybody = np.arange(2)
-    traffic.begin(everybody, np.zeros(2), np.zeros(2, np.int64), np.zeros(2, np.uint64))
+    traffic.begin(everybody, np.zeros(2), np.zeros(2, np.uint64))
     before = traffic.xy.copy()
 
     traffic.advance(np.array([True, False]))
@@ -356,7 +354,7 @@ def test_numbers_that_make_no_race_are_refused_by_name(wrong) -> None:
 
 def test_more_bots_than_fit_are_refused() -> None:
     with pytest.raises(ValueError, match=r"20 objects .* too many for reinvent_base.*: 8 would"):
-        Traffic(both(REINVENT), 1, Race(bots=BotRules(count=20)))
+        Traffic(Ways([REINVENT], 1), Race(bots=BotRules(count=20)))
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from drsim.race.traffic import (
     most_that_fit,
 )
 from drsim.track.track import INNER, OUTER, Track
+from drsim.track.ways import Ways
 from drsim.track.worlds import load_track
 
 REINVENT = load_track("reinvent_base")
@@ -40,17 +41,13 @@ LOOP, ROAD = ellipse(), ellipse(closed=False)
 
 
 def traffic_of(track: Track, num_cars: int = 1, **rules) -> Traffic:
-    return Traffic((track, track.reversed()), num_cars, Race(obstacles=ObstacleRules(**rules)))
+    return Traffic(Ways([track], num_cars), Race(obstacles=ObstacleRules(**rules)))
 
 
 def begin(traffic: Traffic, start=0.0, seed=1, cars=(0,), backward=0) -> None:
     count = len(cars)
-    traffic.begin(
-        np.array(cars),
-        np.full(count, start),
-        np.full(count, backward),
-        np.full(count, seed, np.uint64),
-    )
+    traffic.ways.choose(np.array(cars), 0, backward == 1)
+    traffic.begin(np.array(cars), np.full(count, start), np.full(count, seed, np.uint64))
 
 
 def gaps_m(places_m: np.ndarray, track: Track) -> np.ndarray:
@@ -177,7 +174,7 @@ def test_the_gap_does_not_shrink_from_episode_to_episode() -> None:
 def test_random_places_and_lanes_are_those_of_the_seed() -> None:
     traffic = traffic_of(REINVENT, num_cars=3, randomize=True)
 
-    traffic.begin(np.arange(3), np.zeros(3), np.zeros(3, np.int64), np.array([7, 8, 7], np.uint64))
+    traffic.begin(np.arange(3), np.zeros(3), np.array([7, 8, 7], np.uint64))
 
     np.testing.assert_array_equal(traffic.xy[0], traffic.xy[2])
     assert np.abs(traffic.xy[0] - traffic.xy[1]).max() > 0.1
@@ -242,7 +239,8 @@ def test_boxes_look_along_their_lane() -> None:
 def test_a_car_that_drives_the_lap_backwards_counts_places_in_its_own_direction() -> None:
     traffic = traffic_of(REINVENT, num_cars=2, positions=((0.25, 1),))
 
-    traffic.begin(np.arange(2), np.zeros(2), np.array([0, 1]), np.zeros(2, np.uint64))
+    traffic.ways.choose(np.arange(2), 0, np.array([False, True]))
+    traffic.begin(np.arange(2), np.zeros(2), np.zeros(2, np.uint64))
 
     share = traffic.distance_m[:, 0] / REINVENT.length_m
     np.testing.assert_allclose(share, [0.25, 0.25], atol=0.01)

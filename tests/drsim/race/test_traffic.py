@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.race.traffic import NEAR_M, OPPONENT_GAP_M, Traffic
 from drsim.track.track import CENTER, INNER, OUTER, Track
+from drsim.track.ways import Ways
 from drsim.track.worlds import load_track
 
 NOSE_M = 0.14
@@ -30,19 +31,15 @@ LENGTH_M = RING.length_m
 
 
 def traffic_with(num_cars: int = 1, *, track: Track = RING, begun: bool = True, **race) -> Traffic:
-    traffic = Traffic((track, track.reversed()), num_cars, Race(**race))
+    traffic = Traffic(Ways([track], num_cars), Race(**race))
     if begun:
         begin(traffic, np.arange(num_cars))
     return traffic
 
 
 def begin(traffic: Traffic, cars, start=0.0, backward=0, seed=1) -> None:
-    traffic.begin(
-        np.asarray(cars),
-        np.full(len(cars), start),
-        np.full(len(cars), backward),
-        np.full(len(cars), seed, np.uint64),
-    )
+    traffic.ways.choose(np.asarray(cars), 0, backward == 1)
+    traffic.begin(np.asarray(cars), np.full(len(cars), start), np.full(len(cars), seed, np.uint64))
 
 
 def boxes(*positions: tuple[float, float], **rules) -> ObstacleRules:
@@ -338,7 +335,8 @@ def test_places_are_those_of_the_track_itself() -> None:
     traffic = traffic_with(
         2, track=reinvent, begun=False, obstacles=ObstacleRules(), bots=BotRules(lane_change=True)
     )
-    traffic.begin(np.arange(2), np.array([0.1, 0.6]), np.array([0, 1]), np.array([1, 2], np.uint64))
+    traffic.ways.choose(np.arange(2), 0, np.array([False, True]))
+    traffic.begin(np.arange(2), np.array([0.1, 0.6]), np.array([1, 2], np.uint64))
     for _ in range(100):
         traffic.advance(np.ones(2, np.bool_))
 
@@ -353,7 +351,8 @@ def test_places_are_those_of_the_track_itself() -> None:
 
 def test_bots_drive_the_way_their_car_does() -> None:
     traffic = traffic_with(2, begun=False, bots=BotRules(count=1))
-    traffic.begin(np.arange(2), np.zeros(2), np.array([0, 1]), np.zeros(2, np.uint64))
+    traffic.ways.choose(np.arange(2), 0, np.array([False, True]))
+    traffic.begin(np.arange(2), np.zeros(2), np.zeros(2, np.uint64))
     turns = []
 
     for _ in range(10):

@@ -37,7 +37,7 @@ def main() -> None:
     lens_pos, lens_mat = lens_pose(pos, np.ascontiguousarray(mat), camera)
     light: Light | None = None
     if case == "light":
-        lighting = Lighting(cars, look_of("reinvent_base"), textures=True)
+        lighting = Lighting(cars, [look_of("reinvent_base")], textures=True)
         for car in range(cars):
             lighting.draw(car, draw)
         light = lighting.of(slice(None))
@@ -66,7 +66,9 @@ def _compare_renderers(scene, lens_pos, lens_mat, camera) -> None:
         solids = Solids(cars, [Shape("box", (box,), (0.3, 0.3))])
         ahead = lens_pos[:, None, :2] + 0.8 * lens_mat[:, None, :2, 0]
         solids.move(np.arange(cars), ahead, np.zeros((cars, 1)))
-        renderer = observations.FrameRenderer(scene, cars, 1, eyes=2, solids=solids, gpu=gpu)
+        renderer = observations.FrameRenderer(
+            [scene], np.zeros(cars, np.int64), 1, eyes=2, solids=solids, gpu=gpu
+        )
         renderer.start(np.arange(cars), lens_pos, lens_mat)
         renderer.finish()
         renderer.start(np.array([cars - 1]), lens_pos[::-1].copy(), lens_mat[::-1].copy())

@@ -31,7 +31,7 @@ class Drawn:
 
 def light_of(look: Look, numbers: list[list[float]]) -> Any:
     """The light of one car that has drawn some numbers."""
-    lighting = Lighting(1, look)
+    lighting = Lighting(1, [look])
     lighting.draw(0, Drawn(numbers))
     return lighting.of(slice(0, 1))
 
@@ -70,7 +70,7 @@ def test_the_usual_numbers_give_the_usual_light(world):
 def test_a_car_that_has_drawn_nothing_sees_what_it_sees_without_randomisation(scene):
     pos, mat, boxes = views(2)
     plain, lit = (np.zeros((2, 120, 160), np.uint8) for _ in range(2))
-    lighting = Lighting(2, look_of("reinvent_base"), textures=True)
+    lighting = Lighting(2, [look_of("reinvent_base")], textures=True)
 
     render(scene, pos, mat, plain, boxes=boxes)
     render(scene, pos, mat, lit, boxes=boxes, light=lighting.of(slice(0, 2)))
@@ -116,7 +116,7 @@ def test_boxes_stand_in_the_light_of_their_car(scene):
     mat[:, :, :2] *= -1.0  # turned round, to look at the side of the box that faces the sun
     for axis, name in enumerate(("x", "y")):
         boxes[name] = 2 * pos[:, axis, None] - boxes[name]
-    lighting = Lighting(2, look_of("reinvent_base"))
+    lighting = Lighting(2, [look_of("reinvent_base")])
     lighting.draw(1, Drawn([[0.0] * 3, [0.0] * 3, [1.0] * 3]))
     out = np.zeros((2, 120, 160), np.uint8)
 
@@ -131,7 +131,7 @@ def test_boxes_stand_in_the_light_of_their_car(scene):
 
 @pytest.mark.parametrize("textures", [False, True])
 def test_the_same_seed_draws_the_same_world_and_another_seed_another(textures):
-    lighting = Lighting(3, look_of("Monaco"), textures=textures)
+    lighting = Lighting(3, [look_of("Monaco")], textures=textures)
 
     for car, seed in enumerate((5, 5, 6)):
         lighting.draw(car, np.random.default_rng(seed))
@@ -143,7 +143,7 @@ def test_the_same_seed_draws_the_same_world_and_another_seed_another(textures):
 
 
 def test_drawing_for_one_car_leaves_the_others_in_their_light():
-    lighting = Lighting(3, look_of("Monaco"), textures=True)
+    lighting = Lighting(3, [look_of("Monaco")], textures=True)
 
     lighting.draw(1, np.random.default_rng(0))
 
@@ -157,7 +157,7 @@ def test_drawing_for_one_car_leaves_the_others_in_their_light():
 @pytest.mark.parametrize("world", WORLDS)
 def test_lines_can_be_told_from_the_road_in_every_draw(world, textures):
     look = look_of(world)
-    lighting = Lighting(1, look, textures=textures)
+    lighting = Lighting(1, [look], textures=textures)
     random = np.random.default_rng(1)
     line, road = round(look.line.grey), round(look.road.grey)
     brighter = []
@@ -173,7 +173,7 @@ def test_lines_can_be_told_from_the_road_in_every_draw(world, textures):
 @pytest.mark.parametrize("world", WORLDS)
 def test_grain_is_not_blown_up_where_two_materials_are_nearly_as_bright(world):
     look = look_of(world)
-    lighting = Lighting(1, look, textures=True)
+    lighting = Lighting(1, [look], textures=True)
     random = np.random.default_rng(2)
     field, grain = look.field.grey, look.field.grain
     greys = np.arange(int(field - 2 * grain) + 1, int(field + 2 * grain) + 1)
@@ -186,7 +186,7 @@ def test_grain_is_not_blown_up_where_two_materials_are_nearly_as_bright(world):
 
 def test_textures_change_how_the_materials_compare():
     look = look_of("reinvent_base")
-    lighting = Lighting(1, look, textures=True)
+    lighting = Lighting(1, [look], textures=True)
     random = np.random.default_rng(3)
     shares = []
 
