@@ -26,6 +26,7 @@ from drsim.car.conditions import Conditions
 from drsim.episode.episode_rules import Status, StepResult
 from drsim.episode.simulation import Simulation
 from drsim.race.traffic import Traffic
+from drsim.track.track import Track
 
 # An episode of a worker: what is planned, and what the learner gets of it.
 
@@ -42,6 +43,7 @@ class Plan:
         angle_deg: To the left.
         conditions: Instead of what the settings draw.
         world: Decides the seed; None for its own number.
+        track: Index into the tracks of the simulation.
     """
 
     number: int
@@ -54,6 +56,7 @@ class Plan:
     angle_deg: float = 0.0
     conditions: Conditions | None = None
     world: int | None = None
+    track: int = 0
 
     def seed(self, run: int) -> int:
         """Seed of everything random in the episode's world.
@@ -92,9 +95,11 @@ class Driven(Episode):
         cut: The step limit ended it.
         last_value: The critic's estimate of the rest then.
         objects: x, y and yaw of what was around the car at each row. Each of shape (k, 3).
+        track: Index into the tracks of the simulation.
     """
 
     racer: int = 0
+    track: int = 0
     samples: list[Sample] = field(default_factory=list)
     cut: bool = False
     last_value: float = 0.0
@@ -157,12 +162,21 @@ class Racer:
 
 
 class _Seat:
-    def __init__(self, car: int, plan: Plan, racer: Racer, seed: int, first: StepResult) -> None:
+    def __init__(
+        self, car: int, plan: Plan, racer: Racer, seed: int, first: StepResult, track: Track
+    ) -> None:
         spec = racer.model.spec
         self.car = car
         self.plan = plan
         self.racer = racer
-        self.episode = Driven(plan.number, plan.phase, racer=plan.racer)
+        self.track = track
+        self.episode = Driven(
+            plan.number,
+            plan.phase,
+            racer=plan.racer,
+            track=plan.track,
+            track_length_m=track.length_m,
+        )
         self.noise = _noise(spec, seed, plan)
         self._seen: deque[NDArray[np.uint8]] = deque(maxlen=spec.stack)
         # The reset already took a step of the car's clock, and the episode began before it.
@@ -272,7 +286,7 @@ class Driver:
             for seat in self._step(driving, None if epsilon is None else epsilon(trained)):
                 episode = seats.pop(seat.car).episode
                 if self._observer is not None:
-                    self._observer.ended(episode, episode.racer, self._simulation.track.name)
+                    self._observer.ended(episode, episode.racer, seat.track.name)
                 on_episode(episode)
             trained += sum(seat.plan.phase == "training" for seat in driving)
 
@@ -296,6 +310,7 @@ class Driver:
         first = self._simulation.reset(
             np.array(free[: len(plans)]),
             np.array([plan.start_fraction for plan in plans]),
+            track=np.array([plan.track for plan in plans]),
             reverse=np.array([plan.reverse for plan in plans]),
             seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
             offset_m=np.array([plan.offset_m for plan in plans]) if moved else None,
@@ -303,7 +318,8 @@ class Driver:
             conditions=_conditions(plans),
         )
         for car, plan in zip(free, plans, strict=False):
-            seats[car] = _Seat(car, plan, self._racers[plan.racer], self._seed, first)
+            track = self._simulation.tracks[plan.track]
+            seats[car] = _Seat(car, plan, self._racers[plan.racer], self._seed, first, track)
 
     def _step(self, driving: Sequence[_Seat], epsilon: float | None) -> list[_Seat]:
         steering = np.zeros(self._simulation.num_cars)
@@ -347,7 +363,6 @@ class Driver:
             objects = np.concatenate([traffic.xy, traffic.yaw_rad[:, :, None]], axis=2)
         return StepSnapshot(
             unix_s(),
-            simulation.track,
             result,
             simulation.poses,
             simulation.speeds_mps,
@@ -358,6 +373,7 @@ class Driver:
                     seat.plan.racer,
                     seat.plan.number,
                     seat.plan.phase,
+                    seat.track,
                     seat.plan.reverse,
                     seat.episode.rows,
                     len(seat.episode.rows),

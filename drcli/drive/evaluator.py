@@ -305,11 +305,11 @@ def evaluate(
         # Only the first lap of a continuous race has a start.
         begun = {plan.number: plan for plan in starts}
         trials.append([_recorded(episode, begun.get(episode.number)) for episode in episodes])
-        lines = (log_lines(episode, track.length_m, wall_clock[1]) for episode in episodes)
+        lines = (log_lines(episode, wall_clock[1]) for episode in episodes)
         traces.info("\n".join([reference_log.OWN_LINE, *lines]))
         for episode in episodes:
             log_trial(episode, entry.name)
-        bucket.put(entry.trace, csv_text(episodes, track.length_m, wall_clock).encode())
+        bucket.put(entry.trace, csv_text(episodes, wall_clock).encode())
         bucket.put(entry.metrics, encode_metrics_file(trials[-1]))
         recording = replace(
             recording_of_race(config, entry.name, shapes, own, episodes),
@@ -396,11 +396,12 @@ def _say_start(config: RunConfig, metadata: ModelMetadata, parameters: Hyperpara
 
 def laps_of(race: Episode) -> list[Episode]:
     """Cut a continuous race into laps, the episodes of its trace."""
-    laps = [Episode(0, race.phase, clock_s=race.clock_s)]
+    first = Episode(0, race.phase, clock_s=race.clock_s, track_length_m=race.track_length_m)
+    laps = [first]
     for row in race.rows:
         if laps[-1].rows and laps[-1].rows[-1].progress >= 100.0:
             begin_s = laps[-1].rows[-1].time_s
-            laps.append(Episode(len(laps), race.phase, clock_s=race.clock_s, begin_s=begin_s))
+            laps.append(replace(first, number=len(laps), rows=[], begin_s=begin_s))
         laps[-1].rows.append(row)
     return laps
 

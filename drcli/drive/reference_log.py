@@ -55,7 +55,6 @@ def start_lines(
 def training_lines(
     episodes: Sequence[Episode],
     worker: int,
-    track_length_m: float,
     total_steps: int,
     iteration: int,
     wall_clock: float,
@@ -69,7 +68,7 @@ def training_lines(
     for episode in episodes:
         total_steps += episode.steps
         lines += [
-            log_lines(episode, track_length_m, wall_clock),
+            log_lines(episode, wall_clock),
             f"Training> Name=main_level/agent, Worker={worker}, Episode={episode.number + 1}, "
             f"Total reward={episode.reward:.2f}, Steps={total_steps}, "
             f"Training iteration={iteration}",

@@ -171,6 +171,7 @@ class LiveCar:
         status: As in traces.
         lap_s: Simulated seconds of its lap.
         resets: Violations forgiven.
+        world: Its track, where that may be another than the scene's.
     """
 
     car: SafeInt
@@ -192,6 +193,7 @@ class LiveCar:
     lap_s: Seconds
     laps: SafeInt = 0
     resets: SafeInt = 0
+    world: str = ""
 
 
 @dataclass(frozen=True)

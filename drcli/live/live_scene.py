@@ -196,14 +196,14 @@ def chosen_rider(moment: StepSnapshot, wanted: int | None, before: Rider | None)
 def scene_of(
     moment: StepSnapshot, facts: LiveFacts, episodes: LiveEpisodes, rider: Rider | None
 ) -> LiveScene:
-    drive = facts.drive(moment.track.name)
-    cars = [_car(moment, each, facts, episodes, drive) for each in moment.riders]
+    cars = [_car(moment, each, facts, episodes) for each in moment.riders]
+    shown = rider or next(iter(moment.riders), None)
     actions: list[list[float]] = []
     if moment.looks and isinstance(found := moment.looks[0].actions, DiscreteActions):
         actions = [[float(angle), float(speed)] for angle, speed in found.choices]
     return LiveScene(
-        world=moment.track.name,
-        reverse=moment.track.reverse,
+        world="" if shown is None else shown.track.name,
+        reverse=shown is not None and shown.track.reverse,
         race_type=facts.race_type,
         iteration=facts.iteration,
         checkpoint=facts.checkpoint,
@@ -232,11 +232,9 @@ def _racer_of(rider: Rider, facts: LiveFacts) -> int:
     return min(rider.racer, max(0, len(facts.racers) - 1))
 
 
-def _car(
-    moment: StepSnapshot, rider: Rider, facts: LiveFacts, episodes: LiveEpisodes, drive: Drive
-) -> LiveCar:
+def _car(moment: StepSnapshot, rider: Rider, facts: LiveFacts, episodes: LiveEpisodes) -> LiveCar:
     result, car = moment.result, rider.car
-    total = episodes.follow(rider, drive)
+    total = episodes.follow(rider, facts.drive(rider.track.name))
     return LiveCar(
         car=car,
         racer=_racer_of(rider, facts),
@@ -257,6 +255,7 @@ def _car(
         lap_s=_number(result.lap_time_s.item(car), 3),
         laps=result.laps.item(car),
         resets=result.resets.item(car),
+        world=rider.track.name,
     )
 
 

@@ -393,7 +393,7 @@ class ChaseView:
 
     def picture(self, moment: StepSnapshot, rider: Rider, colors: list[Rgb]) -> NDArray[np.uint8]:
         """Its world must be painted; colors from 0 to 255."""
-        track, car = moment.track, rider.car
+        track, car = rider.track, rider.car
         key = (track.name, track.reverse)
         world = self._worlds[key]
         camera, last = self._cameras.setdefault(car, (FollowingCamera(), 0))

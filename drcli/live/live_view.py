@@ -205,7 +205,7 @@ class LiveShow:
         if rider is None or self._missing:
             return None
         if view == "chase":
-            if not self._chase.is_ready(moment.track):
+            if not self._chase.is_ready(rider.track):
                 return None
             picture = self._chase.picture(moment, rider, self.facts.colors)
         else:

@@ -32,6 +32,7 @@ class Rider:
     racer: int
     episode: int
     phase: Phase
+    track: Track
     reverse: bool
     rows: list[Row]
     steps: int
@@ -71,7 +72,6 @@ class StepSnapshot:
     """
 
     step_s: float
-    track: Track
     result: StepResult
     poses: Floats
     speeds_mps: Floats

@@ -329,6 +329,7 @@ class Episode:
     Attributes:
         number: From 0; trials begin at 0 again.
         clock_s: Simulation clock at its reset, as if episodes followed one another.
+        track_length_m: Of the centre line.
     """
 
     number: int
@@ -336,6 +337,7 @@ class Episode:
     rows: list[Row] = field(default_factory=list)
     clock_s: float = 0.0
     begin_s: float = 0.0
+    track_length_m: float = 0.0
 
     @property
     def reward(self) -> float:
@@ -388,9 +390,7 @@ def schedule(episodes: Iterable[Episode], clock_s: float) -> float:
     return clock_s
 
 
-def csv_text(
-    episodes: Iterable[Episode], track_length_m: float, wall_clock: tuple[float, float]
-) -> str:
+def csv_text(episodes: Iterable[Episode], wall_clock: tuple[float, float]) -> str:
     """A simtrace file.
 
     Cars drive in parallel, so the rows share the `wall_clock` (Unix seconds) equally: analysis
@@ -400,13 +400,13 @@ def csv_text(
     begin, end = wall_clock
     per_row = (end - begin) / max(len(rows), 1)
     lines = [
-        ",".join(_csv_fields(episode, row, track_length_m, begin + per_row * (i + 1)))
+        ",".join(_csv_fields(episode, row, begin + per_row * (i + 1)))
         for i, (episode, row) in enumerate(rows)
     ]
     return "\n".join([CSV_HEADER, *lines, ""])
 
 
-def _csv_fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float) -> list[str]:
+def _csv_fields(episode: Episode, row: Row, wall_clock: float) -> list[str]:
     return [
         str(episode.number),
         f"{float(row.steps)}",
@@ -421,7 +421,7 @@ def _csv_fields(episode: Episode, row: Row, track_length_m: float, wall_clock: f
         str(row.all_wheels_on_track),
         str(row.progress),
         str(row.closest_waypoint),
-        str(track_length_m),
+        str(episode.track_length_m),
         str(episode.clock_s + row.time_s),
         row.status,
         str(row.pause_s),
@@ -431,13 +431,13 @@ def _csv_fields(episode: Episode, row: Row, track_length_m: float, wall_clock: f
     ]
 
 
-def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str:
+def log_lines(episode: Episode, wall_clock: float) -> str:
     return "\n".join(
         f"{LOG_MARK}{episode.number},{row.steps},{row.x:.4f},{row.y:.4f},{row.yaw_deg:.4f},"
         f"{row.steering_deg:.2f},{row.speed_mps:.2f},{row.action},{row.reward:.4f},{row.done},"
         f"{row.all_wheels_on_track},{_progress(row)},{row.closest_waypoint},"
-        f"{track_length_m:.2f},{episode.clock_s + row.time_s},{row.status},{row.pause_s:.2f},"
-        f"{row.crashes},{wall_clock:.4f}"
+        f"{episode.track_length_m:.2f},{episode.clock_s + row.time_s},{row.status},"
+        f"{row.pause_s:.2f},{row.crashes},{wall_clock:.4f}"
         for row in episode.rows
     )
 

@@ -212,7 +212,7 @@ class DriveResults:
         """
         episodes.sort(key=lambda episode: episode.number)
         schedule(episodes, self._metrics.clock_s)
-        length_m, worker = self._simulation.track_length_m, self._worker
+        worker = self._worker
         records = self._metrics.add(iteration, episodes)
         self._figures.send(*episode_points(records, worker, wall_clock))
         assigned = self._simulation.assigned
@@ -223,11 +223,9 @@ class DriveResults:
         self._driven_before = iteration <= self._logged or self._bucket.exists(key)
         if not self._driven_before:  # else the log has them already
             traces.info(
-                reference_log.training_lines(
-                    episodes, worker, length_m, name.steps, iteration, wall_clock[1]
-                )
+                reference_log.training_lines(episodes, worker, name.steps, iteration, wall_clock[1])
             )
-        self._bucket.put(key, csv_text(episodes, length_m, wall_clock).encode())
+        self._bucket.put(key, csv_text(episodes, wall_clock).encode())
 
     def gather(self) -> None:
         """Move some traces to the folder for the present number of workers.

@@ -28,7 +28,7 @@ def episode(
 ) -> Episode:
     """A drive along the centre line from a start of its own, evenly, up to some progress."""
     start = (7 * number) % (len(TRACK.center) - 1)
-    driven = Episode(number, phase, clock_s=100.0 * number)
+    driven = Episode(number, phase, clock_s=100.0 * number, track_length_m=TRACK.length_m)
     complete = progress >= 100.0
     for step in range(steps):
         part = step / (steps - 1)
@@ -88,7 +88,7 @@ def with_reset(driven: Episode, at: int, pause_steps: int = 75) -> Episode:
 
 def trace(episodes: list[Episode], began_s: float = 1.7e9) -> bytes:
     """A simtrace file."""
-    return csv_text(episodes, TRACK.length_m, (began_s, began_s + 10.0)).encode()
+    return csv_text(episodes, (began_s, began_s + 10.0)).encode()
 
 
 def write_model(

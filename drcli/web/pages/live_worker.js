@@ -198,12 +198,13 @@ export function workerCard(runId, name, signal) {
       if (title.textContent !== text) title.textContent = text;
     }
     setCars(Math.max(0, ...scene.cars.map((each) => each.car + 1)));
+    const cars = scene.cars.filter((each) => !each.world || each.world === scene.world);
     const many = scene.racers.length > 1,
-      shown = scene.cars.find((each) => each.car === scene.shown?.car);
+      shown = cars.find((each) => each.car === scene.shown?.car);
     colors = scene.racers.map((racer) => rgb(racer.rgb));
     const colorOf = (each) =>
       many ? (colors[each.racer] ?? "c1") : each.phase === "evaluation" ? "c2" : "c1";
-    const order = shown ? [shown, ...scene.cars.filter((each) => each !== shown)] : scene.cars;
+    const order = shown ? [shown, ...cars.filter((each) => each !== shown)] : cars;
     map.setCars(
       order.map((each) => ({
         x: each.x,
@@ -218,7 +219,7 @@ export function workerCard(runId, name, signal) {
     );
     legend.textContent = many
       ? scene.racers.map((racer) => `${racer.model}: ${racer.color}`).join(", ")
-      : `${number(scene.cars.length)} ${scene.cars.length === 1 ? "car" : "cars"}, ${scene.world}${scene.reverse ? ", reversed" : ""}${scene.checkpoint ? `, ${scene.checkpoint.replace(".ckpt", "")}` : ""}. ${evaluation ? "" : laps?.iteration !== null && laps ? `Lines: iteration ${laps.iteration}, green where the lap was completed.` : ""}`;
+      : `${number(cars.length)} ${cars.length === 1 ? "car" : "cars"}, ${scene.world}${scene.reverse ? ", reversed" : ""}${scene.checkpoint ? `, ${scene.checkpoint.replace(".ckpt", "")}` : ""}. ${evaluation ? "" : laps?.iteration !== null && laps ? `Lines: iteration ${laps.iteration}, green where the lap was completed.` : ""}`;
     setFigures(
       shown
         ? [
@@ -232,7 +233,7 @@ export function workerCard(runId, name, signal) {
         : ["–", "–", "–", "–", "–", "–"],
     );
     bars.update(scene.actions, scene.shown);
-    if (evaluation) trail(scene.cars, colorOf);
+    if (evaluation) trail(cars, colorOf);
     const last = scene.finished.at(-1);
     if (last && last.serial !== serial) {
       serial = last.serial;

@@ -56,7 +56,7 @@ def driven(number: int, end: str = "off_track", action: str = "1", **last) -> Ep
         replace(ROW, steps=2, action=action),
         replace(ROW, steps=3, action=action, done=True, status=end, **last),
     ]
-    return Episode(number, "training", rows)
+    return Episode(number, "training", rows, track_length_m=17.7)
 
 
 def lap(number: int, progress: float = 100.0) -> Episode:
@@ -65,7 +65,7 @@ def lap(number: int, progress: float = 100.0) -> Episode:
 
 
 def trained(*episodes: Episode, worker: int = 0) -> str:
-    return training_lines(episodes, worker, 17.7, 0, 0, 1.0) + "\n"
+    return training_lines(episodes, worker, 0, 0, 1.0) + "\n"
 
 
 def evaluated(*laps: Episode, last_episode: int = 2) -> str:

@@ -7,7 +7,9 @@ import pytest
 from drcli.live.live_scene import REMEMBERED, Drive, LiveEpisodes
 from drcli.live.step_snapshot import Rider
 from drcli.records.trace import STEP_S, Episode, Row
+from drsim.track.worlds import load_track
 
+TRACK = load_track("reinvent_base")
 DRIVE = Drive("oval", 3, "3_Step-9.ckpt")
 
 ROW = Row(1, 0.0, 0.0, 0.0, 0.0, 1.0, "0", 0.0, False, True, 0.0, 0, "prepare", 0.0, STEP_S)
@@ -31,7 +33,7 @@ def rows_of(*progress: float, ends: bool = True) -> list[Row]:
 
 
 def rider(rows: list[Row]) -> Rider:
-    return Rider(0, 0, 7, "evaluation", False, rows, len(rows))
+    return Rider(0, 0, 7, "evaluation", TRACK, False, rows, len(rows))
 
 
 @pytest.mark.parametrize("watched", [False, True])

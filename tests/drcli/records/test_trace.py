@@ -11,7 +11,7 @@ STEP_S = 1 / 15
 def test_a_trace_has_the_reference_columns_and_plain_values():
     episode = _episode(3, rewards=[0.0, 1.5], end="off_track")
 
-    header, first, last = csv_text([episode], 17.7, (100.0, 101.0)).splitlines()
+    header, first, last = csv_text([episode], (100.0, 101.0)).splitlines()
 
     assert header == CSV_HEADER
     assert first.split(",")[:3] == ["3", "1.0", "1.25"]
@@ -29,7 +29,7 @@ def test_a_trace_has_the_reference_columns_and_plain_values():
         "all_wheels_on_track": "True",
         "progress": "2.0",
         "closest_waypoint": "7",
-        "track_len": "17.7",
+        "track_len": "17.709",
         "tstamp": str(2 * STEP_S),
         "episode_status": "off_track",
         "pause_duration": "0.0",
@@ -44,13 +44,13 @@ def test_our_column_comes_after_the_reference_ones_and_never_into_the_log():
     episode = _episode(0, rewards=[0.0, 1.0], end="off_track")
 
     assert CSV_HEADER.split(",")[18:] == ["wall_clock", "reward_ms"]
-    for line in log_lines(episode, 17.7, 1.0).splitlines():
+    for line in log_lines(episode, 1.0).splitlines():
         assert len(line.split(",")) == 19
 
 
 def test_traces_without_our_column_read_the_same():
     episodes = [_episode(n, [0.0, 1.5, 2.0], "off_track") for n in range(2)]
-    text = csv_text(episodes, 17.7, (100.0, 101.0))
+    text = csv_text(episodes, (100.0, 101.0))
     old = "\n".join(line.rpartition(",")[0] for line in text.splitlines()) + "\n"
 
     assert read_csv(old.encode()) == read_csv(text.encode())
@@ -67,7 +67,7 @@ def test_rows_of_equal_drives_are_equal_whatever_the_reward_function_took():
 def test_a_log_line_has_the_reference_decimals():
     episode = _episode(0, rewards=[0.0, 0.12345], end="lap_complete")
 
-    line = log_lines(episode, 17.709, 1760000000.12345).splitlines()[1]
+    line = log_lines(episode, 1760000000.12345).splitlines()[1]
 
     assert line == (
         "SIM_TRACE_LOG:0,2,1.2500,-2.5000,10.0000,-15.00,1.20,4,0.1235,True,True,2.0000,7,17.71,"
@@ -88,7 +88,7 @@ def test_episodes_driven_side_by_side_get_consecutive_places_on_one_clock():
 def test_wall_clock_spreads_over_the_rows_so_that_time_never_runs_backwards():
     episodes = [_episode(0, [0.0] * 3, "off_track"), _episode(1, [0.0], "off_track")]
 
-    rows = csv_text(episodes, 1.0, (50.0, 54.0)).splitlines()[1:]
+    rows = csv_text(episodes, (50.0, 54.0)).splitlines()[1:]
 
     assert [float(row.split(",")[18]) for row in rows] == [51.0, 52.0, 53.0, 54.0]
 
@@ -169,4 +169,4 @@ def _episode(number: int, rewards: list[float], end: str, progress: float = 2.0)
         )
         for step, reward in enumerate(rewards, start=1)
     ]
-    return Episode(number, "training", rows)
+    return Episode(number, "training", rows, track_length_m=17.709)

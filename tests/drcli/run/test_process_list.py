@@ -14,7 +14,7 @@ from simtraces import episode
 SIM_1 = Process("sim-1", os.getpid(), True, "sim-1.log")
 UNKNOWN = SpeedReport("sim-1", os.getpid())
 # 30 rows of two episodes in 6 s: 5 rows/s of 15 in real time.
-TRACE = csv_text([episode(0, 20), episode(1, 10)], 17.7, (1000.0, 1006.0))
+TRACE = csv_text([episode(0, 20), episode(1, 10)], (1000.0, 1006.0))
 
 
 @pytest.fixture

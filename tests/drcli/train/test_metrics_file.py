@@ -178,7 +178,7 @@ def test_a_damaged_part_is_set_aside_and_its_training_episodes_come_from_the_tra
         for episode in episodes:
             episode.rows.insert(0, replace(episode.rows[0], done=False, time_s=0.0))
         schedule(episodes, metrics.clock_s)
-        trace = csv_text(episodes, 20.0, (1.0, 2.0)).encode()
+        trace = csv_text(episodes, (1.0, 2.0)).encode()
         bucket.put(keys.training_trace("model", iteration), trace)
         metrics.add(iteration, episodes)
     expected = read_all_metrics(bucket, KEY)

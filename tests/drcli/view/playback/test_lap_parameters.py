@@ -31,7 +31,7 @@ def drive(race=TIME_TRIAL, *, reverse=False):
         return 1.5
 
     simulation = Simulation(TRACK, num_cars=1, reward_function=reward, race=race)
-    episode = Episode(0, "training", clock_s=7.0)
+    episode = Episode(0, "training", clock_s=7.0, track_length_m=TRACK.length_m)
     try:
         result = simulation.reset(np.array([0]), np.array([0.1]), reverse=reverse)
         for step in range(STEPS):
@@ -65,7 +65,7 @@ def drive(race=TIME_TRIAL, *, reverse=False):
             objects = np.concatenate([traffic.xy[0], traffic.yaw_rad[0][:, None]], axis=1)
     finally:
         simulation.close()
-    text = csv_text([episode], TRACK.length_m, (0.0, 1.0))
+    text = csv_text([episode], (0.0, 1.0))
     [lap], notes = read_laps(text.encode(), "trace")
     assert not notes
     return got, lap, objects
