@@ -3,10 +3,11 @@
 import json
 import re
 from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
 
-from drcli.base.errors import Problem, Severity, closest, shown
+from drcli.base.errors import Place, Problem, Severity, closest, shown
 from drcli.base.files import is_left_behind
 from drcli.config.fields import setting_problem
 from drcli.config.run_config import DriveConfig
@@ -41,6 +42,13 @@ COMMUNITY = frozenset(
     ]
 )
 """Worlds of the reference simulator, version 6."""
+
+ZOO = re.compile(r"zoo-(?:0|[1-9][0-9]{0,6})")
+"""Generated circuits, as `drsim.track.zoo` reads them."""
+
+MOST_CIRCUITS = 1_000
+_CIRCUITS = re.compile(r"zoo:([0-9]{1,7})(?:-([0-9]{1,7}))?")
+_SET = "zoo:24 means zoo-0 to zoo-23, zoo:100-123 means zoo-100 to zoo-123"
 
 
 def built_in() -> list[str]:
@@ -78,8 +86,8 @@ def is_installed(race: DriveConfig) -> bool:
         if "/" in world:
             return False
         world = Path(world).stem  # racers write reinvent_base.npy for reinvent_base
-    known = _known(race)
-    return world in known or re.sub(r"_c?cw\Z", "", world) in known
+    names = {world, re.sub(r"_c?cw\Z", "", world)}
+    return any(map(ZOO.fullmatch, names)) or not names.isdisjoint(_known(race))
 
 
 def own_route_file(race: DriveConfig) -> Path | None:
@@ -94,26 +102,70 @@ def own_route_file(race: DriveConfig) -> Path | None:
     return next((path for path in places if _is_file(path)), None)
 
 
-def track_problem(race: DriveConfig, *, known_suffices: bool = False) -> Problem | None:
+def track_problem(
+    race: DriveConfig,
+    *,
+    known_suffices: bool = False,
+    listed_in: tuple[str, Place] | None = None,
+) -> Problem | None:
     """The problem with the track of a race, if any.
 
     A community track that is not installed is one unless the start fetches it without a question,
-    or `known_suffices`: nothing is to start yet.
+    or `known_suffices`: nothing is to start yet. `listed_in` is the setting whose list names it,
+    with its place.
     """
-    place, name = race.place("DR_WORLD_NAME"), race.world_name
     if is_installed(race):
         return None
+    name = race.world_name
+    setting, place = listed_in or ("DR_WORLD_NAME", race.place("DR_WORLD_NAME"))
+    start = f"{setting}: " if listed_in else f"{setting}="
     if _name(race) in COMMUNITY:
-        what = f"DR_WORLD_NAME={name} is a community track that is not installed yet."
+        what = f"{start}{name} is a community track that is not installed yet."
         fetched = known_suffices or race.tracks_fetch == "always"
         severity: Severity = "note" if fetched else "error"
-        return setting_problem("DR_WORLD_NAME", place, what, remedy(race), severity=severity)
-    what = f"DR_WORLD_NAME={shown(name)} is not a known track."
-    return setting_problem("DR_WORLD_NAME", place, what, remedy(race))
+        return setting_problem(setting, place, what, remedy(race), severity=severity)
+    what = f"{start}{shown(name)} is not a known track."
+    return setting_problem(setting, place, what, remedy(race))
 
 
 def track_problems(races: Sequence[DriveConfig], *, known_suffices: bool = False) -> list[Problem]:
     problems = (track_problem(race, known_suffices=known_suffices) for race in races)
+    return list(dict.fromkeys(problem for problem in problems if problem is not None))
+
+
+def expand_worlds(text: str, tracks_folder: Path) -> tuple[str, ...]:
+    """The tracks that a list names, each once; `worlds_problems` tells what is wrong with it.
+
+    Words stand between commas or blanks: a name, a pattern of installed tracks such as `Bowtie*`
+    in any case, or `zoo:24` for the generated circuits zoo-0 to zoo-23, `zoo:100-123` for those.
+    """
+    installed = sorted({*built_in(), *own(tracks_folder)})
+    return tuple(
+        dict.fromkeys(name for word in _words(text) for name in _named_by(word, installed))
+    )
+
+
+def worlds_problems(
+    setting: str, place: Place, text: str, race: DriveConfig, *, known_suffices: bool = False
+) -> list[Problem]:
+    """What is wrong with the list of tracks in a setting; see `track_problem`."""
+    listed_in, installed = (setting, place), _known(race)
+    problems: list[Problem | None] = []
+    for word in _words(text):
+        if word.startswith("zoo:"):
+            circuits = _named_by(word, ())
+            if not circuits or len(circuits) > MOST_CIRCUITS:
+                what = f"{setting}: {shown(word)} does not name 1 to {MOST_CIRCUITS:,} circuits."
+                problems.append(setting_problem(setting, place, what, f"Correct it: {_SET}."))
+        elif not _is_pattern(word):
+            each = race.replaced(world_name=word)
+            problems.append(track_problem(each, known_suffices=known_suffices, listed_in=listed_in))
+        elif built_in() and not _named_by(word, installed):
+            what = f"{setting}: no installed track fits {shown(word)}."
+            known = _named_by(word, sorted(COMMUNITY))
+            how = f"`dr-tracks fetch {known[0]}` brings one. " if known else ""
+            how += "`dr-tracks list` shows all; correct the pattern or leave it out."
+            problems.append(setting_problem(setting, place, what, how))
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
 
@@ -136,6 +188,28 @@ def remedy(race: DriveConfig) -> str:
     likely = closest(race.world_name, [*_known(race), *COMMUNITY])
     hint = f"Did you mean {likely}? " if likely is not None else ""
     return f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
+
+
+def _words(text: str) -> list[str]:
+    return text.replace(",", " ").split()
+
+
+def _is_pattern(word: str) -> bool:
+    return not {"*", "?", "["}.isdisjoint(word)
+
+
+def _named_by(word: str, names: Sequence[str]) -> Sequence[str]:
+    """None for a wrong set of circuits; one too many is enough to refuse a set."""
+    if word.startswith("zoo:"):
+        numbers = _CIRCUITS.fullmatch(word)
+        if numbers is None:
+            return ()
+        first, last = (int(number or 0) for number in numbers.groups())
+        circuits = range(first) if numbers.group(2) is None else range(first, last + 1)
+        return [f"zoo-{number}" for number in circuits[: MOST_CIRCUITS + 1]]
+    if not _is_pattern(word):
+        return (word,)
+    return [name for name in names if fnmatchcase(name.casefold(), word.casefold())]
 
 
 def _name(race: DriveConfig) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drcli.base.errors import Place
 from drcli.config import track_names
 from drsim.errors import TrackError
 from drsim.track.worlds import known_worlds, load_track
@@ -113,3 +114,76 @@ def test_the_tracks_of_all_workers_are_fetched_once_each(folder):
         "worker-3.env line 1",
         "worker-4.env line 1",
     ]
+
+
+@pytest.mark.parametrize(
+    ("text", "worlds"),
+    [
+        ("", ()),
+        ("zoo:3", ("zoo-0", "zoo-1", "zoo-2")),
+        ("zoo:100-102,zoo-7", ("zoo-100", "zoo-101", "zoo-102", "zoo-7")),
+        ("willow, bean  zoo-1 ,willow", ("willow", "bean", "zoo-1")),
+        ("bow*,BEAN", ("Bowtie_track", "bowtie_mine", "BEAN")),
+        ("reinvent_?a[rs]*", ("reinvent_base", "reinvent_carpet")),
+        ("bean,b*", ("bean", "Bowtie_track", "bowtie_mine")),
+        ("some/where/route.npy", ("some/where/route.npy",)),
+        ("nothing*,zoo:x,zoo:5-3", ()),
+    ],
+)
+def test_a_list_of_tracks_names_each_once_in_order(tmp_path, text, worlds):
+    for name in ("Bowtie_track.npy", "bowtie_mine.csv", "bowtie.txt"):
+        (tmp_path / name).touch()
+
+    assert track_names.expand_worlds(text, tmp_path) == worlds
+
+
+PLACE = Place("run.env", 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "message", "remedy"),
+    [
+        (
+            "zoo:x",
+            "DR_LISTED: zoo:x does not name 1 to 1,000 circuits.",
+            "zoo:24 means zoo-0",
+        ),
+        ("zoo:0", "DR_LISTED: zoo:0 does not", "zoo:24 means"),
+        ("zoo:1001", "DR_LISTED: zoo:1001 does not", "zoo:24 means"),
+        ("zoo:7-5", "DR_LISTED: zoo:7-5 does not", "zoo:24 means"),
+        (
+            "bowt*",
+            "DR_LISTED: no installed track fits bowt*.",
+            "`dr-tracks fetch Bowtie_track`",
+        ),
+        (
+            "mine*",
+            "DR_LISTED: no installed track fits mine*.",
+            "`dr-tracks list` shows all",
+        ),
+        ("ben", "DR_LISTED: ben is not a known track.", "Did you mean bean?"),
+        ("zoo-01", "DR_LISTED: zoo-01 is not a known track.", "`dr-tracks list`"),
+        (
+            "Oval_track",
+            "DR_LISTED: Oval_track is a community track",
+            "`dr-tracks fetch Oval_track`",
+        ),
+    ],
+)
+def test_a_wrong_word_in_a_list_of_tracks_is_told_with_its_place(folder, text, message, remedy):
+    race = folder.load("DR_WORLD_NAME=bean\n").race
+
+    (problem,) = track_names.worlds_problems("DR_LISTED", PLACE, f"bean,{text},zoo:2,re*", race)
+
+    assert problem.message.startswith(message)
+    assert remedy in problem.remedy
+    assert (problem.key, problem.severity) == ("DR_LISTED", "error")
+    assert problem.where == "run.env line 2"
+
+
+def test_a_listed_track_that_a_start_fetches_is_noted(folder):
+    race = folder.load("DR_WORLD_NAME=bean\nDR_TRACKS_FETCH=always\n").race
+
+    (problem,) = track_names.worlds_problems("DR_LISTED", PLACE, "Oval_track", race)
+
+    assert problem.severity == "note"
