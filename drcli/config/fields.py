@@ -262,6 +262,7 @@ RULES = {
     "DR_WORLD_NAME": "V-05",
     "DR_RACE_TYPE": "V-07",
     "DR_CAR_COLOR": "V-08",
+    "DR_TRAIN_WORLDS": "V-05",
     "DR_TRAIN_EVAL_WORLD": "V-05",
     "DR_CURRICULUM_FILE": "V-60",
     "DR_LOCAL_S3_PRETRAINED": "V-10",

@@ -254,20 +254,9 @@ class RunConfig:
     unattended: UnattendedConfig
     figures: FigureConfig
     races: tuple[DriveConfig, ...]
-    eval_world_place: Place = field(default_factory=lambda: Place("default"))
     given: Mapping[str, str] = field(default_factory=dict)
     live_view: bool = True
 
     def race(self, worker: int = 0) -> DriveConfig:
         """Of a worker, counted from 0."""
         return self.races[worker if worker < len(self.races) else 0]
-
-    def second_race(self, race: DriveConfig) -> DriveConfig | None:
-        return on_world(race, self.train.train_eval_world, self.eval_world_place)
-
-
-def on_world(race: DriveConfig, world: str, place: Place) -> DriveConfig | None:
-    """A race on another track; None without a name."""
-    if not world:
-        return None
-    return race.replaced(world_name=world, sources={**race.sources, "DR_WORLD_NAME": place})

@@ -236,7 +236,6 @@ class Settings(
             unattended=UnattendedConfig(**self._of(UnattendedConfig)),
             figures=FigureConfig(**self._of(FigureConfig)),
             races=self.races,
-            eval_world_place=self.place("DR_TRAIN_EVAL_WORLD"),
             given=self._given(),
             live_view=self.live_view,
         )

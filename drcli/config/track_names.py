@@ -129,7 +129,8 @@ def track_problem(
 
 
 def track_problems(races: Sequence[DriveConfig], *, known_suffices: bool = False) -> list[Problem]:
-    problems = (track_problem(race, known_suffices=known_suffices) for race in races)
+    problems = [track_problem(race, known_suffices=known_suffices) for race in races]
+    problems += list_problems(races, known_suffices=known_suffices)
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
 
@@ -167,6 +168,53 @@ def worlds_problems(
             how += "`dr-tracks list` shows all; correct the pattern or leave it out."
             problems.append(setting_problem(setting, place, what, how))
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
+
+
+WORLD_LISTS = ("DR_TRAIN_WORLDS", "DR_TRAIN_EVAL_WORLD")
+
+
+def world_list(race: DriveConfig, setting: str) -> str:
+    text: str = getattr(race, race.declared[setting].field)
+    return text
+
+
+def races_on(race: DriveConfig, setting: str) -> list[DriveConfig]:
+    """The race on each track that one of the WORLD_LISTS names."""
+    source = {"DR_WORLD_NAME": race.place(setting)}
+    return [
+        race.replaced(world_name=world, sources={**race.sources, **source})
+        for world in expand_worlds(world_list(race, setting), race.tracks_folder)
+    ]
+
+
+def training_races(race: DriveConfig) -> list[DriveConfig]:
+    """The race on DR_WORLD_NAME, then on the further tracks of its training."""
+    further = races_on(race, "DR_TRAIN_WORLDS")
+    return [race, *(each for each in further if each.world_name != race.world_name)]
+
+
+def races_with_lists(races: Sequence[DriveConfig]) -> list[DriveConfig]:
+    """With those on the tracks of their lists."""
+    lists = [each for race in races for name in WORLD_LISTS for each in races_on(race, name)]
+    return [*races, *lists]
+
+
+def list_problems(races: Sequence[DriveConfig], *, known_suffices: bool = False) -> list[Problem]:
+    """What is wrong with the lists of tracks of a training."""
+    problems = []
+    for race in races:
+        for name in WORLD_LISTS:
+            text, place = world_list(race, name), race.place(name)
+            problems += worlds_problems(name, place, text, race, known_suffices=known_suffices)
+        trained = {each.world_name for each in training_races(race)}
+        both = [each.world_name for each in races_on(race, name) if each.world_name in trained]
+        if both:
+            what = (
+                f"{name}: {both[0]} is trained too, so its laps are not those of an unseen track."
+            )
+            remedy = "Leave it out of DR_TRAIN_EVAL_WORLD or of the tracks of the training."
+            problems.append(setting_problem(name, place, what, remedy, severity="warning"))
+    return list(dict.fromkeys(problems))
 
 
 def to_fetch(races: Sequence[DriveConfig]) -> list[str]:

@@ -236,11 +236,6 @@ ObjectKey = Annotated[
 ]
 WorldName = Annotated[str, Check(_world), Shape("the name of a track, or the path of a .npy file")]
 """`drcli.config.track_names` knows whether it is installed."""
-OptionalWorldName = Annotated[
-    str,
-    Check(lambda value: _world(value) if value else value),
-    Shape("the name of a track, or the path of a .npy file"),
-]
 BucketName = Annotated[
     str,
     Check(_bucket),

@@ -1,7 +1,7 @@
 """Builds track, race, simulation and reward function. Needs no torch."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -189,7 +189,7 @@ def build_simulation(
     config: DriveConfig,
     job: Literal["training", "evaluation"],
     metadata: ModelMetadata,
-    track: Track,
+    track: Track | Sequence[Track],
     *,
     num_cars: int,
     reward: RewardFunction | list[RewardFunction] | RewardHost,
@@ -207,6 +207,8 @@ def build_simulation(
     Raises:
         ProblemsError: There is no room for obstacles or bots (V-07).
     """
+    for each in [track] if isinstance(track, Track) else track:
+        race = load_race(config, each)
     build = partial(
         Simulation,
         track,
@@ -216,7 +218,7 @@ def build_simulation(
         num_threads=num_threads,
         seed=seed,
         car_parameters=car_parameters_of(config),
-        race=load_race(config, track),
+        race=race,
         sensors=sensors_of_model(metadata),
         realism=realism_of(config, job),
         randomize=randomize_of(config),

@@ -1,7 +1,7 @@
 """How well checkpoints drive, and `deepracer_checkpoints.json`."""
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from drcli.base.json_record import JsonRecord, RecordError, SafeInt, Seconds, decode_json
@@ -45,7 +45,15 @@ class EvaluationEpisodes:
 
 @dataclass(frozen=True)
 class SecondEvaluation(EvaluationEpisodes):
+    """On tracks that are not trained.
+
+    Attributes:
+        world: The track, or how many there are.
+        failed: Those with a lap that was not clean.
+    """
+
     world: str
+    failed: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

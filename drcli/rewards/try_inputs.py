@@ -7,9 +7,19 @@ from threading import Event
 from drcli.base import installation
 from drcli.base.errors import Problem
 from drcli.config.run_config import DriveConfig, RunConfig
+from drcli.config.track_names import (
+    WORLD_LISTS,
+    is_installed,
+    list_problems,
+    races_on,
+    world_list,
+)
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import Source
 from drcli.rewards.sandbox.run_sandbox import Sandbox, SandboxRequest
+
+MOST_OF_A_LIST = 3
+"""Tracks on which a function is tried; each takes its time."""
 
 
 def try_inputs(
@@ -25,15 +35,16 @@ def try_inputs(
     request = SandboxRequest("" if source is None else source.name, races=races_of(run))
     with Sandbox(request, None if source is None else source.data, directory) as sandbox:
         result = sandbox.result(given_up)
-    found = [as_given(problem, run) for problem in result.problems]
+    found = [as_given(problem, run) for problem in result.problems] + list_problems(run.races)
     if source is not None and not given_up.is_set():
         found += problems_of(source, result, directory, tolerated_share(run))
     return found
 
 
 def races_of(run: RunConfig) -> list[DriveConfig]:
-    second = run.second_race(run.race())
-    return [*run.races, *([] if second is None else [second])]
+    lists = [races_on(run.race(), name) for name in WORLD_LISTS]
+    few = [each for races in lists for each in races[:MOST_OF_A_LIST] if is_installed(each)]
+    return [*run.races, *few]
 
 
 def tolerated_share(run: RunConfig) -> float:
@@ -46,8 +57,9 @@ def tolerated_share(run: RunConfig) -> float:
 
 
 def as_given(problem: Problem, run: RunConfig) -> Problem:
-    place, name = run.eval_world_place, "DR_TRAIN_EVAL_WORLD"
-    if not run.train.train_eval_world or (problem.file, problem.line) != tuple(place):
-        return problem
-    text = problem.message.replace("DR_WORLD_NAME", name)
-    return replace(problem, message=text, key=name)
+    race, place = run.race(), (problem.file, problem.line)
+    for name in WORLD_LISTS:
+        if world_list(race, name) and place == tuple(race.place(name)):
+            text = problem.message.replace("DR_WORLD_NAME", name)
+            return replace(problem, message=text, key=name)
+    return problem

@@ -16,7 +16,7 @@ from drcli.base.errors import DrError, SettingsError
 from drcli.base.json_record import plain_json
 from drcli.base.log import get_logger
 from drcli.config.run_config import DriveConfig, FigureConfig
-from drcli.config.track_names import own_route_file
+from drcli.config.track_names import own_route_file, races_with_lists
 from drcli.model import keys
 from drcli.model.run_metadata import installed_versions
 from drcli.records.job import Job, JoinRecord
@@ -63,8 +63,7 @@ def routes(job: Job) -> dict[str, str]:
 
 def races_of(job: Job) -> list[DriveConfig]:
     races = [*job.config.races, *(race for stage in job.stages for race in stage.races)]
-    seconds = [job.config.second_race(race) for race in races]
-    return races + [race for race in seconds if race is not None]
+    return races_with_lists(races)
 
 
 def refuse_other_machine(record: JoinRecord, job: Job) -> None:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from drcli.base.installation import lazy_imports
 from drcli.config.settings import Settings
-from drcli.config.track_names import to_fetch
+from drcli.config.track_names import races_with_lists, to_fetch
 
 if TYPE_CHECKING:
     from drcli.tracks.track_facts import TrackFacts
@@ -20,10 +20,8 @@ def missing_tracks(settings: Settings) -> list[str]:
 
 def tracks_to_fetch(settings: Settings) -> list[str]:
     staged = stage_rules.review_stages(settings, {})
-    run = settings.run
     races = [race for stage in staged.stages for race in stage.settings.races]
-    second = run.second_race(run.race())
-    return to_fetch([*(races or settings.races), *([second] if second is not None else ())])
+    return to_fetch(races_with_lists(races or settings.races))
 
 
 def fetch_allowed(settings: Settings) -> "list[TrackFacts]":

@@ -125,7 +125,9 @@ class SimWorker:
         self._results.forget_given_up()
         credit_s = GOAL_CREDIT_S if self._simulation.targets else 0.0
         self._budget = EvaluationBudget(train.train_eval_share, credit_s)
-        self._judged = train.train_best_model_world if train.train_eval_world else "training"
+        self._judged = (
+            train.train_best_model_world if job.config.race().train_eval_world else "training"
+        )
         self._lag = max_lag(train)
         self._evaluated = -1
         self._goals = Goals(job, design.parameters)
@@ -404,11 +406,11 @@ class SimWorker:
                 _logger.info(
                     "Checkpoint %d drove again from other starts: %s.", number, confirmation.laps
                 )
-        if simulation.second is not None:
-            self._activity.say(f"evaluates checkpoint {number} on {simulation.second.world}")
+        if simulation.held_out is not None:
+            self._activity.say(f"evaluates checkpoint {number} on {simulation.held_out.name}")
             # Where they alone decide which checkpoint is the best, as many as if it drove again.
             laps = simulation.trials * (2 if self._judged == "evaluation" else 1)
-            second = simulation.second.evaluate(laps, self._stop_signal.step_done)
+            second = simulation.held_out.evaluate(laps, self._stop_signal.step_done)
             self._give(replace(result, second=second))
             _logger.info("Checkpoint %d %s", number, sentence_of(second))
 

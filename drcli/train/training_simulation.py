@@ -7,6 +7,7 @@ import numpy as np
 
 from drcli.base.log import plain
 from drcli.config.run_config import DriveConfig
+from drcli.config.track_names import races_on, training_races
 from drcli.drive import reference_log
 from drcli.drive.build_race import (
     build_simulation,
@@ -39,13 +40,14 @@ from drcli.workers.reward_failures import RewardFailures
 from drsim.car.conditions import NOMINAL, Realism
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.errors import RewardError
+from drsim.track.track import Track
 from drsim.track.worlds import directed
 
-# Evaluates checkpoints on a second track: DR_TRAIN_EVAL_WORLD.
+# Evaluates checkpoints on tracks that are never trained: DR_TRAIN_EVAL_WORLD.
 
 
-class SecondTrack:
-    """A simulation of the same race on another track.
+class HeldOutTracks:
+    """A simulation of the same race on other tracks.
 
     `start_seed` is the same for all workers.
 
@@ -55,7 +57,7 @@ class SecondTrack:
 
     def __init__(
         self,
-        race: DriveConfig,
+        races: Sequence[DriveConfig],
         metadata: ModelMetadata,
         racer: Racer,
         reward: RewardProcess,
@@ -66,17 +68,18 @@ class SecondTrack:
         on_reward_error: Callable[[RewardError, int], float] | None = None,
         observer: LiveObserver | None = None,
     ) -> None:
-        self.world = race.world_name
+        self._worlds = [race.world_name for race in races]
+        self.name = self._worlds[0] if len(races) == 1 else f"{len(races)} tracks"
         self._start_seed = start_seed
-        self._track = track = directed(load_world(race), reverse=race.train_reverse_direction)
+        self._tracks = _tracks_of(races)
         self._simulation = build_simulation(
-            race,
+            races[0],
             "training",
             metadata,
-            track,
+            self._tracks,
             num_cars=reward.cars,
             reward=reward,
-            rules=EpisodeRules(max_steps=longest_episode(track, racer.actions)),
+            rules=_rules_on(self._tracks, racer),
             num_threads=num_threads,
             seed=seed,
             on_reward_error=on_reward_error,
@@ -84,24 +87,64 @@ class SecondTrack:
         self._driver = Driver(self._simulation, [racer], seed, observer=observer)
 
     def evaluate(self, trials: int, should_stop: Callable[[], bool]) -> SecondEvaluation:
-        """Drive with the present weights, from starts spread over the lap.
+        """Drive with the present weights, each track at least once, from starts spread over laps.
 
         Broken episodes count only if there are no others.
 
         Raises:
             StopRequested: `should_stop` returned True.
         """
-        plans = fresh_starts(self._track, trials, self._start_seed)
+        trials, count = max(trials, len(self._tracks)), len(self._tracks)
+        starts = [fresh_starts(track, trials, self._start_seed) for track in self._tracks]
+        plans = [replace(starts[k % count][k], track=k % count) for k in range(trials)]
         episodes = self._driver.driven(plans, should_stop)
         sound = [episode for episode in episodes if not episode.discarded] or episodes
-        return SecondEvaluation(*columns_of(sound), self.world)
+        failed = {self._worlds[each.track] for each in sound if not each.completed}
+        return SecondEvaluation(*columns_of(sound), self.name, sorted(failed))
 
     def close(self) -> None:
         self._simulation.close()
 
 
 def sentence_of(result: SecondEvaluation) -> str:
-    return f"drives {result.mean_progress:.1f} % of the lap on {result.world} ({result.laps})."
+    failed = f"; not clean on {', '.join(result.failed)}" if result.failed else ""
+    return (
+        f"drives {result.mean_progress:.1f} % of the lap on {result.world} ({result.laps}{failed})."
+    )
+
+
+def _tracks_of(races: Sequence[DriveConfig]) -> list[Track]:
+    return [directed(load_world(race), reverse=race.train_reverse_direction) for race in races]
+
+
+def _rules_on(tracks: Sequence[Track], racer: Racer) -> EpisodeRules:
+    return EpisodeRules(max_steps=max(longest_episode(track, racer.actions) for track in tracks))
+
+
+LEAST_WEIGHT = 0.2
+NEWEST_WEIGHT = 0.1
+
+
+class TrackChoice:
+    """Chooses tracks for episodes, more often those on which cars come less far.
+
+    Nobody keeps what it has seen: after a restart all tracks are equal again.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._missing = np.ones(count)
+
+    def note(self, track: int, progress: float) -> None:
+        """`progress` in percent."""
+        missing = 1.0 - min(progress, 100.0) / 100.0
+        self._missing[track] += NEWEST_WEIGHT * (missing - self._missing[track])
+
+    def draw(self, seed: int, number: int) -> int:
+        if len(self._missing) == 1:
+            return 0
+        weights = LEAST_WEIGHT + self._missing
+        random = np.random.default_rng([seed, number, len(weights)])
+        return int(random.choice(len(weights), p=weights / weights.sum()))
 
 
 SEED_STRIDE = 7_919
@@ -185,9 +228,9 @@ class TrainingSimulation:
         num_cars = -(-(race.train_lanes or episodes + self.trials) // divisor)
         folder = job.folder / f"sim-{worker}"
         reward = load_reward(model, folder, num_cars, stage, job.inputs)
-        track = directed(load_world(race), reverse=race.train_reverse_direction)
-        self.track_length_m = track.length_m
-        self._track = track
+        tracks = _tracks_of(training_races(race))
+        self._track = tracks[0]
+        self._choice = TrackChoice(len(tracks))
         threads = usable_cores(train) if joined else driving_threads(train)
         seed = job.seed + SEED_STRIDE * worker
         self._is_nominal = realism_of(race, "training") == Realism()
@@ -195,10 +238,10 @@ class TrainingSimulation:
             race,
             "training",
             metadata,
-            track,
+            tracks,
             num_cars=num_cars,
             reward=reward,
-            rules=EpisodeRules(max_steps=longest_episode(track, racer.actions)),
+            rules=_rules_on(tracks, racer),
             num_threads=threads,
             seed=seed,
             on_reward_error=on_reward_error,
@@ -207,14 +250,15 @@ class TrainingSimulation:
         )
         self._seed = seed
         self._driver = Driver(self._simulation, racers, seed, observer=observer)
-        second = job.config.second_race(race) if evaluates else None
-        self.second: SecondTrack | None = None
-        if second is not None:
-            self.second = SecondTrack(
-                second,
+        held_out = races_on(race, "DR_TRAIN_EVAL_WORLD") if evaluates else []
+        self.held_out: HeldOutTracks | None = None
+        if held_out:
+            laps = max(trials, len(held_out))
+            self.held_out = HeldOutTracks(
+                held_out,
                 metadata,
                 racer,
-                load_reward(model, folder, -(-trials // divisor), stage, job.inputs),
+                load_reward(model, folder, -(-laps // divisor), stage, job.inputs),
                 num_threads=threads,
                 seed=seed,
                 start_seed=job.seed,
@@ -227,6 +271,7 @@ class TrainingSimulation:
         self.phase = mark
         self.share = replace(self.share, episodes=episodes_of(mark, self._parameters))
         self._simulation.draws = mark is None or mark.name != "teacher"
+        self._choice = TrackChoice(len(self._simulation.tracks))
 
     @property
     def part(self) -> Share | AssignedShare:
@@ -243,7 +288,12 @@ class TrainingSimulation:
         should_stop: Callable[[], bool],
         policy_steps: int,
     ) -> None:
-        self._driver.drive(plans, on_end, should_stop, self._epsilon(policy_steps))
+        def ended(episode: Driven) -> None:
+            if episode.phase == "training":
+                self._choice.note(episode.track, episode.progress)
+            on_end(episode)
+
+        self._driver.drive(plans, ended, should_stop, self._epsilon(policy_steps))
 
     def drive_again(self, plans: list[Plan], should_stop: Callable[[], bool]) -> list[Driven]:
         """With the cars of evaluations if there are enough.
@@ -271,6 +321,7 @@ class TrainingSimulation:
                 (offset + self.part.position(number) * advance) % 1.0,
                 reverse=alternate and number % 2 == 1,
                 attempt=attempt,
+                track=self._choice.draw(self._seed, number),
             )
             for number in numbers
         ]
@@ -308,8 +359,8 @@ class TrainingSimulation:
 
     def close(self) -> None:
         self._simulation.close()
-        if self.second is not None:
-            self.second.close()
+        if self.held_out is not None:
+            self.held_out.close()
 
     def _epsilon(self, policy_steps: int) -> Callable[[int], float] | None:
         p = self._parameters

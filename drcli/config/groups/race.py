@@ -74,6 +74,18 @@ class RaceSettings(Group, title="Race and car"):
 
 
 class EpisodeSettings(Group, title="Training"):
+    train_worlds: str = setting(
+        "DR_TRAIN_WORLDS",
+        "",
+        "Further tracks that training episodes drive: names, patterns such as 2022_*_open, and "
+        "zoo:N for N generated circuits; empty for DR_WORLD_NAME alone.",
+    )
+    train_eval_world: str = setting(
+        "DR_TRAIN_EVAL_WORLD",
+        "",
+        "Tracks on which checkpoints are evaluated during training and never trained, in the form "
+        "of DR_TRAIN_WORLDS; empty for none.",
+    )
     train_lanes: int = setting(
         "DR_TRAIN_LANES",
         0,

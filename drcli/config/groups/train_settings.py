@@ -14,7 +14,6 @@ from drcli.config.value_types import (
     ListenHost,
     MailAddresses,
     MessageEvents,
-    OptionalWorldName,
     Price,
     Retention,
     SmtpUrl,
@@ -216,11 +215,6 @@ class TrainSettings(Group, title="Training"):
         3,
         "How many evaluations in a row must reach DR_TRAIN_STOP_PROGRESS.",
         low=1,
-    )
-    train_eval_world: OptionalWorldName = setting(
-        "DR_TRAIN_EVAL_WORLD",
-        "",
-        "Second track on which checkpoints are evaluated during training; empty for none.",
     )
     train_best_model_world: Literal["training", "evaluation", "both"] = setting(
         "DR_TRAIN_BEST_MODEL_WORLD",

@@ -13,7 +13,7 @@ from pathlib import Path
 import drcli
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.config.track_names import ROUTE_FILES
+from drcli.config.track_names import ROUTE_FILES, races_with_lists
 
 OTS_FOLDER = "custom-files"
 """Of deepracer-on-the-spot, with all files of a user."""
@@ -85,7 +85,7 @@ def files_to_send(settings: Settings) -> dict[str, bytes]:
         for path in sorted(place.glob("*.env")) if place.is_dir() else []:
             if path.name in ("run.env", "system.env") or _WORKER_FILE.fullmatch(path.name):
                 paths[path.relative_to(folder).as_posix()] = path
-    worlds = {race.world_name for race in settings.races}
+    worlds = {race.world_name for race in races_with_lists(settings.races)}
     tracks = settings.tracks_folder
     for path in sorted(tracks.iterdir()) if tracks.is_dir() else []:
         if path.suffix in ROUTE_FILES and {path.stem, path.name} & worlds:

@@ -16,7 +16,13 @@ from drsim.episode.episode_rules import EpisodeRules, Episodes, Observed, Status
 from drsim.episode.params import Situation, params_of
 from drsim.episode.placing import CarPlacement, Placing, TrackPositions, mark_unstable
 from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, RewardHost, checked_rewards
-from drsim.episode.teacher_features import CarsNow, features, teacher_features
+from drsim.episode.teacher_features import (
+    CRITIC_PLACE,
+    TEACHER_PLACE,
+    CarsNow,
+    features,
+    teacher_features,
+)
 from drsim.errors import RewardError
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.race.traffic import Traffic
@@ -361,9 +367,9 @@ class Simulation:
         return self._cars.speed.copy()
 
     def privileged(self, cars: Ints) -> Singles:
-        """See `privileged_features`."""
+        """See `features`; 0 for the place on the lap where there are several tracks."""
         here = np.column_stack([self._cars.front_xy[cars], self._cars.yaw_rad[cars]])
-        return features(
+        rows = features(
             self._ways.tracks,
             cars,
             self._ways.way[cars],
@@ -372,9 +378,12 @@ class Simulation:
             self._positions.along_m[cars],
             self.traffic,
         )
+        if len(self.tracks) > 1:
+            rows[:, CRITIC_PLACE] = 0.0
+        return rows
 
     def teacher_state(self, cars: Ints) -> Singles:
-        """See `teacher_features`."""
+        """See `teacher_features`; 0 for the place on the lap where there are several tracks."""
         state = self._episodes.state
         now = CarsNow(
             cars=cars,
@@ -388,7 +397,10 @@ class Simulation:
             progress=state.progress[cars],
             steps=state.steps[cars],
         )
-        return teacher_features(self._ways.tracks, now, self.traffic, self._cars.speed)
+        rows = teacher_features(self._ways.tracks, now, self.traffic, self._cars.speed)
+        if len(self.tracks) > 1:
+            rows[:, TEACHER_PLACE] = 0.0
+        return rows
 
     def close(self) -> None:
         """Stop threads, and the host of reward functions."""

@@ -25,6 +25,9 @@ _FAST_RAD_S = 4.0
 _LONG_STEPS = 300
 _OWN, _EACH = 12, 9
 
+TEACHER_PLACE, CRITIC_PLACE = slice(10, 12), slice(4, 6)
+"""Columns of the place on the lap, which says nothing about another track."""
+
 EPISODE_DIMS = 2
 """The last columns: for a critic, not for driving."""
 
