@@ -10,6 +10,7 @@ import numpy as np
 
 from drsim.arrays import Floats, Ints
 from drsim.errors import TrackError
+from drsim.track import zoo
 from drsim.track.appearance import look_of, split_direction
 from drsim.track.polyline import vertices
 from drsim.track.route_files import read_route
@@ -66,6 +67,7 @@ def load_track(world: str, tracks_dir: Path | None = None) -> Track:
             - name of such a file in `tracks_dir`, or else of one of our own definitions;
             - `reinvent_carpet`, `reinvent_concrete` or `reinvent_wood`: the route of
               `reinvent_base` on other ground;
+            - `zoo-0` to `zoo-9999999`: a generated circuit;
             - one of these names followed by `_cw` or `_ccw`: driven clockwise or
               counter-clockwise.
         tracks_dir: Folder with further route files.
@@ -82,7 +84,7 @@ def load_track(world: str, tracks_dir: Path | None = None) -> Track:
 def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
     """Facts about a world; errors as in `load_track`."""
     track, file, definition = _found(world, tracks_dir)
-    own = file.parent == _DEFINITIONS
+    own = file is None or file.parent == _DEFINITIONS
     width_m = track.locate(track.center).track_width_m
     first, _ = vertices(track.center)
     return WorldInfo(
@@ -103,7 +105,7 @@ def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
 def known_worlds(tracks_dir: Path | None = None) -> list[str]:
     """Names that `load_track` accepts, sorted; all may be followed by `_cw` or `_ccw`.
 
-    The folder need not exist.
+    Generated circuits are left out: there are too many. The folder need not exist.
     """
     return sorted(_files(tracks_dir))
 
@@ -128,8 +130,10 @@ def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = Fal
 
 
 class _Found(NamedTuple):
+    """`file` is None for a generated circuit."""
+
     track: Track
-    file: Path
+    file: Path | None
     definition: dict[str, Any]
 
 
@@ -145,7 +149,9 @@ def _found(world: str, tracks_dir: Path | None) -> _Found:
         # Look it up in the listing: a name such as ../x must not lead out of the folder.
         if tracks_dir is not None and world in _listed(tracks_dir):
             file = tracks_dir / world
-        if split_direction(file.stem)[0] not in files or str(file) != file.name or file.exists():
+        base, _ = split_direction(file.stem)
+        known = base in files or zoo.number_of(base) is not None
+        if not known or str(file) != file.name or file.exists():
             return _Found(read_route(file), file, {})
         world = file.stem  # people write reinvent_base.npy and mean reinvent_base
     if world in files:
@@ -155,13 +161,17 @@ def _found(world: str, tracks_dir: Path | None) -> _Found:
         definition: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         if "same_route_as" not in definition:
             return _Found(_build(world, definition), file, definition)
-        track, file, other = _found(definition["same_route_as"], tracks_dir)
-        return _Found(replace(track, name=world), file, other | definition)
+        found = _found(definition["same_route_as"], tracks_dir)
+        track = replace(found.track, name=world)
+        return found._replace(track=track, definition=found.definition | definition)
+    number = zoo.number_of(world)
+    if number is not None:
+        return _Found(zoo.circuit(number), None, {"about": "A generated circuit."})
     base, clockwise = split_direction(world)
-    if clockwise is None or base not in files:
+    if clockwise is None or (base not in files and zoo.number_of(base) is None):
         raise TrackError(_unknown(world, tracks_dir))
-    track, file, definition = _found(base, tracks_dir)
-    return _Found(replace(directed(track, clockwise=clockwise), name=world), file, definition)
+    found = _found(base, tracks_dir)
+    return found._replace(track=replace(directed(found.track, clockwise=clockwise), name=world))
 
 
 def _files(tracks_dir: Path | None) -> dict[str, Path]:
