@@ -4,6 +4,7 @@
 
     camera-beside-opengl.png   our camera, `mujoco.Renderer` of the same scene, difference times 4
     camera-at-frames.png       our camera at the poses of three frames of the reference simulator
+    randomisation.png          what `dr-video --knobs` draws with the defaults
     glare-and-reflections.png  the same poses: as usual, with glare, with reflections, both
     chase.png, top.png         the views of videos, in an object avoidance race
 
@@ -14,8 +15,8 @@ of them to the right of ours: draw it into a folder outside the project.
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from camera import axes_of, both, boxes_along, poses_along, random_lenses
@@ -23,10 +24,12 @@ from numpy.typing import NDArray
 from opengl_scene import choose_opengl, shrunk
 from PIL import Image
 
+from drcli.config.loading import load_settings
+from drcli.view.video.knob_strip import draw_knobs
 from drsim.car.car import FRONT
 from drsim.race.solids import SHAPES
 from drsim.sensing.lighting import Lamps
-from drsim.sensing.scene import Scene, build_scene, render
+from drsim.sensing.scene import Scene, build_scene, lens_parts, render
 from drsim.track.appearance import LUMA
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
@@ -64,6 +67,7 @@ def main() -> None:
     scene = build_scene(track)
     pictures = at_frames(scene, arguments.frames) | race_pictures(track)
     pictures["glare-and-reflections.png"] = disturbed(scene)
+    pictures["randomisation.png"] = knobs(track)
     if opengl:
         pictures["camera-beside-opengl.png"] = beside_opengl(track, scene)
     for name, pixels in pictures.items():
@@ -128,14 +132,10 @@ def disturbed(scene: Scene) -> NDArray[np.uint8]:
             pattern = PATTERNS[index]
             lamps.begin(0, glare=glare, reflections=reflections, pattern=pattern)
             frame = np.zeros((1, FRONT.rows, FRONT.columns), np.uint8)
-            render(
-                scene,
-                np.array([[x_m, y_m, z_m]]),
-                axes_of(*np.radians(degrees)[:, None]),
-                frame,
-                on_ground=partial(lamps.reflect, slice(0, 1)),
-                over_all=partial(lamps.shine, slice(0, 1)),
-            )
+            lens = np.array([[x_m, y_m, z_m]]), axes_of(*np.radians(degrees)[:, None])
+            render(scene, *lens, frame)
+            lamps.reflect(slice(0, 1), frame, lens_parts(*lens))
+            lamps.shine(slice(0, 1), frame, lens_parts(*lens))
             row.append(frame[0])
         rows.append(np.hstack(row))
     return _twice(np.vstack(rows))
@@ -159,6 +159,14 @@ def race_pictures(track: Track) -> dict[str, NDArray[np.uint8]]:
     }
     view.close()
     return pictures
+
+
+def knobs(track: Track) -> NDArray[np.uint8]:
+    """The filmstrip of `dr-video --knobs`."""
+    with TemporaryDirectory() as folder:
+        race = load_settings(Path(folder), contents={"run.env": b""}).race
+        draw_knobs(race, track, Path(folder, "knobs.png"))
+        return np.asarray(Image.open(Path(folder, "knobs.png")))
 
 
 def _twice(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -79,6 +79,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "races.race_export:ExportedRace": ("race export",),
     "races.organise:DeletedRace": ("race delete",),
     "view.video.make_video:VideoReport": ("video",),
+    "view.video.knob_strip:KnobReport": ("video --knobs",),
     "records.evaluation_task:RobustResult": ("evaluate --robust",),
     "run.evaluation_report:LapsReport": ("evaluate --laps",),
     "run.many_evaluations:TableReport": ("evaluate --models", "evaluate --worlds"),

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import BadValue, SettingsError
-from drcli.base.files import refuse_new_file
+from drcli.base.files import refuse_new_file, refuse_replacing
 from drcli.base.installation import lazy_imports
 from drcli.base.processes import until_sigterm
 from drcli.cli import terminal
 from drcli.cli.evaluation_options import with_options
 from drcli.cli.options import Replace, checkpoint_option, parsed_checkpoint, world_option
 from drcli.cli.show import show
-from drcli.cli.working_folder import settings_for_files
+from drcli.cli.working_folder import settings_for_files, settings_or_defaults
 from drcli.config.value_types import colour
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -29,7 +29,7 @@ with lazy_imports():
     from drcli.cli import fetch_tracks
     from drcli.run import evaluation as run_evaluation
     from drcli.transfer import transfer_buckets
-    from drcli.view.video import make_video, trace_source, video_job
+    from drcli.view.video import knob_strip, make_video, recorded_lap, trace_source, video_job
 
 
 SIZES = ("640x480", "1280x720")
@@ -39,6 +39,7 @@ _WHICH, _HOW = "What to film", "How to film"
 
 
 def video(
+    context: typer.Context,
     what: Annotated[
         str | None,
         typer.Argument(
@@ -191,6 +192,14 @@ def video(
             rich_help_panel=_HOW,
         ),
     ] = None,
+    knobs: Annotated[
+        bool,
+        typer.Option(
+            "--knobs",
+            help="Draw what domain randomisation does to the picture instead: a PNG, by setting.",
+            rich_help_panel=_WHICH,
+        ),
+    ] = False,
     force: Replace = False,
 ) -> None:
     """Make a video of a lap: the view from behind, what the car sees, map, time, probabilities.
@@ -205,8 +214,15 @@ def video(
     size, with ghosts of other laps, or with --explain, which colours the pixels that moved the
     action. An MP4 needs the extra [video]; a GIF does not.
 
+    --knobs films nothing: it writes knobs.png, where each setting of domain randomisation that
+    changes the picture has a row, the usual frame and what episodes draw, as the network sees it.
+    A setting that is off is shown with an example.
+
     Example: dr-video --checkpoint best --size 1280x720 -o lap.mp4
     """
+    if knobs:
+        _draw_knobs(context, world, out or Path("knobs.png"), force=force)
+        return
     _refuse_clashes(what, evaluation, iteration, checkpoint, worker)
     if size not in SIZES:
         raise typer.BadParameter(f"--size {size:.20} is not one of {', '.join(SIZES)}.")
@@ -268,6 +284,23 @@ def video(
         )
     terminal.warn(*report.notes)
     show(report)
+
+
+def _draw_knobs(context: typer.Context, world: str | None, path: Path, *, force: bool) -> None:
+    for name, value in context.params.items():
+        source = context.get_parameter_source(name)
+        if name in ("knobs", "world", "out", "force") or source is None:
+            continue
+        if source.name == "COMMANDLINE":
+            option = str(value) if name == "what" else f"--{name}"
+            raise typer.BadParameter(f"--knobs films no lap: leave out {option:.60}.")
+    if path.suffix.lower() != ".png":
+        raise typer.BadParameter(f"--knobs makes a PNG, but --out {path} does not end in .png.")
+    refuse_replacing(path, force=force)
+    loaded = with_options(settings_or_defaults(), DR_WORLD_NAME=world)
+    fetch_tracks.bring_tracks(loaded)
+    track = recorded_lap.load_world(loaded.race.world_name, loaded.race.tracks_folder)
+    show(knob_strip.draw_knobs(loaded.race, track, path))
 
 
 def _refuse_clashes(
