@@ -108,6 +108,8 @@ def run_of(source: ModelSource, tracks: Path, directory: Path) -> Run:
         episodes = episode_table(steps)
     iterations = iteration_table(steps, episodes, records, curve)
     problems += _gaps(iterations)
+    if _has_several_tracks(steps):
+        steps, episodes = _on_main_track(facts, steps, episodes, tracks, problems)
     world, track = _world(facts, steps, tracks, problems)
     worlds = partial(_evaluation_world, tracks, [] if track is None else [track])
     evaluations = read_evaluations(source, facts.evaluation_world, worlds, problems)
@@ -167,6 +169,35 @@ def _read_steps(source: ModelSource, facts: ModelFacts, problems: list[str]) -> 
     reading = read_traces(files, source.objects.read)
     problems += reading.problems
     return reading
+
+
+_SAME_LENGTH = 0.01
+
+
+def _has_several_tracks(steps: "pd.DataFrame") -> bool:
+    """Whether one worker drove several (DR_TRAIN_WORLDS)."""
+    lengths = steps.groupby("worker")["track_len"]
+    return bool((lengths.max() > (1.0 + _SAME_LENGTH) * lengths.min()).any())
+
+
+def _on_main_track(
+    facts: ModelFacts,
+    steps: "pd.DataFrame",
+    episodes: "pd.DataFrame",
+    tracks: Path,
+    problems: list[str],
+) -> "tuple[pd.DataFrame, pd.DataFrame]":
+    """What was driven on DR_WORLD_NAME, or on the track of most steps where that is not known."""
+    track = None if facts.world is None else open_track(facts.world, tracks)
+    lengths = steps["track_len"]
+    length_m = float(lengths.mode()[0] if track is None else track.length_m)
+    kept = steps[np.abs(lengths - length_m) <= _SAME_LENGTH * length_m]
+    own = episodes[episodes.index.isin(kept["unique_episode"])]
+    problems.append(
+        f"The training drove on several tracks. What is said about episodes and places is about "
+        f"the one of {length_m:.2f} m, with {len(own):,} of {len(episodes):,} episodes."
+    )
+    return kept, own
 
 
 def _without_bad_rewards(steps: "pd.DataFrame") -> list[str]:

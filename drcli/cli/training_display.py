@@ -10,9 +10,11 @@ from rich.text import Text
 
 from drcli.base.report import clock, counted
 from drcli.cli.show import CURVE_COLUMNS, LEAST_CURVE_COLUMNS, curve, fitted, group, marks
+from drcli.config.track_names import training_races
 from drcli.records.iteration import Laps
 
 if TYPE_CHECKING:
+    from drcli.config.run_config import DriveConfig
     from drcli.records.iteration import IterationRecord
     from drcli.run.plan import EndWorkPlan, RunPlan
     from drcli.run.status import RunReport
@@ -96,7 +98,8 @@ def start_text(plan: "RunPlan") -> str:
     lines = [f"Wiping path {model}"] if plan.wiped else []
     lines += [
         f"Training of model {model} starting{begin}.",
-        f"World {config.race().world_name}, {workers}, seed {plan.job.seed}.",
+        f"World {config.race().world_name}{_further(config.race())}, {workers}, seed "
+        f"{plan.job.seed}.",
         "Using configuration files:",
         *(f"   {f.origin}" for f in (inputs.reward, inputs.hyperparameters, inputs.metadata)),
         *(["Stages:"] if plan.job.stages else []),
@@ -107,6 +110,11 @@ def start_text(plan: "RunPlan") -> str:
         plan.ends,
     ]
     return "\n".join(lines)
+
+
+def _further(race: "DriveConfig") -> str:
+    count = len(training_races(race)) - 1
+    return f" and {counted(count, 'further track')}" if count else ""
 
 
 def end_work_text(plan: "EndWorkPlan") -> str:
