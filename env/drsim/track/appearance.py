@@ -6,9 +6,11 @@ Greys are what the lens sees, 0..255, measured on frames of the reference simula
 
 import math
 from dataclasses import dataclass, replace
+from random import Random
 from typing import Literal
 
 from drsim.arrays import RGB
+from drsim.track.zoo import number_of
 
 # Names of worlds, which may end in a driving direction.
 
@@ -118,11 +120,13 @@ class Look:
 
 
 def look_of(world: str) -> Look:
-    """The appearance of a world; an unknown name gets the common set.
+    """The appearance of a world; an unknown name gets the common set, a circuit one of its own.
 
     Source of widths and colours: the reference simulator. Assumed: start lines and sky.
     """
     name, _ = split_direction(world)
+    if number_of(name) is not None:
+        return _drawn(Random(f"look of {name}"))
     look = _COMMON
     if world in _WITHOUT_WALLS:
         look = replace(look, walls=_OPEN_FIELD)
@@ -142,10 +146,10 @@ def look_of(world: str) -> Look:
     return look
 
 
-def _lit(rgb: RGB, grain: float = 0.0) -> Paint:
+def _lit(rgb: RGB, grain: float = 0.0, light: float = _LIGHT) -> Paint:
     grey = sum(weight * value for weight, value in zip(LUMA, rgb, strict=True))
-    red, green, blue = (min(255.0, _LIGHT * value) for value in rgb)
-    return Paint(min(255.0, _LIGHT * grey), grain, (red, green, blue))
+    red, green, blue = (min(255.0, light * value) for value in rgb)
+    return Paint(min(255.0, light * grey), grain, (red, green, blue))
 
 
 _GRAIN, _LINE_GRAIN, _FIELD_GRAIN = 5.0, 8.0, 3.0
@@ -215,3 +219,102 @@ _OPEN_FIELD = Walls(
     height_m=0.0, greys=4 * (_COMMON.sky_grey,), tint=(1.0, 1.0, 1.0), field_half_m=12.5
 )
 """As in the reference simulator. The edge has the sky's grey because the camera blends along it."""
+
+
+_ROADS: tuple[RGB, ...] = (
+    *4 * ((64, 63, 61),),  # asphalt, as in most worlds
+    (36, 49, 64),  # blueish vinyl
+    (50, 50, 50),  # carpet
+    (116, 110, 107),  # concrete
+    (110, 71, 41),  # wood
+    (28, 28, 30),  # black mat
+    (92, 92, 98),  # worn asphalt
+    (45, 70, 110),  # blue mat
+    (105, 50, 45),  # clay
+    (60, 80, 60),  # green mat
+)
+_FIELDS: tuple[RGB, ...] = (
+    *2 * ((126, 133, 65),),  # meadow, as in most worlds
+    *2 * ((95, 136, 104),),  # green mat
+    (60, 95, 45),  # grass
+    (190, 165, 110),  # sand
+    (150, 105, 65),  # wood
+    (170, 150, 120),  # beige carpet
+    (50, 70, 120),  # blue carpet
+    (120, 45, 45),  # red carpet
+    (130, 128, 125),  # concrete
+    (165, 168, 170),  # light tiles
+    (212, 212, 208),  # white floor
+    (35, 35, 38),  # black floor
+)
+_WHITE: RGB = (223, 223, 222)
+_LINES: tuple[RGB, ...] = (*5 * (_WHITE,), (194, 194, 190), (225, 190, 40), (230, 215, 120))
+_DASHES: tuple[RGB | None, ...] = (
+    *4 * ((225, 143, 0),),
+    *2 * ((225, 200, 60),),
+    _WHITE,
+    None,
+)
+_LEAST_CONTRAST = 45.0
+"""Greys by which a line stands out from the road; the road from the field where there is none."""
+
+
+def _drawn(random: Random) -> Look:
+    """Materials of the worlds above and of places where people set up a track."""
+
+    def between(low: float, high: float) -> float:
+        return low + (high - low) * random.random()
+
+    def one_of(colors: tuple[RGB, ...]) -> RGB:
+        return colors[int(len(colors) * random.random())]
+
+    light = _LIGHT * between(0.75, 1.2)
+
+    def paint(color: RGB, grain: float = 0.0) -> Paint:
+        red, green, blue = (min(value * between(0.85, 1.15), 255.0 / light) for value in color)
+        return _lit((red, green, blue), grain, light)
+
+    while True:
+        road, line = paint(one_of(_ROADS), between(2, 9)), paint(one_of(_LINES), between(2, 9))
+        field = paint(one_of(_FIELDS), between(2, 6))
+        lined = random.random() < 0.92
+        stands_out = (line if lined else field).grey - road.grey
+        if stands_out > _LEAST_CONTRAST and abs(field.grey - road.grey) > 8.0:
+            break
+    pitch_m = between(0.1, 0.8)
+    dash = _DASHES[int(len(_DASHES) * random.random())]
+    kerbed = random.random() < 0.15
+    return Look(
+        border_side="out" if kerbed or random.random() < 0.15 else "in",
+        border_width_m=between(0.04, 0.11) if lined else 0.0,
+        kerb_width_m=0.07 if kerbed and lined else 0.0,
+        dash_width_m=between(0.02, 0.05),
+        dash_length_m=pitch_m * between(0.35, 0.75),
+        dash_pitch_m=pitch_m,
+        dash_start_m=0.0,
+        start_depth_m=0.07 if random.random() < 0.6 else 0.0,
+        road=road,
+        line=line,
+        dash=road if dash is None else paint(dash),
+        kerb=paint((137, 13, 14)),
+        kerb_light=paint(_WHITE),
+        field=field,
+        walls=_drawn_walls(random),
+        sky_grey=between(90.0, 230.0),
+    )
+
+
+def _drawn_walls(random: Random) -> Walls:
+    if random.random() < 0.25:
+        return _OPEN_FIELD
+    tint = [0.6 + 0.8 * random.random() for _ in LUMA]
+    luma = sum(weight * part for weight, part in zip(LUMA, tint, strict=True))
+    red, green, blue = (part / luma for part in tint)
+    grey = 4.0 * (200.0 / 4.0) ** random.random()
+    north, south, west, east = (grey * (0.6 + 0.6 * random.random()) for _ in range(4))
+    return Walls(
+        margin_m=0.4 + 1.6 * random.random() ** 2,
+        height_m=0.4 + 1.6 * random.random(),
+        greys=(north, south, west, east),
+        tint=(red, green, blue),
+    )

@@ -10,7 +10,14 @@ from drsim.sensing.ground import Grid, paint_ground
 from drsim.track.appearance import LUMA, Look, Paint, Walls, look_of
 from drsim.track.track import Track
 
-WORLDS = ["reinvent_base", "reinvent_wood", "Virtual_May19_Train_track", "Monaco", "our own"]
+WORLDS = [
+    "reinvent_base",
+    "reinvent_wood",
+    "Virtual_May19_Train_track",
+    "Monaco",
+    "our own",
+    "zoo-3",
+]
 
 KERBED = Look(
     road=Paint(50.0),
@@ -88,6 +95,28 @@ def test_a_road_beyond_the_field_makes_the_field_larger():
 
 def test_walls_stand_the_margin_away_from_the_road():
     assert Walls(margin_m=0.5).around((1.0, 2.0, 3.0, 5.0)) == (0.5, 3.5, 1.5, 5.5)
+
+
+def test_every_generated_circuit_looks_different_and_the_same_whichever_way_it_is_driven():
+    looks = [look_of(f"zoo-{number}") for number in range(100)]
+
+    assert looks == [look_of(f"zoo-{number}_cw") for number in range(100)]
+    assert len({look.road.rgb for look in looks}) == 100
+    assert {look.border_side for look in looks} == {"in", "out"}
+    assert 10 < sum(look.walls.height_m == 0.0 for look in looks) < 45
+    assert 1 < sum(look.border_width_m == 0.0 for look in looks) < 20
+    assert 3 < sum(look.dash == look.road for look in looks) < 30
+
+
+@pytest.mark.parametrize("number", range(100))
+def test_the_road_of_a_generated_circuit_can_be_seen(number):
+    look = look_of(f"zoo-{number}")
+
+    edge = look.line if look.border_width_m > 0.0 else look.field
+
+    assert edge.grey > look.road.grey + 45.0
+    assert all(0.0 <= value <= 255.0 for paint in paints(look).values() for value in paint.rgb)
+    assert all(0.0 <= grey <= 255.0 for grey in look.walls.greys)
 
 
 def test_kerbs_alternate_dark_and_light_with_even_stripes():

@@ -47,7 +47,7 @@ def test_turns_leave_room_for_the_inner_border_and_waypoints_are_even(tracks):
 
         assert turns_m(track).min() > width_m.max() / 2 + 0.05
         assert step_m.max() < 1.05 * np.median(step_m)
-        assert 0.1 < np.median(step_m) < 0.5
+        assert 0.09 < np.median(step_m) < 0.5
 
 
 def test_a_circuit_is_named_like_any_track(tmp_path):
@@ -94,10 +94,10 @@ def test_a_circuit_of_choice_differs_by_seed_and_only_by_seed():
 @pytest.mark.parametrize(
     ("wishes", "message"),
     [
-        ({"length_m": 8.0, "turn_m": 3.0}, "no drivable loop with length_m 8, turn_m 3 was found"),
-        ({"length_m": 5.0}, "length_m 5 is outside 8 .. 150 m"),
-        ({"width_m": float("nan")}, "width_m nan is outside"),
-        ({"turn_m": -1.0}, "turn_m -1 is outside"),
+        ({"length_m": 8.0, "turn_m": 3.0}, "No drivable loop with length_m=8, turn_m=3 was found"),
+        ({"length_m": 5.0}, "length_m=5 is not 8 to 150"),
+        ({"width_m": float("nan")}, "width_m=nan is not"),
+        ({"turn_m": -1.0}, "turn_m=-1 is not"),
     ],
 )
 def test_a_circuit_that_cannot_be_is_refused(wishes, message):
