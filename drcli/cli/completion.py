@@ -190,6 +190,7 @@ _CHECKPOINT = re.compile(r"(\d+)_Step-\d+\.ckpt")
 def worlds() -> list[str]:
     return [
         *track_names.built_in(),
+        "zoo-0",
         *track_names.own(working_folder() / (_settings().get("DR_TRACKS_DIR") or "tracks")),
     ]
 

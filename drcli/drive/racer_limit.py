@@ -9,6 +9,7 @@ import numpy as np
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.files import make_folder
 from drcli.base.report import View
+from drcli.config.track_names import ZOO
 from drcli.tracks.limit_store import (
     SOLVER_VERSION,
     WITHIN,
@@ -193,6 +194,11 @@ def _route(asked: Asked) -> Route:
         raise SettingsError(
             f"{asked.world} cannot be read: {error}.", remedy="Correct the route file."
         ) from None
+    if route is None and ZOO.match(asked.world):
+        raise SettingsError(
+            f"The fastest line on {asked.world} is not known: only that of a route file is.",
+            remedy="Draw a circuit with `dr-tracks generate NAME`, and name that.",
+        )
     if route is None:
         raise SettingsError(
             f"There is no track {asked.world} here.", remedy="`dr-tracks list` shows all."

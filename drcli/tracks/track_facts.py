@@ -69,4 +69,8 @@ class TrackList:
     def view(self) -> View:
         own, here = Path(self.folder), Path.cwd()
         place = own.relative_to(here) if own.is_relative_to(here) else own
-        return [table(self.tracks), f"{len(self.tracks)} tracks; your own are in {place}/."]
+        return [
+            table(self.tracks),
+            f"{len(self.tracks)} tracks; your own are in {place}/.",
+            "And generated circuits: zoo-0, zoo-1 and so on, to zoo-9999999.",
+        ]

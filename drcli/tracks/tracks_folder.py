@@ -15,11 +15,14 @@ from drcli.base.files import hand_out, make_folder, rewrite
 from drcli.base.report import BLANK, View
 from drcli.tracks.track_facts import TrackFacts, TrackList
 from drsim.errors import TrackError
+from drsim.track import zoo
 from drsim.track.route_files import read_route, write_route
+from drsim.track.track import Track
 from drsim.track.worlds import WorldInfo, describe, known_worlds, load_track
 from drsim.viewing.track_map import picture_map, png_bytes, text_map
 
 MAP_COLUMNS = 78
+_OPTIONS = {"width_m": "--width", "length_m": "--length", "turn_m": "--tightest-turn"}
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}")
 
 
@@ -97,10 +100,37 @@ def add_track(
     try:
         track = read_route(file, name=wanted, width_m=width_m, length_m=length_m)
     except TrackError as error:
-        raise _refused(error, file, {"width_m": "--width", "length_m": "--length"}) from None
-    unfinished = target.with_name(f".{wanted}.{os.getpid()}.npy")
+        raise _refused(error, file, _OPTIONS) from None
+    return _kept(track, target)
+
+
+def generate_track(
+    name: str,
+    folder: Path,
+    *,
+    length_m: float | None = None,
+    width_m: float | None = None,
+    turn_m: float | None = None,
+    seed: int = 0,
+    replace: bool = False,
+) -> TrackFacts:
+    """Draw a circuit and put it into the folder.
+
+    Raises:
+        SettingsError: There is no such circuit, or the name is taken.
+    """
+    target = target_of(name, folder, replace=replace)
     try:
-        make_folder(folder)
+        track = zoo.generate(name, length_m=length_m, width_m=width_m, turn_m=turn_m, seed=seed)
+    except TrackError as error:
+        raise _refused(error, options=_OPTIONS) from None
+    return _kept(track, target)
+
+
+def _kept(track: Track, target: Path) -> TrackFacts:
+    unfinished = target.with_name(f".{target.stem}.{os.getpid()}.npy")
+    try:
+        make_folder(target.parent)
         write_route(track, unfinished)
         hand_out(unfinished)
         unfinished.replace(target)

@@ -142,7 +142,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "tracks.track_facts:TrackList": ("tracks list",),
     "tracks.tracks_folder:TrackView": ("tracks show",),
     "drive.racer_limit:FastestLine": ("tracks line", "tracks limit"),
-    "tracks.track_facts:TrackFacts": ("tracks add", "tracks fetch"),
+    "tracks.track_facts:TrackFacts": ("tracks add", "tracks generate", "tracks fetch"),
     "rewards.check:RewardReport": ("reward check",),
     "rewards.pictures:PlotReport": ("reward plot",),
     "rewards.compare:ComparisonReport": ("reward compare",),

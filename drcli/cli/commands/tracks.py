@@ -50,6 +50,8 @@ _Force = Annotated[bool, typer.Option("-f", "--force", help="Replace a track of 
 def list_all() -> None:
     """List all tracks: the built-in ones and those in the folder DR_TRACKS_DIR.
 
+    The generated circuits, zoo-0 to zoo-9999999, are only mentioned.
+
     Example: dr-tracks list --json
     """
     memory = working_folder() / "data" / "cache" / "tracks.json"
@@ -149,6 +151,41 @@ def add(
 
 
 @app.command()
+def generate(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the new track.")],
+    length: Annotated[
+        float | None, typer.Option("--length", help="Metres of a lap; drawn if left out.")
+    ] = None,
+    width: Annotated[
+        float | None, typer.Option("--width", help="Metres of road; drawn if left out.")
+    ] = None,
+    tightest_turn: Annotated[
+        float | None,
+        typer.Option("--tightest-turn", help="Least radius of the centre line, in metres."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Another number, another track.")] = 0,
+    force: _Force = False,
+) -> None:
+    """Draw a random circuit and put it into the folder DR_TRACKS_DIR.
+
+    The tracks zoo-0, zoo-1 and so on are such circuits, there without this command.
+
+    Example: dr-tracks generate tight --length 25 --width 0.8 --tightest-turn 0.6
+    """
+    facts = tracks_folder.generate_track(
+        name,
+        settings().tracks_folder,
+        length_m=length,
+        width_m=width,
+        turn_m=tightest_turn,
+        seed=seed,
+        replace=force,
+    )
+    _warn_if_built_in(facts.name)
+    present(facts)
+
+
+@app.command()
 def fetch(
     name: Annotated[
         str, typer.Argument(metavar="NAME", help="Name of a world, such as Oval_track.")
@@ -172,7 +209,7 @@ def fetch(
 
 
 def _warn_if_built_in(name: str) -> None:
-    if name in track_names.built_in():
+    if name in track_names.built_in() or track_names.ZOO.fullmatch(name):
         terminal.warn(
             f"{name} is also a built-in track. From now on, the name means your file; remove the "
             "file to get the built-in track back."

@@ -159,7 +159,7 @@ def _with_bumps(corners: Floats, bumps: float, random: Random) -> Floats:
         edge_m = float(np.hypot(*(end - start)))
         along = (end - start) / edge_m
         across = np.array([-along[1], along[0]]) * (0.3 + 0.7 * random.random())
-        count, step_m = 2 + int(3 * random.random()), 1.3 + 0.7 * random.random()
+        count, step_m = 2 + int(4 * random.random()), 1.0 + 0.8 * random.random()
         begin_m = (edge_m - (count - 1) * step_m) * random.random()
         if min(begin_m, edge_m - begin_m - (count - 1) * step_m) < step_m:
             continue

@@ -95,7 +95,20 @@ def generate(
     for key, (low, high) in zip(asked, (LENGTHS_M, WIDTHS_M, TURNS_M), strict=True):
         value = asked[key]
         if value is not None and not low <= value <= high:
-            raise TrackError(f"{key}={value:g} is not {low:g} to {high:g}. Give metres within it.")
+            raise TrackError(
+                f"{key}={value:g} is outside {low:g} to {high:g} metres. Choose a value within."
+            )
+    if turn_m is not None and width_m is not None and turn_m < width_m / 2 + _INNER_M:
+        raise TrackError(
+            f"turn_m={turn_m:g} leaves no room for the inner border of a road of "
+            f"width_m={width_m:g}. Give turn_m={width_m / 2 + _INNER_M:.2f} or more, or a smaller "
+            "width_m."
+        )
+    if turn_m is not None and length_m is not None and length_m < 2 * math.pi * turn_m:
+        raise TrackError(
+            f"length_m={length_m:g} is less than a circle with turn_m={turn_m:g} takes. Give "
+            f"length_m={9 * turn_m:.0f} or more, or a smaller turn_m."
+        )
     random = Random(seed)
     for _ in range(_TRIES):
         plan = _drawn(random, length_m, width_m, turn_m, SPACING_M)
@@ -122,10 +135,11 @@ def _drawn(
     def scaled(low: float, high: float) -> float:
         return low * math.exp(math.log(high / low) * random.random())
 
-    length = between(16.0, 80.0) if random.random() < 0.6 else scaled(15.0, 40.0)
-    length = length_m or length
+    length = between(16.0, 85.0) if random.random() < 0.6 else scaled(15.0, 40.0)
+    length = length_m or max(length, 10 * (turn_m or 0.0))
     width = between(0.6, 1.1 if length < 30.0 else 1.5)
-    width = width_m or (DEFAULT_WIDTH_M if random.random() < 0.5 else width)
+    width = DEFAULT_WIDTH_M if random.random() < 0.5 else width
+    width = width_m or min(width, 2 * ((turn_m or width) - _INNER_M))
     turn = max(0.42 * math.exp(1.1 * random.random() ** 2), width / 2 + _INNER_M)
     turn = turn_m or turn
     gap = between(0.35, 1.0)
@@ -134,11 +148,11 @@ def _drawn(
             int(6 * random.random())
         ],
         length_m=length,
-        apart_m=max(scaled(1.2, 2.8), (width + gap) * scaled(1.0, 1.4)),
+        apart_m=max(scaled(1.2, 2.8), (width + gap) * scaled(1.0, 1.4), 1.8 * turn),
         stretch=scaled(1.0, 2.5),
         lean=max(between(-0.8, 0.4), 0.0),
         pulled=max(between(-0.3, 0.25), 0.0),
-        bumps=max(between(-0.5, 0.7), 0.0),
+        bumps=max(between(-0.3, 0.9), 0.0),
     )
     return _Plan(
         layout=layout,
@@ -146,7 +160,7 @@ def _drawn(
         width_m=width,
         turn_m=turn,
         gap_m=gap,
-        open_share=random.random(),
+        open_share=math.sqrt(random.random()),
         smooth_m=turn * between(0.1, 0.4),
         bent=random.random(),
         spacing_m=spacing_m or _SPACINGS_M[int(len(_SPACINGS_M) * random.random())],
@@ -163,7 +177,7 @@ def _built(name: str, plan: _Plan, random: Random) -> Track | None:
     if random.random() < 0.5:
         center = center[::-1]
     center = np.round(center - center.min(axis=0) + plan.width_m, _DECIMALS)
-    if plan.turn_m < plan.width_m / 2 or not _is_drivable(center, plan):
+    if not _is_drivable(center, plan):
         return None
     onward = np.roll(center, -1, axis=0) - np.roll(center, 1, axis=0)
     normal = np.stack([-onward[:, 1], onward[:, 0]], axis=1) / np.hypot(*onward.T)[:, None]

@@ -1,5 +1,8 @@
 """Generated circuits: the same everywhere, drivable, and as varied as the community's."""
 
+import hashlib
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
@@ -9,6 +12,8 @@ from drsim.track import zoo
 from drsim.track.worlds import describe, load_track
 
 CIRCUITS = 200
+ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
+STRAIGHT_M = 6.7
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +45,17 @@ def test_every_circuit_is_a_road_that_neither_crosses_nor_overlaps_itself(tracks
         assert track.on_road(track.center[:-1]).all()
 
 
+def test_stretches_of_a_circuit_have_ground_between_them(tracks):
+    for track in tracks:
+        center, width_m = track.center[:-1], np.hypot(*(track.inner - track.outer)[0])
+        row = np.arange(len(center))
+        away = np.abs(row[:, None] - row)
+        away_m = np.minimum(away, len(row) - away) * track.length_m / len(row)
+        apart_m = np.hypot(*(center[:, None] - center).transpose(2, 0, 1))
+
+        assert apart_m[away_m > np.pi / 2 * (width_m + 1.0)].min() > width_m + 0.3
+
+
 def test_turns_leave_room_for_the_inner_border_and_waypoints_are_even(tracks):
     for track in tracks:
         step_m = np.hypot(*np.diff(track.center, axis=0).T)
@@ -48,6 +64,53 @@ def test_turns_leave_room_for_the_inner_border_and_waypoints_are_even(tracks):
         assert turns_m(track).min() > width_m.max() / 2 + 0.05
         assert step_m.max() < 1.05 * np.median(step_m)
         assert 0.09 < np.median(step_m) < 0.5
+
+
+def test_a_circuit_is_the_same_in_every_release_and_on_every_processor(tracks):
+    told = hashlib.sha256()
+    for track in tracks[:50]:
+        for line in (track.center, track.inner, track.outer):
+            told.update(np.rint(1e4 * line).astype("<i8").tobytes())
+            np.testing.assert_array_equal(line, np.round(line, 4))
+
+    assert told.hexdigest()[:16] == "074511e8bbbb49e7"
+
+
+def figures(track) -> dict[str, float]:
+    """Length, width, tightest turn in metres, shares of straights and of the rarer side."""
+    length_m = np.hypot(*np.diff(track.center, axis=0).T).cumsum()
+    at_m = np.arange(0.0, length_m[-1], 0.1)
+    along = np.concatenate([[0.0], length_m])
+    x, y = (np.interp(at_m, along, values) for values in track.center.T)
+    dx, dy = np.roll(x, -4) - x, np.roll(y, -4) - y
+    before_x, before_y = np.roll(dx, 4), np.roll(dy, 4)
+    turn = np.arctan2(before_x * dy - before_y * dx, before_x * dx + before_y * dy) / 0.4
+    left, right = (turn > 1 / STRAIGHT_M).mean(), (turn < -1 / STRAIGHT_M).mean()
+    return {
+        "length_m": length_m[-1],
+        "width_m": np.hypot(*(track.inner - track.outer).T).mean(),
+        "tightest_m": 1 / np.quantile(np.abs(turn), 0.99),
+        "straight": 1.0 - left - right,
+        "rarer": min(left, right) / (left + right),
+        "turning": np.abs(turn).mean(),
+    }
+
+
+@pytest.mark.skipif(not ROUTES.is_dir(), reason="the community's routes are not beside the project")
+def test_circuits_cover_what_the_community_drives(tracks):
+    ours = [figures(track) for track in tracks]
+    theirs = [
+        figures(track)
+        for track in (load_track(str(file)) for file in sorted(ROUTES.rglob("*.npy")))
+        if track.closed
+    ]
+
+    for name in ours[0]:
+        low, high = np.quantile([each[name] for each in ours], [0.01, 0.99])
+        covered = np.mean([low <= each[name] <= high for each in theirs])
+
+        assert covered > 0.9, (name, low, high)
+    assert 0.4 < np.mean([track.is_ccw for track in tracks]) < 0.6
 
 
 def test_a_circuit_is_named_like_any_track(tmp_path):
@@ -94,10 +157,15 @@ def test_a_circuit_of_choice_differs_by_seed_and_only_by_seed():
 @pytest.mark.parametrize(
     ("wishes", "message"),
     [
-        ({"length_m": 8.0, "turn_m": 3.0}, "No drivable loop with length_m=8, turn_m=3 was found"),
-        ({"length_m": 5.0}, "length_m=5 is not 8 to 150"),
-        ({"width_m": float("nan")}, "width_m=nan is not"),
-        ({"turn_m": -1.0}, "turn_m=-1 is not"),
+        ({"length_m": 8.0, "turn_m": 3.0}, "length_m=8 is less than a circle"),
+        (
+            {"length_m": 8.0, "turn_m": 1.2},
+            "No drivable loop with length_m=8, turn_m=1.2 was found",
+        ),
+        ({"width_m": 1.0, "turn_m": 0.5}, "turn_m=0.5 leaves no room .* Give turn_m=0.56 or more"),
+        ({"length_m": 5.0}, "length_m=5 is outside 8 to 150"),
+        ({"width_m": float("nan")}, "width_m=nan is outside"),
+        ({"turn_m": -1.0}, "turn_m=-1 is outside"),
     ],
 )
 def test_a_circuit_that_cannot_be_is_refused(wishes, message):

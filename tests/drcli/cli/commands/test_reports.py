@@ -157,6 +157,7 @@ CALLS = {
     "tracks line reinvent_base": "FASTEST_LINE = [",
     "tracks limit reinvent_base": "The limit of the car",
     f"tracks add {TRACK}.csv": "waypoints",
+    "tracks generate mine --seed 3": "waypoints",
     f"tracks fetch {TRACK}": "waypoints",
     "reward check": "steady lap",
     "reward plot": "Picture",

@@ -82,6 +82,7 @@ def test_the_list_names_what_is_built_in_and_where_more_would_lie(working_folder
     assert code == 0
     assert "reinvent_base" in out
     assert "your own are in tracks/." in out
+    assert "zoo-0, zoo-1 and so on" in out
     facts = {track["name"]: track for track in report(told)["tracks"]}
     assert facts["reinvent_base"]["length_m"] == pytest.approx(17.7, abs=0.1)
     assert facts["reinvent_base"]["source"] == "own"
@@ -106,6 +107,35 @@ def test_a_track_that_is_built_in_may_be_called_by_a_file_name(working_folder, c
 
     assert code == 0
     assert report(out)["facts"]["name"] == name.removesuffix(".npy")
+
+
+def test_a_generated_circuit_is_shown_without_a_file(working_folder, capsys):
+    code, out, _ = run(capsys, "show", "zoo-17", "--json")
+
+    assert code == 0
+    assert report(out)["facts"]["length_m"] == round(load_track("zoo-17").length_m, 3)
+    assert report(out)["facts"]["about"] == "A generated circuit."
+
+
+def test_a_circuit_of_choice_is_kept_as_a_route_file(working_folder, capsys):
+    wishes = ["--length", "25", "--width", "0.8", "--tightest-turn", "0.7"]
+
+    code, out, _ = run(capsys, "generate", "mine", *wishes, "--seed", "2", "--json")
+    again, _, words = run(capsys, "generate", "mine")
+
+    assert code == 0
+    assert report(out)["length_m"] == pytest.approx(25.0, abs=0.02)
+    assert report(out)["width_m"] == pytest.approx(0.8, abs=0.02)
+    assert load_track("mine", working_folder / "tracks").closed
+    assert again == 3
+    assert "The track mine already exists" in words
+
+
+def test_a_circuit_of_choice_that_hides_a_generated_one_is_told(working_folder, capsys):
+    code, _, words = run(capsys, "generate", "zoo-3", "--seed", "7")
+
+    assert code == 0
+    assert "zoo-3 is also a built-in track" in words
 
 
 def test_an_added_track_can_be_raced_on_by_its_name(route, working_folder, capsys):
@@ -208,6 +238,14 @@ def test_a_full_disk_is_told_in_a_sentence(route, working_folder, capsys, monkey
         (["add", "loop.csv", "--name", "../up"], "'../up' is not a valid track name"),
         (["add", "loop.csv", "--width", "-1"], "loop.csv"),
         (["show", "reinvent_base", "--png", "no/such/map.png"], "no/such/map.png cannot be"),
+        (["line", "zoo-17"], "only that of a route file is"),
+        (["limit", "zoo-17_cw"], "only that of a route file is"),
+        (["generate", "new", "--length", "8", "--tightest-turn", "3"], "--length=8 is less than"),
+        (["generate", "new", "--length", "7"], "--length=7 is outside 8 to 150 metres"),
+        (["generate", "new", "--width", "nan"], "--width=nan is outside"),
+        (["generate", "new", "--width", "1", "--tightest-turn", "0.5"], "--tightest-turn=0.56 or"),
+        (["generate", "new", "--length", "8", "--tightest-turn", "1.1"], "60 tries"),
+        (["generate", "a b"], "'a b' is not a valid track name"),
         (["fetch", "Oval_track", "--from", "ftp://x"], "ftp://x"),
         (["fetch", "Oval_track", "--from", "http://x:y"], "http://x:y"),
         (["fetch", "Oval_track", "--from", "http://[x"], "http://[x"),
