@@ -47,7 +47,7 @@ from drsim.car.car import car_model, motor_commands
 from drsim.car.car_parameters import CarParameters
 from drsim.car.conditions import Realism
 from drsim.race.race import BotRules, ObstacleRules, Race
-from drsim.sensing.observations import FrameRenderer
+from drsim.sensing.observations import Channel, FrameRenderer
 from drsim.sensing.scene import Scene, build_scene, lens_pose, render
 from drsim.sensing.sensors import Sensors
 
@@ -252,7 +252,7 @@ class BareRun:
     def __init__(self, scene: Scene, cars: int, threads: int) -> None:
         self._everybody = np.arange(cars)
         self._cars = CarBatch(cars, threads)
-        self._renderer = FrameRenderer(scene, cars, threads)
+        self._renderer = FrameRenderer([Channel([scene])], np.zeros(cars, np.int64), threads)
 
     def repeat(self, drive: Sequence[tuple[Ints | None, Floats]]) -> float:
         """Control steps/s of all cars together, on a drive that an environment has made."""

@@ -271,10 +271,11 @@ class Disturbances:
     def spoils(self, cars: Ints) -> bool:
         return bool(self._spoilt[cars].any())
 
-    def spoil(self, frames: Bytes, cars: slice) -> None:
+    def spoil(self, frames: Bytes, cars: slice, *, colors: bool = False) -> None:
         """Blur, brighten and add noise to frames of some cars in place, without the GIL.
 
-        `frames`: of all. Shape (n, eyes, rows, columns).
+        `frames`: of all, eyes or colours, which have the same noise. Shape (n, eyes, rows,
+        columns).
         """
         if not self._spoilt[cars].any():
             return
@@ -284,6 +285,7 @@ class Disturbances:
             self._blur_px[cars],
             self._image_noise[cars],
             self._noise_key[cars],
+            0 if colors else 1,
         )
 
 
@@ -302,6 +304,7 @@ def _spoil(
     blur_px: Floats,
     noise: Floats,
     noise_key: Seeds,
+    next_noise: int,
 ) -> None:
     cars, eyes, rows, columns = frames.shape
     picture = np.empty((rows, columns), np.float32)
@@ -313,7 +316,7 @@ def _spoil(
                     picture[row, column] = frame[row, column] * brightness[car]
             if blur_px[car] > _LEAST_BLUR_PX:
                 _blur(picture, blur_px[car])
-            state = noise_key[car] * np.uint64(2) + np.uint64(eye)
+            state = noise_key[car] * np.uint64(2) + np.uint64(eye * next_noise)
             for row in range(rows):
                 for column in range(columns):
                     grey = picture[row, column]

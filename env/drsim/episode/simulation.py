@@ -27,7 +27,7 @@ from drsim.errors import RewardError
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.race.traffic import Traffic
 from drsim.sensing.observations import Observations, Randomize
-from drsim.sensing.scene import Scene, build_scene
+from drsim.sensing.scene import Scene
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
 from drsim.track.ways import Ways
@@ -99,7 +99,8 @@ class Simulation:
 
     Attributes:
         track: In the direction given.
-        frames: Grey. A live view. Shape (n, eyes, 120, 160).
+        color: Whether frames are red, green and blue.
+        frames: Grey, or red, green and blue. A live view. Shape (n, eyes or 3, 120, 160).
         scans: Of the lidar sensor. Shape (n, d), d may be 0.
         traffic: None where a car is alone.
         physics: What moves the cars and why, for a log.
@@ -126,6 +127,7 @@ class Simulation:
         randomize: Randomize = "nothing",
         longest_latency_s: float = 0.0,
         reward_clock: Callable[[], float] = perf_counter,
+        color: bool = False,
         gpu: bool = False,
         physics: PhysicsChoice = "mujoco",
     ) -> None:
@@ -150,6 +152,7 @@ class Simulation:
             randomize: Lights and colours that change from episode to episode.
             longest_latency_s: Of conditions for `reset`, if longer than what `realism` draws.
             reward_clock: In seconds.
+            color: Frames of one eye are red, green and blue; three times the work.
             gpu: Draw the frames on an NVIDIA GPU.
             physics: Where MuJoCo Warp cannot run, MuJoCo does.
 
@@ -176,15 +179,17 @@ class Simulation:
             randomizes=randomize != "nothing",
         )
         self._observations = Observations(
-            [scene] if scene is not None else [build_scene(each) for each in self.tracks],
+            None if scene is None else [scene],
             num_threads,
             ways=self._ways,
             sensors=sensors or Sensors(),
             traffic=self.traffic,
             disturbances=self._draws.disturbances,
             randomize=randomize,
+            color=color,
             gpu=gpu,
         )
+        self.color = color
         self.draws = True
         self.frames = self._observations.frames
         self.scans = self._observations.scans

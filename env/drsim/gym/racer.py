@@ -122,10 +122,11 @@ class Racers:
         )
 
     def _seen(self, cars: int | slice) -> Perceived:
-        """Copies, eyes last."""
-        frames = np.moveaxis(self._simulation.frames[cars], -3, -1).copy()
+        """Copies, eyes last, colours first."""
+        frames, color = self._simulation.frames[cars], self._simulation.color
+        frames = frames.copy() if color else np.moveaxis(frames, -3, -1).copy()
         if self._sensors.lidar is None:
-            return frames
+            return {self._sensors.camera: frames} if color else frames
         return {
             self._sensors.camera: frames,
             self._sensors.lidar: self._simulation.scans[cars].copy(),
@@ -181,6 +182,10 @@ class RacerEnv(Racers, gym.Env[Perceived, Any]):
     - SECTOR_LIDAR: `Box(0, 1, (8,), float32)`
     - DISCRETIZED_SECTOR_LIDAR: `Box(0, 1, (sectors * values,), float32)`
 
+    With `color=True`, a `Dict` by name in which the camera is `Box(0, 255, (3, 120, 160), uint8)`:
+    red, green, blue, as in the package `deepracer` of PyPI. 0.2989, 0.5870 and
+    0.1140 of them give the grey frame. STEREO_CAMERAS have no colours.
+
     The camera has a horizontal field of view of 64.7 degrees, pitched 14 degrees down, 0.13 m
     above the ground; row 0 is at the top. The lidar looks backwards, as in the reference: ray 0
     points 30 degrees to the left, and the rays go round by the rear.
@@ -232,6 +237,7 @@ class RacerEnv(Racers, gym.Env[Perceived, Any]):
         randomize: Randomize = "nothing",
         realism: Realism | None = None,
         longest_latency_s: float = 0.0,
+        color: bool = False,
         car: CarParameters | str = DEFAULT_CAR,
         render_mode: str | None = None,
         view: str = "camera",
@@ -250,6 +256,7 @@ class RacerEnv(Racers, gym.Env[Perceived, Any]):
             randomize: "nothing", "lights" or "textures", per episode.
             realism: Sim-to-real extras; default: none.
             longest_latency_s: Of conditions given to `reset`.
+            color: Camera frames in red, green and blue.
             car: Name of car parameters (`drsim.CAR_SETS`), or your own.
             render_mode: "rgb_array", "human", or None.
             view: "camera", "chase" or "top".
@@ -274,9 +281,10 @@ class RacerEnv(Racers, gym.Env[Perceived, Any]):
             realism=realism,
             randomize=randomize,
             longest_latency_s=longest_latency_s,
+            color=color,
         )
         self.action_space = actions.space()
-        self.observation_space = self._sensors.space()
+        self.observation_space = self._sensors.space(color=color)
         self._running = False
         self._window: Window | None = None
 

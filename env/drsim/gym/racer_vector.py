@@ -60,6 +60,7 @@ class RacerVectorEnv(Racers, VectorEnv[Perceived, Any, NDArray[Any]]):
         randomize: Randomize = "nothing",
         realism: Realism | None = None,
         longest_latency_s: float = 0.0,
+        color: bool = False,
         car: CarParameters | str = DEFAULT_CAR,
         render_mode: str | None = None,
         view: str = "camera",
@@ -86,10 +87,11 @@ class RacerVectorEnv(Racers, VectorEnv[Perceived, Any, NDArray[Any]]):
             realism=realism,
             randomize=randomize,
             longest_latency_s=longest_latency_s,
+            color=color,
         )
         self.num_envs = num_envs
         self.single_action_space = actions.space()
-        self.single_observation_space = self._sensors.space()
+        self.single_observation_space = self._sensors.space(color=color)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
         self.observation_space = gym.vector.utils.batch_space(
             self.single_observation_space, num_envs

@@ -12,7 +12,7 @@ from drsim.arrays import Bytes, Floats, Ints, LensParts, Single, Singles
 from drsim.jit import kernel
 from drsim.sensing.cuboids import TO_SUN
 from drsim.sensing.scene import Light, Scene
-from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint
+from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint, look_through
 
 _USUAL_SUN = np.array([1.0, 1.0, 0.8])
 """Source: the reference simulator's worlds, as for the lamp."""
@@ -33,9 +33,26 @@ _LEAST_GAP = 1.5
 
 
 class Lighting:
-    def __init__(self, num_cars: int, looks: Sequence[Look], *, textures: bool = False) -> None:
-        """Begin with the usual light of the first; `textures` draws colours of the ground too."""
-        self._looks = [(look, _paints(look)) for look in looks]
+    def __init__(
+        self,
+        num_cars: int,
+        looks: Sequence[Look],
+        *,
+        textures: bool = False,
+        weights: Sequence[float] = LUMA,
+    ) -> None:
+        """Begin with the usual light of the first; `textures` draws colours of the ground too.
+
+        `weights` of red, green and blue make the greys. With `textures` they are painted over the
+        usual picture of the ground, without over the picture with these weights.
+        """
+        painted = (
+            looks
+            if textures or weights is LUMA
+            else [look_through(each, weights) for each in looks]
+        )
+        self._looks = [(look, _paints(seen)) for look, seen in zip(looks, painted, strict=True)]
+        self._weights = np.array(weights)
         look = looks[0]
         self._textures = textures
         self._light = Light(
@@ -62,14 +79,15 @@ class Lighting:
         colors = np.array([paint.rgb for paint in paints])
         if self._textures:
             colors = _other_colors(paints, look, random)
-        greys = np.minimum(colors * factor, 255.0) @ LUMA
+        greys = np.minimum(colors * factor, 255.0) @ self._weights
         self._light.palettes[car] = _palette(paints, greys)
         self._light.sky_greys[car] = look.sky_grey
         walls = look.walls
         self._light.wall_greys[car] = walls.greys
         if walls.height_m > 0.0:
-            tint = np.array(walls.tint) * LUMA
-            self._light.wall_greys[car] = tint @ factor / tint.sum() * np.array(walls.greys)
+            tint = np.array(walls.tint)
+            shade = tint * self._weights @ factor / (tint * LUMA).sum()
+            self._light.wall_greys[car] = shade * np.array(walls.greys)
         self._light.sun[car] = SUN * sun
 
 

@@ -3,19 +3,21 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from drsim.arrays import Bytes, Floats, Ints, LensParts, Singles
 from drsim.car.car import EYES_APART_M, FRONT, CarBatch
 from drsim.car.conditions import Conditions, Disturbances
+from drsim.errors import require
 from drsim.race.solids import CUBOID, Solids
 from drsim.race.traffic import Traffic
 from drsim.sensing.lighting import Lamps, Lighting
-from drsim.sensing.scene import Scene, draw_ground, draw_solids, lens_parts
+from drsim.sensing.scene import Light, Scene, build_scene, draw_ground, draw_solids, lens_parts
 from drsim.sensing.sensors import LIDAR, Sensors, scan
-from drsim.track.appearance import look_of
+from drsim.track.appearance import LUMA, look_of, look_through
+from drsim.track.track import Track
 from drsim.track.ways import Ways
 
 if TYPE_CHECKING:
@@ -26,6 +28,17 @@ _FRAMES_ALONE = 2
 """Until another thread would wake up."""
 
 
+class Channel(NamedTuple):
+    """The usual grey, or the part of one colour; one scene for each track."""
+
+    scenes: Sequence[Scene]
+    lighting: Lighting | None = None
+    weights: Sequence[float] = LUMA
+
+    def light(self, cars: slice = slice(None)) -> Light | None:
+        return None if self.lighting is None else self.lighting.of(cars)
+
+
 class FrameRenderer:
     """The current frame of every car.
 
@@ -33,19 +46,18 @@ class FrameRenderer:
     meanwhile.
 
     Attributes:
-        frames: Grey, rewritten between `start` and `finish`; left eye first. Shape (n, eyes, 120,
-            160).
+        frames: Grey, left eye first, or red, green and blue; rewritten between `start` and
+            `finish`. Shape (n, eyes or 3, 120, 160).
     """
 
     def __init__(
         self,
-        scenes: Sequence[Scene],
+        channels: Sequence[Channel],
         scene_of: Ints,
         num_threads: int,
         *,
         eyes: int = 1,
         solids: Solids | None = None,
-        lighting: Lighting | None = None,
         lamps: Sequence[Lamps] = (),
         after: Callable[[slice], None] | None = None,
         changes: Callable[[Ints], bool] | None = None,
@@ -56,21 +68,21 @@ class FrameRenderer:
         `solids` must not move between `start` and `finish`. `after` gets the rows of rendered
         frames, on the thread that finished them.
         """
-        shape = (len(scene_of), eyes, FRONT.rows, FRONT.columns)
+        shape = (len(scene_of), eyes * len(channels), FRONT.rows, FRONT.columns)
         self.frames: Bytes = np.zeros(shape, np.uint8) if gpu is None else gpu.frames
         self._gpu = gpu
-        self._scenes = scenes
+        self._channels = channels
+        self._num_eyes = eyes
         self._scene_of = scene_of
         self._solids = solids
-        self._lighting = lighting
         self._lamps = lamps
         self._after = after
         self._changes = changes
         self._num_threads = num_threads
         self._pool = pool_of(num_threads)
         self._cars: Ints = np.empty(0, np.int64)
-        self._eyes: list[tuple[LensParts, Bytes]] = []
-        self._parts: list[tuple[Scene, LensParts, Bytes, Ints, Ints]] = []
+        self._pictures: list[tuple[Channel, LensParts, Bytes]] = []
+        self._parts: list[tuple[Channel, int, LensParts, Bytes, Ints, Ints]] = []
         self._futures: list[Future[None]] = []
 
     def __getstate__(self) -> dict[str, Any]:
@@ -86,23 +98,27 @@ class FrameRenderer:
         if not len(cars):
             return
         lens_mat = lens_mat.copy()  # the caller may move the cars while other threads render
-        eyes = self.frames.shape[1]
+        eyes = self._num_eyes
         for eye in range(eyes):
             to_left_m = (0.5 * (eyes - 1) - eye) * EYES_APART_M
             lenses = lens_parts(
-                lens_pos + to_left_m * lens_mat[:, :, 1], lens_mat, rounding=eyes > 1
+                lens_pos + to_left_m * lens_mat[:, :, 1],
+                lens_mat,
+                rounding=self.frames.shape[1] > 1,
             )
-            self._eyes.append((lenses, self.frames[:, eye]))
+            for channel in self._channels:
+                frames = self.frames[:, len(self._pictures)]
+                self._pictures.append((channel, lenses, frames))
         if self._gpu is not None:
-            light = None if self._lighting is None else self._lighting.of(slice(None))
-            self._gpu.draw([lenses for lenses, _ in self._eyes], cars, light)
+            light = self._channels[0].light()
+            self._gpu.draw([lenses for _, lenses, _ in self._pictures], cars, light)
             self._gpu.fetch()
             return
         scenes = self._scene_of[cars]
         self._parts = [
-            (self._scenes[k], lenses, frames, cars[scenes == k], np.zeros(1, np.int64))
-            for k in np.unique(scenes)
-            for lenses, frames in self._eyes
+            (channel, k, lenses, frames, cars[scenes == k], np.zeros(1, np.int64))
+            for k in np.unique(scenes).tolist()
+            for channel, lenses, frames in self._pictures
         ]
         if self._pool is not None and len(cars) > _FRAMES_ALONE:
             self._futures = [
@@ -125,7 +141,7 @@ class FrameRenderer:
                     self._gpu.send()
         finally:
             self._cars = np.empty(0, np.int64)
-            self._eyes, self._parts = [], []
+            self._pictures, self._parts = [], []
             self._futures = []
 
     def close(self) -> None:
@@ -133,19 +149,18 @@ class FrameRenderer:
             self._pool.shutdown()
 
     def _draw_ground(self) -> None:
-        light = None if self._lighting is None else self._lighting.of(slice(None))
-        for scene, lenses, frames, cars, taken in self._parts:
-            draw_ground(scene, lenses, frames, cars, taken, light)
+        for channel, k, lenses, frames, cars, taken in self._parts:
+            draw_ground(channel.scenes[k], lenses, frames, cars, taken, channel.light())
 
     def _draw_over(self, rows: slice) -> None:
-        light = None if self._lighting is None else self._lighting.of(rows)
         lit = [lamps for lamps in self._lamps if lamps.lit(rows)]
-        for (pos, mat, focal_px, bias), all_frames in self._eyes:
+        for channel, (pos, mat, focal_px, bias), all_frames in self._pictures:
             lenses, frames = (pos[rows], mat[rows], focal_px, bias), all_frames[rows]
             for lamps in lit:
                 lamps.reflect(rows, frames, lenses)
             if self._solids is not None:
-                draw_solids(self._solids.boxes[rows], lenses, frames, light)
+                light = channel.light(rows)
+                draw_solids(self._solids.boxes[rows], lenses, frames, light, channel.weights)
             for lamps in lit:
                 lamps.shine(rows, frames, lenses)
         if self._after is not None:
@@ -191,17 +206,49 @@ world.
 """
 
 
+COLORS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Weights of red, green and blue in each channel of colour frames."""
+
+
+def channels_of(
+    tracks: Sequence[Track],
+    num_cars: int,
+    randomize: Randomize,
+    scenes: Sequence[Scene] | None = None,
+    *,
+    color: bool = False,
+) -> list[Channel]:
+    """What frames are drawn from; `scenes` are those of the tracks in grey, if built already.
+
+    In colour there are three pictures of each track; with drawn textures, which replace all
+    colours, the grey one serves three times.
+    """
+    looks = [look_of(track.name) for track in tracks]
+    textures = randomize == "textures"
+    channels = []
+    for weights in COLORS if color else (LUMA,):
+        if color and not textures:
+            seen = [look_through(look, weights) for look in looks]
+            scenes = [build_scene(track, look) for track, look in zip(tracks, seen, strict=True)]
+        scenes = scenes or [build_scene(track) for track in tracks]
+        lighting = None
+        if randomize != "nothing":
+            lighting = Lighting(num_cars, looks, textures=textures, weights=weights)
+        channels.append(Channel(scenes, lighting, weights))
+    return channels
+
+
 class Observations(FrameRenderer):
     """Camera frames and lidar scans of n cars.
 
     Attributes:
-        frames: Rewritten between `start` and `finish`. Shape (n, eyes, 120, 160).
+        frames: As in `FrameRenderer`.
         scans: Shape (n, d).
     """
 
     def __init__(
         self,
-        scenes: Sequence[Scene],
+        scenes: Sequence[Scene] | None,
         num_threads: int,
         *,
         ways: Ways,
@@ -209,40 +256,39 @@ class Observations(FrameRenderer):
         traffic: Traffic | None,
         disturbances: Disturbances,
         randomize: Randomize,
+        color: bool = False,
         gpu: bool = False,
     ) -> None:
         """`num_threads` render, the caller's included, or a GPU if there is one track.
 
         Raises:
             OSError: There is no GPU that can be used.
+            ValueError: Colours of two eyes.
         """
+        require(not color or sensors.eyes == 1, "color", color, f"be False with {sensors.camera}")
         num_cars = len(ways.way)
         self._ways = ways
         self._sensors = sensors
         self._traffic = traffic
         self._disturbances = disturbances
-        lighting = None
-        if randomize != "nothing":
-            looks = [look_of(track.name) for track in ways.tracks[::2]]
-            lighting = Lighting(num_cars, looks, textures=randomize == "textures")
+        channels = channels_of(ways.tracks[::2], num_cars, randomize, scenes, color=color)
         camera = None
-        if gpu and len(scenes) > 1:
-            raise OSError("a GPU draws one track at a time")
+        if gpu and (len(ways.tracks) > 2 or color):
+            raise OSError("a GPU draws one track at a time, in greys")
         if gpu:
             try:
                 from drsim.sensing.cuda_camera import CudaCamera  # loads CUDA
             except (ImportError, AttributeError) as error:
                 raise OSError(f"numba cannot load CUDA: {error}") from error
 
-            camera = CudaCamera(scenes[0], num_cars, eyes=sensors.eyes)
+            camera = CudaCamera(channels[0].scenes[0], num_cars, eyes=sensors.eyes)
         super().__init__(
-            scenes,
+            channels,
             ways.road,
             num_threads,
             eyes=sensors.eyes,
             solids=Solids(num_cars, traffic.shapes) if traffic is not None else None,
-            lighting=lighting,
-            lamps=[Lamps(scene, num_cars) for scene in scenes],
+            lamps=[Lamps(scene, num_cars) for scene in channels[0].scenes],
             after=self._spoil,
             changes=disturbances.spoils,
             gpu=camera,
@@ -256,9 +302,13 @@ class Observations(FrameRenderer):
         return None if self._gpu is None else self._gpu.device_frames
 
     def draw(self, car: int, random: np.random.Generator) -> None:
-        if self._lighting is None:
+        if self._channels[0].lighting is None:
             return
-        self._lighting.draw(car, random, int(self._ways.road[car]))
+        begun = random.bit_generator.state
+        for channel in self._channels:
+            random.bit_generator.state = begun  # every colour draws the same
+            if channel.lighting is not None:
+                channel.lighting.draw(car, random, int(self._ways.road[car]))
         if self._solids is not None and self._traffic is not None:
             colors = random.uniform(0.0, 255.0, (1, len(self._traffic.shapes), 3))
             self._solids.paint(np.array([car]), colors)
@@ -286,7 +336,7 @@ class Observations(FrameRenderer):
     def _scan(self, cars: Ints, bodies: CarBatch) -> None:
         scenes = self._scene_of[cars]
         for k in np.unique(scenes):
-            mine, scene = cars[scenes == k], self._scenes[k]
+            mine, scene = cars[scenes == k], self._channels[0].scenes[k]
             boxes = np.empty((len(mine), 0), CUBOID)
             if self._solids is not None:
                 boxes = self._solids.boxes[mine]
@@ -301,4 +351,4 @@ class Observations(FrameRenderer):
             self.scans[mine] = self._sensors.process(rays)
 
     def _spoil(self, cars: slice) -> None:
-        self._disturbances.spoil(self.frames, cars)
+        self._disturbances.spoil(self.frames, cars, colors=len(self._channels) > 1)

@@ -1,6 +1,7 @@
 """A track as the camera sees it: the painted ground in shrinking copies, walls and sky."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -242,17 +243,24 @@ def draw_ground(
     raycast.draw(scene.picture, backdrop, lenses, out, wanted, taken)
 
 
-def draw_solids(boxes: Cuboids, lenses: LensParts, out: Bytes, light: Light | None) -> None:
-    cuboids.draw(boxes, _on_solids(light, len(boxes)), lenses, out)
+def draw_solids(
+    boxes: Cuboids,
+    lenses: LensParts,
+    out: Bytes,
+    light: Light | None,
+    weights: Sequence[float] = LUMA,
+) -> None:
+    """`weights` of red, green and blue make the greys of `out`."""
+    cuboids.draw(boxes, _on_solids(light, len(boxes), weights), lenses, out)
 
 
 _WHOLE = 1e-3
 """The reference's filter cuts fractions off; a thousandth keeps whole greys whole."""
 
 
-def _on_solids(light: Light | None, cars: int) -> Singles:
+def _on_solids(light: Light | None, cars: int, weights: Sequence[float]) -> Singles:
     if light is None:
-        usual = [weight * part for part in (AMBIENT, SUN) for weight in LUMA]
+        usual = [weight * part for part in (AMBIENT, SUN) for weight in weights]
         return np.tile(np.array(usual, np.float32), (cars, 1))
-    luma = np.array(LUMA, np.float32)
-    return np.concatenate([light.ambient * luma, light.sun * luma], axis=1)
+    shares = np.array(weights, np.float32)
+    return np.concatenate([light.ambient * shares, light.sun * shares], axis=1)

@@ -214,11 +214,15 @@ class Sensors:
             self.lidar or "", self.num_sectors
         )
 
-    def space(self) -> gym.Space[object]:
-        """What one car perceives: a Box of its camera, or a Dict with camera and lidar by name."""
-        frame = gym.spaces.Box(0, 255, (FRONT.rows, FRONT.columns, self.eyes), np.uint8)
+    def space(self, *, color: bool = False) -> gym.Space[object]:
+        """What one car perceives: a Box of its camera, or a Dict with camera and lidar by name.
+
+        In `color` always a Dict.
+        """
+        shape = FRONT.rows, FRONT.columns, self.eyes
+        frame = gym.spaces.Box(0, 255, (3, *shape[:2]) if color else shape, np.uint8)
         if self.lidar is None:
-            return frame
+            return gym.spaces.Dict({self.camera: frame}) if color else frame
         low, high = (_LEAST_M, _MOST_M) if self.lidar == "LIDAR" else (0.0, 1.0)
         values = gym.spaces.Box(low, high, (self.num_values,), np.float32)
         return gym.spaces.Dict({self.camera: frame, self.lidar: values})

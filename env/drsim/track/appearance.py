@@ -5,6 +5,7 @@ Greys are what the lens sees, 0..255, measured on frames of the reference simula
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from random import Random
 from typing import Literal
@@ -117,6 +118,29 @@ class Look:
     chequer: Paint = Paint(25.0)
     walls: Walls = Walls()
     sky_grey: float = 178.0
+
+
+def look_through(look: Look, weights: Sequence[float]) -> Look:
+    """The appearance in one colour: its greys are red, green and blue with these weights."""
+
+    def seen(paint: Paint) -> Paint:
+        grey = sum(weight * value for weight, value in zip(weights, paint.rgb, strict=True))
+        return Paint(grey, paint.grain, paint.rgb)
+
+    walls, light = look.walls, look.kerb_light
+    tint = sum(weight * value for weight, value in zip(weights, walls.tint, strict=True))
+    low_x, high_x, low_y, high_y = (tint * grey for grey in walls.greys)
+    return replace(
+        look,
+        road=seen(look.road),
+        line=seen(look.line),
+        dash=seen(look.dash),
+        kerb=seen(look.kerb),
+        kerb_light=None if light is None else seen(light),
+        field=seen(look.field),
+        chequer=seen(look.chequer),
+        walls=replace(walls, greys=(low_x, high_x, low_y, high_y)),
+    )
 
 
 def look_of(world: str) -> Look:

@@ -42,7 +42,8 @@ class Viewer:
     def picture(self, car: int) -> Bytes:
         """The chosen view of a car. The first that is not the camera's takes about 1 s."""
         if self._view == "camera":
-            return np.repeat(self._simulation.frames[car, 0, :, :, None], 3, axis=2)
+            frames = self._simulation.frames[car]
+            return np.stack(frames if self._simulation.color else [frames[0]] * 3, axis=-1)
         if self._world is None:
             self._world = WorldView(self._simulation.track, threads=1)
         things = self._things(car)

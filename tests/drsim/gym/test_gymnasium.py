@@ -19,6 +19,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 import drsim
 from drsim import ContinuousActions, EpisodeRules, Race, RacerEnv, RacerVectorEnv, Sensors, Track
 from drsim.gym import racer
+from drsim.track.appearance import LUMA
 
 SENSORS = [
     ("FRONT_FACING_CAMERA",),
@@ -55,6 +56,11 @@ def test_every_race_passes_gymnasiums_own_checks(oval, race):
     _check(RacerEnv(oval, race=race, randomize="textures", realism=drsim.Realism(image_noise=3)))
 
 
+@pytest.mark.parametrize("sensors", [SENSORS[0], SENSORS[4]], ids="+".join)
+def test_colour_frames_pass_gymnasiums_own_checks(oval, sensors):
+    _check(RacerEnv(oval, sensors=sensors, color=True, randomize="textures"))
+
+
 def _check(env: RacerEnv) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -75,6 +81,74 @@ def test_every_id_passes_gymnasiums_own_checks_without_a_warning(name, oval):
             env.unwrapped.metadata = {**RacerEnv.metadata, "render_modes": ["rgb_array"]}
         check_env(env.unwrapped)
     env.close()
+
+
+LIKE_GREYS = {
+    "nothing": {},
+    "boxes": {"race": "object_avoidance"},
+    "textures": {"randomize": "textures", "race": "object_avoidance"},
+    "lights": {"randomize": "lights"},
+    "brightness": {"realism": drsim.Realism(brightness=0.3)},
+    "noise and blur": {"realism": drsim.Realism(image_noise=6, blur_px=2)},
+    "lamps": {"realism": drsim.Realism(glare=0.7, reflections=0.6)},
+    "camera": {"realism": drsim.Realism(camera_angle_deg=3, camera_shift_m=0.01)},
+}
+
+
+@pytest.mark.parametrize("options", LIKE_GREYS.values(), ids=LIKE_GREYS)
+def test_colours_weighted_give_the_grey_frames(options):
+    drives = []
+    for color in (False, True):
+        env = RacerEnv("reinvent_base", color=color, start=0.05, **options)
+        seen = [env.reset(seed=seed)[0] for seed in range(4)] + [env.step(3)[0] for _ in range(8)]
+        drives.append(seen)
+        env.close()
+    greys = np.stack(drives[0])[..., 0].astype(float)
+    colors = np.stack([frames["FRONT_FACING_CAMERA"] for frames in drives[1]])
+
+    apart = np.abs(np.einsum("tchw,c->thw", colors, LUMA) - (greys + 0.5))  # greys are cut off
+
+    assert colors.shape == (12, 3, 120, 160)
+    assert colors.dtype == np.uint8
+    assert apart.mean() < 0.5
+    # Greys that two materials share get the light of one of them where a picture is grey.
+    assert (apart > 2.0).mean() < (0.02 if options.get("randomize") == "lights" else 0.002)
+    assert np.ptp(colors[0].astype(int), axis=0).max() > 100  # the dashes are orange
+    assert colors[0, 0].mean() < colors[0, 1].mean()
+
+
+def test_colours_of_many_cars_are_those_of_one(oval):
+    one = RacerEnv(oval, color=True, start=0.3)
+    many = RacerVectorEnv(3, oval, color=True, start=0.3, num_threads=2)
+
+    seen, _ = one.reset(seed=0)
+    all_seen, _ = many.reset(seed=0)
+    step, many_step = one.step(2)[0], many.step(np.array([2, 2, 2]))[0]
+
+    assert many.observation_space["FRONT_FACING_CAMERA"].shape == (3, 3, 120, 160)
+    for car in range(3):
+        np.testing.assert_array_equal(
+            all_seen["FRONT_FACING_CAMERA"][car], seen["FRONT_FACING_CAMERA"]
+        )
+        np.testing.assert_array_equal(
+            many_step["FRONT_FACING_CAMERA"][car], step["FRONT_FACING_CAMERA"]
+        )
+    one.close()
+    many.close()
+
+
+def test_the_view_of_the_camera_is_in_the_colours_of_its_frames(oval):
+    env = RacerEnv(oval, color=True, render_mode="rgb_array")
+
+    seen, _ = env.reset(seed=0)
+
+    np.testing.assert_array_equal(env.render(), np.moveaxis(seen["FRONT_FACING_CAMERA"], 0, -1))
+    env.close()
+
+
+def test_two_eyes_have_no_colours(oval):
+    with pytest.raises(ValueError, match="color is True; it must be False with STEREO_CAMERAS"):
+        RacerEnv(oval, sensors="STEREO_CAMERAS", color=True)
 
 
 @pytest.mark.parametrize("name", racer.ENVIRONMENTS)
@@ -438,11 +512,11 @@ def test_a_copy_of_many_cars_goes_on_like_its_original(oval, copied):
 
 def test_a_copy_costs_no_second_picture_of_the_world_and_compiles_nothing_again(oval):
     env = RacerEnv(oval)
-    scene = env._simulation._observations._scene
+    scene = env._simulation._observations._channels[0].scenes[0]
 
     there = pickle.loads(pickle.dumps(scene))
 
-    assert copy.deepcopy(env)._simulation._observations._scene is scene
+    assert copy.deepcopy(env)._simulation._observations._channels[0].scenes[0] is scene
     assert (there.texels.strides, there.texels.dtype) == (scene.texels.strides, scene.texels.dtype)
     np.testing.assert_array_equal(there.texels, scene.texels)
     assert not pickle.loads(pickle.dumps(oval)).center.flags.writeable

@@ -67,7 +67,12 @@ def _compare_renderers(scene, lens_pos, lens_mat, camera) -> None:
         ahead = lens_pos[:, None, :2] + 0.8 * lens_mat[:, None, :2, 0]
         solids.move(np.arange(cars), ahead, np.zeros((cars, 1)))
         renderer = observations.FrameRenderer(
-            [scene], np.zeros(cars, np.int64), 1, eyes=2, solids=solids, gpu=gpu
+            [observations.Channel([scene])],
+            np.zeros(cars, np.int64),
+            1,
+            eyes=2,
+            solids=solids,
+            gpu=gpu,
         )
         renderer.start(np.arange(cars), lens_pos, lens_mat)
         renderer.finish()

@@ -8,7 +8,7 @@ import pytest
 from drsim.car.car import FRONT, CarBatch
 from drsim.race.solids import SHAPES, Solids
 from drsim.sensing.lighting import Lighting
-from drsim.sensing.observations import FrameRenderer
+from drsim.sensing.observations import Channel, FrameRenderer
 from drsim.sensing.scene import Scene, build_scene, render
 from drsim.track.appearance import look_of
 from drsim.track.track import Track
@@ -49,7 +49,7 @@ def ahead_of(lens_pos: np.ndarray, lens_mat: np.ndarray, kind: str, depth_m: flo
 def test_one_eye_sees_what_the_camera_draws(scene, lenses):
     expected = np.zeros((CARS, FRONT.rows, FRONT.columns), np.uint8)
     render(scene, *lenses, expected)
-    renderer = FrameRenderer([scene], OF_SCENE, 1)
+    renderer = FrameRenderer([Channel([scene])], OF_SCENE, 1)
 
     renderer.start(np.arange(CARS), *lenses)
     renderer.finish()
@@ -63,7 +63,7 @@ def test_two_eyes_look_from_3_centimetres_to_either_side_and_round_their_greys(s
     expected = np.zeros((2, CARS, FRONT.rows, FRONT.columns), np.uint8)
     for eye, to_left_m in enumerate((0.03, -0.03)):
         render(scene, pos + to_left_m * mat[:, :, 1], mat, expected[eye], rounding=True)
-    renderer = FrameRenderer([scene], OF_SCENE, 1, eyes=2)
+    renderer = FrameRenderer([Channel([scene])], OF_SCENE, 1, eyes=2)
 
     renderer.start(np.arange(CARS), pos, mat)
     renderer.finish()
@@ -74,8 +74,8 @@ def test_two_eyes_look_from_3_centimetres_to_either_side_and_round_their_greys(s
 
 def test_a_near_box_lies_further_right_for_the_left_eye(scene, lenses):
     solids = ahead_of(*lenses, "box_obstacle", 0.8)
-    plain = FrameRenderer([scene], OF_SCENE, 1, eyes=2)
-    boxed = FrameRenderer([scene], OF_SCENE, 1, eyes=2, solids=solids)
+    plain = FrameRenderer([Channel([scene])], OF_SCENE, 1, eyes=2)
+    boxed = FrameRenderer([Channel([scene])], OF_SCENE, 1, eyes=2, solids=solids)
 
     for renderer in (plain, boxed):
         renderer.start(np.arange(CARS), *lenses)
@@ -102,7 +102,7 @@ def test_rounded_greys_are_half_a_grey_brighter_than_cut_ones(scene, lenses):
 
 
 def test_only_the_named_cars_get_new_frames(scene, lenses):
-    renderer = FrameRenderer([scene], OF_SCENE, 2)
+    renderer = FrameRenderer([Channel([scene])], OF_SCENE, 2)
     renderer.frames[:] = 7
 
     renderer.start(np.array([1, 2, 5, 9]), *lenses)
@@ -120,7 +120,7 @@ def test_each_car_sees_its_own_solids_in_its_own_light(scene, lenses):
     lighting = Lighting(CARS, [look_of("reinvent_base")])
     lighting.draw(4, np.random.default_rng(0))
     lighting.draw(8, np.random.default_rng(0))
-    renderer = FrameRenderer([scene], OF_SCENE, 1, solids=solids, lighting=lighting)
+    renderer = FrameRenderer([Channel([scene], lighting)], OF_SCENE, 1, solids=solids)
 
     renderer.start(np.arange(CARS), pos, mat)
     renderer.finish()
@@ -140,7 +140,7 @@ def test_frames_are_the_same_bytes_on_one_two_and_three_threads(scene, lenses):
 
     for num_threads in (1, 2, 3):
         renderer = FrameRenderer(
-            [scene], OF_SCENE, num_threads, eyes=2, solids=solids, lighting=lighting
+            [Channel([scene], lighting)], OF_SCENE, num_threads, eyes=2, solids=solids
         )
         for _ in range(5):
             renderer.start(np.arange(CARS), *lenses)
@@ -156,7 +156,7 @@ def test_frames_are_the_same_bytes_on_one_two_and_three_threads(scene, lenses):
 def test_the_hook_gets_each_new_frame_once_and_can_change_it(scene, lenses, num_threads):
     cars = np.array([0, 1, 2, 3, 4, 7, 8, 10])
     lock, told = threading.Lock(), []
-    expected = FrameRenderer([scene], OF_SCENE, 1, eyes=2)
+    expected = FrameRenderer([Channel([scene])], OF_SCENE, 1, eyes=2)
     expected.start(cars, *lenses)
     expected.finish()
 
@@ -165,7 +165,7 @@ def test_the_hook_gets_each_new_frame_once_and_can_change_it(scene, lenses, num_
         with lock:
             told.extend(range(CARS)[rows])
 
-    renderer = FrameRenderer([scene], OF_SCENE, num_threads, eyes=2, after=negative)
+    renderer = FrameRenderer([Channel([scene])], OF_SCENE, num_threads, eyes=2, after=negative)
     renderer.start(cars, *lenses)
     renderer.finish()
     renderer.close()
@@ -179,7 +179,7 @@ def test_a_failing_hook_fails_where_frames_are_awaited(scene, lenses, num_thread
     def fail(rows: slice) -> None:
         raise ZeroDivisionError(f"frames {rows}")
 
-    renderer = FrameRenderer([scene], OF_SCENE, num_threads, after=fail)
+    renderer = FrameRenderer([Channel([scene])], OF_SCENE, num_threads, after=fail)
     renderer.start(np.arange(CARS), *lenses)
 
     with pytest.raises(ZeroDivisionError):
