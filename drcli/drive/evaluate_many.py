@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from drcli.base.errors import DrError
+from drcli.base.errors import DrError, ProblemsError
 from drcli.base.files import save_record
 from drcli.base.log import get_logger
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import open_bucket
-from drcli.config.run_config import RunConfig
-from drcli.drive.build_race import build_simulation, load_world, longest_episode
+from drcli.config.run_config import DriveConfig, RunConfig
+from drcli.config.track_names import races_on, training_races
+from drcli.drive.build_race import build_simulation, load_race, load_world, longest_episode
 from drcli.drive.driving import Driven, Driver, Plan
 from drcli.drive.evaluator import MOST_CARS, Entry, enter, entries, evaluate
 from drcli.live.live_scene import facts_of
@@ -51,18 +52,27 @@ from drsim.errors import RewardError
 from drsim.track.track import Track
 from drsim.track.worlds import directed
 
-# The grid of a robust evaluation: disturbances and starts.
+_logger = get_logger(__name__)
+
+# The grid of a robust evaluation: disturbances, starts and tracks.
 
 
 PLACES = 4
 """Starts of each level, spread evenly over the lap."""
 
 COMBINATIONS = 4
+UNSEEN = [f"zoo-{number}" for number in range(9000, 9006)]
+"""Where DR_TRAIN_EVAL_WORLD names nothing: nobody trains on so many that these are among them."""
+
+MOST_UNSEEN = 12
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One level of one disturbance (`axis`); angles are to the left."""
+    """One level of one disturbance (`axis`); angles are to the left.
+
+    `track` is an index: 0 for that of the evaluation.
+    """
 
     axis: str
     level: str
@@ -70,12 +80,13 @@ class Cell:
     side: Side = "centre"
     angle_deg: float = 0.0
     other_way: bool = False
+    track: int = 0
 
 
-def grid(seed: int, *, closed: bool = True) -> list[Cell]:
+def grid(seed: int, *, closed: bool = True, unseen: Sequence[str] = ()) -> list[Cell]:
     """All cells; the seed decides what is drawn for the axis `together`.
 
-    An open track is driven in one direction only.
+    An open track is driven in one direction only; `unseen` are names of further tracks.
     """
     cells = [
         Cell(NOMINAL_AXIS, "none"),
@@ -99,6 +110,7 @@ def grid(seed: int, *, closed: bool = True) -> list[Cell]:
         Cell("steering lock", "left x 0.5", Conditions(steering_left=0.5)),
         Cell("steering lock", "right x 0.5", Conditions(steering_right=0.5)),
         *_together(seed),
+        *(Cell("unseen tracks", name, track=k) for k, name in enumerate(unseen, start=1)),
     ]
     return [cell for cell in cells if closed or not cell.other_way]
 
@@ -151,13 +163,15 @@ def evaluate_robustly(
     threads: int,
     live: LiveShow | None = None,
 ) -> RobustResult:
-    cells = grid(job.seed, closed=load_world(config.race()).closed)
+    unseen = unseen_races(config.race())
+    names = [race.world_name for race in unseen]
+    cells = grid(job.seed, closed=load_world(config.race()).closed, unseen=names)
     if live is not None:
         live.about(None, entry.checkpoint, facts_of(config.race(), [entry.name]))
         stop_signal.heartbeat.say(f"evaluates {entry.checkpoint} of {entry.name}", waits=False)
     began_s = time.monotonic()
     found = drive_cells(
-        job, stop_signal, bucket, entry, config, cells, threads=threads, observer=live
+        job, stop_signal, bucket, entry, config, cells, unseen, threads=threads, observer=live
     )
     result = RobustResult(
         prefix=entry.prefix,
@@ -178,6 +192,7 @@ def drive_cells(
     entry: Entry,
     config: RunConfig,
     cells: Sequence[Cell],
+    unseen: Sequence[DriveConfig] = (),
     *,
     threads: int,
     laps: int = 1,
@@ -196,16 +211,18 @@ def drive_cells(
     race = config.race().replaced(enable_domain_randomization=False, sim_extras_in="training")
     s = config.evaluation
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
+    tracks = [track, *map(load_world, unseen)]
     cells = with_patterns(list(cells), job.seed)
-    plans = [plan for number, cell in enumerate(cells) for plan in _plans(number, cell, track)]
+    plans = [plan for number, cell in enumerate(cells) for plan in _plans(number, cell, tracks)]
     most_steps = min(
-        longest_episode(track, racer.actions), math.ceil(s.eval_max_lap_seconds * CONTROL_HZ)
+        max(longest_episode(each, racer.actions) for each in tracks),
+        math.ceil(s.eval_max_lap_seconds * CONTROL_HZ),
     )
     simulation = build_simulation(
         race,
         "evaluation",
         metadata,
-        track,
+        tracks,
         num_cars=min(len(plans), MOST_CARS),
         reward=centre_line_reward,
         rules=EpisodeRules(laps=laps, max_steps=most_steps * laps),
@@ -224,8 +241,25 @@ def drive_cells(
     ]
 
 
-def _plans(number: int, cell: Cell, track: Track) -> list[Plan]:
+def unseen_races(race: DriveConfig) -> list[DriveConfig]:
+    """The race on tracks that the model was not trained on, where there is room for it."""
+    trained = {each.world_name for each in training_races(race)}
+    named = races_on(race, "DR_TRAIN_EVAL_WORLD")[:MOST_UNSEEN]
+    found = []
+    for each in named or [race.replaced(world_name=name) for name in UNSEEN]:
+        try:
+            load_race(each, load_world(each))
+        except ProblemsError as error:
+            _logger.warning("%s is left out: %s", each.world_name, error)
+            continue
+        if each.world_name not in trained:
+            found.append(each)
+    return found
+
+
+def _plans(number: int, cell: Cell, tracks: Sequence[Track]) -> list[Plan]:
     """Those of the same place have the same seed in every cell."""
+    track = tracks[cell.track]
     driven = track.reversed() if cell.other_way else track
     plans = []
     for place in range(PLACES):
@@ -241,6 +275,7 @@ def _plans(number: int, cell: Cell, track: Track) -> list[Plan]:
                 angle_deg=cell.angle_deg,
                 world=place,
                 conditions=cell.conditions,
+                track=cell.track,
             )
         )
     return plans
@@ -266,9 +301,6 @@ def _progress(episode: Driven, laps: int) -> float:
     whole = sum(row.progress >= 100.0 for row in episode.rows)
     last = episode.progress if episode.progress < 100.0 else 0.0
     return min(100.0, max(0.0, (100.0 * whole + last) / laps))
-
-
-_logger = get_logger(__name__)
 
 
 def drive_share(

@@ -39,11 +39,12 @@ def drive(racer, tmp_path):
     racer.store("model-1").save(0, 0, tensors, optimizer=b"")
     config = racer.settings().run
 
-    def drive(*cells, stop_signal=None):
+    def drive(*cells, stop_signal=None, unseen=()):
         job = Job(config, "s", 3, None, tmp_path, launcher_pid=1)
         [entry] = entries(config, "20260102030405", ["0_Step-0.ckpt"])
+        races = [config.race().replaced(world_name=name) for name in unseen]
         return drive_cells(
-            job, stop_signal or Untold(), racer.bucket, entry, config, cells, threads=1
+            job, stop_signal or Untold(), racer.bucket, entry, config, cells, races, threads=1
         )
 
     return drive
@@ -67,6 +68,15 @@ def test_each_disturbance_changes_the_drive_and_the_same_seed_repeats_it(drive):
     assert len({cell.progress for cell in first}) == len(first)
     assert all(cell.completed == 0 and cell.ended_by for cell in first)
     assert 0.0 < first[1].progress < first[0].progress  # a weak battery gets less far in time
+
+
+def test_another_track_is_driven_in_the_same_grid(drive):
+    cells = Cell("none", "none"), Cell("unseen tracks", "willow", track=1)
+
+    [own, other] = drive(*cells, unseen=["willow"])
+
+    assert own.progress != other.progress
+    assert (other.axis, other.level, other.trials) == ("unseen tracks", "willow", PLACES)
 
 
 def test_a_grid_stops_when_it_is_told_to(drive):

@@ -1,6 +1,6 @@
 """Which disturbances a robust evaluation drives."""
 
-from drcli.drive.evaluate_many import grid, with_patterns
+from drcli.drive.evaluate_many import UNSEEN, grid, unseen_races, with_patterns
 from drsim.car.conditions import NOMINAL
 
 ASKED = {
@@ -42,3 +42,20 @@ def test_the_seed_decides_what_is_drawn():
 
 def test_an_open_track_is_driven_in_one_direction():
     assert "direction" not in {cell.axis for cell in grid(0, closed=False)}
+
+
+def test_tracks_that_the_model_was_not_trained_on_are_an_axis_of_their_own(racer):
+    race = racer.settings().race
+    given = race.replaced(train_worlds="bean", train_eval_world="willow, bean, zoo:3-4")
+    crowded = race.replaced(race_type="OBJECT_AVOIDANCE", oa_number_of_obstacles=40)
+
+    assert [race.world_name for race in unseen_races(given)] == ["willow", "zoo-3", "zoo-4"]
+    assert [race.world_name for race in unseen_races(race)] == UNSEEN
+    assert len(unseen_races(crowded)) < len(UNSEEN), "there is no room on the short ones"
+    last = grid(0, unseen=["willow", "zoo-3"])[-1]
+    assert (last.axis, last.level, last.track, last.conditions) == (
+        "unseen tracks",
+        "zoo-3",
+        2,
+        NOMINAL,
+    )
