@@ -22,7 +22,7 @@ from drcli.base.log import get_logger
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import open_bucket
 from drcli.config.run_config import RunConfig
-from drcli.drive.build_race import build_simulation, load_world, longest_episode
+from drcli.drive.build_race import build_simulation, load_world, longest_episode, realism_of
 from drcli.drive.driving import Driven, Driver, Plan
 from drcli.drive.evaluator import MOST_CARS, Entry, enter, entries, evaluate
 from drcli.live.live_scene import facts_of
@@ -193,7 +193,12 @@ def drive_cells(
     """
     torch.set_num_threads(1)
     racer, metadata = enter(bucket, entry, config)
-    race = config.race().replaced(enable_domain_randomization=False, sim_extras_in="training")
+    race = config.race()
+    if realism_of(race, "evaluation").gray_overlay == 1.0:  # of this car, so under every level
+        cells = [
+            replace(cell, conditions=replace(cell.conditions, gray_overlay=True)) for cell in cells
+        ]
+    race = race.replaced(enable_domain_randomization=False, sim_extras_in="training")
     s = config.evaluation
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
     cells = with_patterns(list(cells), job.seed)

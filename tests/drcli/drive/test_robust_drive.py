@@ -32,14 +32,14 @@ class Untold:
 def drive(racer, tmp_path):
     """Drives cells with a network that is not trained, for a second each."""
     racer.model_metadata(**json.loads(metadata_json()))
-    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_EVAL_MAX_LAP_SECONDS=1.2")
+    racer.run_env(*RUN)
     racer.start()
     weights = small_network(small_metadata()).state_dict()
     tensors = save({name: tensor.contiguous() for name, tensor in weights.items()})
     racer.store("model-1").save(0, 0, tensors, optimizer=b"")
-    config = racer.settings().run
 
     def drive(*cells, stop_signal=None):
+        config = racer.settings().run
         job = Job(config, "s", 3, None, tmp_path, launcher_pid=1)
         [entry] = entries(config, "20260102030405", ["0_Step-0.ckpt"])
         return drive_cells(
@@ -49,6 +49,7 @@ def drive(racer, tmp_path):
     return drive
 
 
+RUN = ("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_EVAL_MAX_LAP_SECONDS=1.2")
 CELLS = (
     Cell("none", "none"),
     Cell("battery", "x 0.5", Conditions(battery=0.5)),
@@ -67,6 +68,14 @@ def test_each_disturbance_changes_the_drive_and_the_same_seed_repeats_it(drive):
     assert len({cell.progress for cell in first}) == len(first)
     assert all(cell.completed == 0 and cell.ended_by for cell in first)
     assert 0.0 < first[1].progress < first[0].progress  # a weak battery gets less far in time
+
+
+def test_a_car_with_the_gray_overlay_has_it_under_every_level(drive, racer):
+    overlaid = Cell("none", "none", Conditions(gray_overlay=True))
+    wanted, other = drive(overlaid), drive(Cell("none", "none"))
+    racer.run_env(*RUN, "DR_SIM_GRAY_OVERLAY=1")
+
+    assert drive(Cell("none", "none")) == wanted != other
 
 
 def test_a_grid_stops_when_it_is_told_to(drive):
