@@ -59,13 +59,15 @@ class OverlayAgreement:
 
     @property
     def is_low(self) -> bool:
+        """Whether it is less than 90 %."""
         return self.same_actions < FEW_SAME * self.frames
 
-    def __str__(self) -> str:
+    def told(self) -> str:
         frames = counted(self.frames, "camera frame")
         return (
             f"With the gray overlay of the car's camera it chooses the same action in "
             f"{self.same_actions} of {frames} of {self.world}"
+            f"{_OVERLAY_REMEDY if self.is_low else '.'}"
         )
 
 
@@ -130,7 +132,7 @@ class ArchiveReport:
         verdict = (bold(self.file), ": ", refuses if self.errors else loads, ".")
         lines: list[object] = [verdict]
         if self.overlay is not None:
-            lines.append(f"{self.overlay}{_OVERLAY_REMEDY if self.overlay.is_low else '.'}")
+            lines.append(self.overlay.told())
         return [*lines, *([BLANK, table(self.actions)] if self.actions else [])]
 
 
