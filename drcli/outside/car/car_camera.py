@@ -5,7 +5,9 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
+from statistics import fmean
 from typing import Annotated, Literal
 
 from drcli.base.errors import SettingsError
@@ -17,7 +19,6 @@ from drcli.outside.car.car_config import CAMERA_MODE, ORIENTATION, OVERLAY, CarC
 from drcli.outside.car.car_web import CarWeb
 
 with lazy_imports():
-    import numpy as np
     import requests
     from PIL import Image
 
@@ -119,8 +120,10 @@ def way_up(jpeg: bytes) -> Way:
         raise CarError(
             f"What the car's camera sent is no picture ({error}).", remedy="Try again."
         ) from error
-    steps = np.abs(np.diff(np.asarray(small, np.float64), axis=1)).mean(axis=1)
-    above, below = steps[:15].mean(), steps[-15:].mean()
+    greys = small.tobytes()
+    rows = (greys[k : k + 80] for k in range(0, len(greys), 80))
+    steps = [sum(abs(b - a) for a, b in pairwise(row)) / 79 for row in rows]
+    above, below = fmean(steps[:15]), fmean(steps[-15:])
     sureness = (below - above) / max(below + above, 1.0)
     if abs(sureness) <= _SURE:
         return "unknown"

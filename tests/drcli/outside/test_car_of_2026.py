@@ -2,16 +2,14 @@
 
 import io
 import json
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.rosbag2 import StoragePlugin
 
+from car_bags import OLD_SERVO, record
 from drcli.outside.car import car_camera
 from drcli.outside.car.car_camera import way_up
 from drsim.episode.reward import centre_line_reward
@@ -321,60 +319,6 @@ def test_a_car_that_has_measured_no_latency_is_told_what_to_do(car, community, c
 
     assert car("latency") == 3
     assert "has measured no latency" in capsys.readouterr().err
-
-
-LAYOUTS = {
-    "deepracer_interfaces_pkg/msg/ServoCtrlMsg": "float32 angle\nfloat32 throttle\n"
-    "builtin_interfaces/Time source_stamp\n",
-    "deepracer_interfaces_pkg/msg/DeviceStatusMsg": "".join(
-        f"float32 {name}\n"
-        for name in (
-            *("cpu_percent", "cpu_temp", "cpu_freq", "cpu_freq_max", "memory_usage"),
-            *("free_disk", "latency_mean", "latency_p95", "fps_mean"),
-        )
-    ),
-}
-OLD_SERVO = {"deepracer_interfaces_pkg/msg/ServoCtrlMsg": "float32 angle\nfloat32 throttle\n"}
-
-
-def record(
-    folder: Path,
-    late_ms: list[float],
-    *,
-    status: list[tuple[float, float]] = (),
-    layouts: dict[str, str] = LAYOUTS,
-    storage: StoragePlugin = StoragePlugin.SQLITE3,
-    embedded: bool = True,
-) -> Path:
-    """Write a recording as the car does: an action every 33 ms, so late after its picture.
-
-    ROS before Jazzy does not embed the layout of messages.
-    """
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, layout in layouts.items():
-        store.register(get_types_from_msg(layout, name))
-    servo, device = "deepracer_interfaces_pkg/msg/ServoCtrlMsg", [*LAYOUTS][1]
-    time_of = store.types["builtin_interfaces/msg/Time"]
-    begin_ns = 1_790_000_000_000_000_000
-    with Writer(folder, version=9, storage_plugin=storage) as bag:
-        known = {"typestore": store}
-        actions = bag.add_connection("/deepracer_navigation_pkg/auto_drive", servo, **known)
-        for k, ms in enumerate(late_ms):
-            taken_ns = begin_ns + k * 33_000_000
-            values = [0.1, 0.5]
-            if layouts is LAYOUTS:
-                values.append(time_of(taken_ns // 10**9, taken_ns % 10**9))
-            message = store.serialize_cdr(store.types[servo](*values), servo)
-            bag.write(actions, taken_ns + int(ms * 1e6), message)
-        if status:
-            told = bag.add_connection("/device_info_pkg/device_status", device, **known)
-        for mean, slow in status:
-            message = store.types[device](10, 50, 1800, 2400, 40, 60, mean, slow, 30)
-            bag.write(told, begin_ns, store.serialize_cdr(message, device))
-    if not embedded:
-        with closing(sqlite3.connect(next(folder.glob("*.db3")))) as database, database:
-            database.execute("DELETE FROM message_definitions")
-    return folder
 
 
 @pytest.mark.parametrize(
