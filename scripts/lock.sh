@@ -34,6 +34,6 @@ lock() {
     rm "$work/locked.txt"
 }
 
-lock default --extra onnx --extra openvino --extra tflite --extra analysis --extra video --extra web --extra tensorboard --extra ray --extra gpu --extra limit --extra dev "$@"
+lock default --extra onnx --extra openvino --extra tflite --extra analysis --extra video --extra web --extra tensorboard --extra ray --extra gpu --extra limit --extra bags --extra dev "$@"
 # moviepy needs an older pillow than everything else may have.
 lock rendering --extra rendering "$@"

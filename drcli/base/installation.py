@@ -237,6 +237,7 @@ _INSTALL = {
     "onnx": 'pip install "drcli[onnx]"',
     "onnxruntime": 'pip install "drcli[onnx]"',
     "openvino": 'pip install "drcli[openvino]"',
+    "rosbags": 'pip install "drcli[bags]"',
     "ai_edge_litert": 'pip install "drcli[tflite]"',
     "tensorflow": "pip install tensorflow-cpu",
 }

@@ -260,11 +260,13 @@ class CarCheck:
     Attributes:
         problems: What it refuses (error), does differently (warning), or a note.
         actions: Empty if it cannot read them.
+        graph: Empty if it is unknown whether it runs.
     """
 
     problems: tuple[Problem, ...]
     actions: tuple[CarAction, ...] = ()
     sensors: tuple[str, ...] = ()
+    graph: bytes = b""
 
 
 def car_archive(graph: bytes, metadata: ModelMetadata) -> bytes:
@@ -322,6 +324,7 @@ def check_car_archive(data: bytes, name: str) -> CarCheck:
     graphs = [member for member in files if member.endswith(".pb")]
     actions: list[CarAction] = []
     sensors: tuple[str, ...] = ()
+    graph = b""
     if METADATA in files:
         place = f"{name}: {METADATA}"
         found = read_car_metadata(files[METADATA], place)
@@ -336,4 +339,6 @@ def check_car_archive(data: bytes, name: str) -> CarCheck:
             place = f"{name}: {graphs[0]}"
             graph = files[graphs[0]]
             problems += graph_problems(graph, found.sensors, found.algorithm, num_actions, place)
-    return CarCheck(tuple(problems), tuple(actions), sensors)
+    if any(problem.severity == "error" or problem.rule == "C-12" for problem in problems):
+        graph = b""
+    return CarCheck(tuple(problems), tuple(actions), sensors, graph)

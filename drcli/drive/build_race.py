@@ -161,6 +161,7 @@ def realism_of(config: DriveConfig, job: Literal["training", "evaluation"]) -> R
         mass=config.sim_mass,
         glare=config.sim_glare,
         reflections=config.sim_reflections,
+        gray_overlay=config.sim_gray_overlay,
         battery=config.sim_battery,
         steering_trim_deg=config.sim_steering_trim,
         steering_lock=config.sim_steering_lock,

@@ -23,7 +23,13 @@ from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import open_bucket
 from drcli.config.run_config import DriveConfig, RunConfig
 from drcli.config.track_names import races_on, training_races
-from drcli.drive.build_race import build_simulation, load_race, load_world, longest_episode
+from drcli.drive.build_race import (
+    build_simulation,
+    load_race,
+    load_world,
+    longest_episode,
+    realism_of,
+)
 from drcli.drive.driving import Driven, Driver, Plan
 from drcli.drive.evaluator import MOST_CARS, Entry, enter, entries, evaluate
 from drcli.live.live_scene import facts_of
@@ -208,7 +214,12 @@ def drive_cells(
     """
     torch.set_num_threads(1)
     racer, metadata = enter(bucket, entry, config)
-    race = config.race().replaced(enable_domain_randomization=False, sim_extras_in="training")
+    race = config.race()
+    if realism_of(race, "evaluation").gray_overlay == 1.0:  # of this car, so under every level
+        cells = [
+            replace(cell, conditions=replace(cell.conditions, gray_overlay=True)) for cell in cells
+        ]
+    race = race.replaced(enable_domain_randomization=False, sim_extras_in="training")
     s = config.evaluation
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
     tracks = [track, *map(load_world, unseen)]

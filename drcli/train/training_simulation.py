@@ -37,7 +37,7 @@ from drcli.train.training_progress import (
 )
 from drcli.workers.cores import driving_threads, usable_cores
 from drcli.workers.reward_failures import RewardFailures
-from drsim.car.conditions import NOMINAL, Realism
+from drsim.car.conditions import Realism
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.errors import RewardError
 from drsim.track.track import Track
@@ -233,7 +233,9 @@ class TrainingSimulation:
         self._choice = TrackChoice(len(tracks))
         threads = usable_cores(train) if joined else driving_threads(train)
         seed = job.seed + SEED_STRIDE * worker
-        self._is_nominal = realism_of(race, "training") == Realism()
+        own = realism_of(race, "training")
+        self._plain = Realism(gray_overlay=own.gray_overlay)
+        self._is_nominal = own == self._plain
         self._simulation = build_simulation(
             race,
             "training",
@@ -329,16 +331,19 @@ class TrainingSimulation:
         if self.phase is not None:
             plans = [self._of_phase(self.phase, plan, iteration) for plan in plans]
         if self.phase is not None and self._is_nominal:
-            trial_plans = [replace(plan, conditions=NOMINAL) for plan in trial_plans]
+            trial_plans = [self._under(self._plain, plan) for plan in trial_plans]
         return plans + trial_plans
+
+    def _under(self, realism: Realism, plan: Plan) -> Plan:
+        return replace(plan, conditions=realism.draw(plan.seed(self._seed)))
 
     def _of_phase(self, mark: PhaseMark, plan: Plan, iteration: int) -> Plan:
         random = np.random.Generator(np.random.Philox(key=[self._seed, plan.number]))
         fraction, offset, angle, nominal = random.uniform(-1.0, 1.0, 4).tolist()
         if self._is_nominal:
             is_mild = mark.name != "teacher" and nominal > 0.0
-            drawn = MILD.draw(plan.seed(self._seed)) if is_mild else NOMINAL
-            plan = replace(plan, conditions=drawn)
+            mild = replace(MILD, gray_overlay=self._plain.gray_overlay)
+            plan = self._under(mild if is_mild else self._plain, plan)
         if mark.name == "ppo":
             return plan
         return replace(

@@ -15,7 +15,7 @@ from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.config.track_names import is_installed
 from drcli.convert.build_network import build_policy, load_weights, policy_spec, weights_of
-from drcli.convert.car_archive import car_archive, check_car_archive
+from drcli.convert.car_archive import CarCheck, car_archive, check_car_archive
 from drcli.convert.car_rules import (
     END,
     CarAction,
@@ -40,6 +40,35 @@ _NUMBERED = re.compile(r"-chk\d+" + re.escape(END) + r"\Z")
 
 FRAMES = 200
 Compare = Callable[[DriveConfig, ExportSource, bytes], GraphComparison]
+
+FEW_SAME = 0.9
+"""Below this share of equal actions the overlay is worth a warning."""
+
+
+@dataclass(frozen=True)
+class OverlayAgreement:
+    """How a network acts under the gray overlay of the car's camera."""
+
+    world: Annotated[str, "The track of the camera frames."]
+    frames: Annotated[int, "Number of camera frames."]
+    same_actions: Annotated[
+        int,
+        "In how many the action is the same with the overlay; continuous actions: within a tenth "
+        "of the largest angle and the greatest speed.",
+    ]
+
+    @property
+    def is_low(self) -> bool:
+        """Whether it is less than 90 %."""
+        return self.same_actions < FEW_SAME * self.frames
+
+    def told(self) -> str:
+        frames = counted(self.frames, "camera frame")
+        return (
+            f"With the gray overlay of the car's camera it chooses the same action in "
+            f"{self.same_actions} of {frames} of {self.world}"
+            f"{_OVERLAY_REMEDY if self.is_low else '.'}"
+        )
 
 
 @dataclass(frozen=True)
@@ -88,6 +117,10 @@ class ArchiveReport:
     errors: Annotated[list[Problem], "Why the car refuses it, or cannot drive it."]
     warnings: Annotated[list[Problem], "What the car does differently."]
     actions: Annotated[list[CarAction], "The actions as the car drives them; empty if unreadable."]
+    overlay: Annotated[
+        OverlayAgreement | None,
+        "What the gray overlay of the car's camera changes; null if the graph cannot be run.",
+    ] = None
 
     @property
     def ok(self) -> bool:
@@ -97,7 +130,16 @@ class ArchiveReport:
     def view(self) -> View:
         loads, refuses = Styled("The car loads it", "green"), Styled("The car refuses it", "red")
         verdict = (bold(self.file), ": ", refuses if self.errors else loads, ".")
-        return [verdict, *([BLANK, table(self.actions)] if self.actions else [])]
+        lines: list[object] = [verdict]
+        if self.overlay is not None:
+            lines.append(self.overlay.told())
+        return [*lines, *([BLANK, table(self.actions)] if self.actions else [])]
+
+
+_OVERLAY_REMEDY = (
+    ": leave the overlay off in the car (`dr-car config camera.enable_gray_overlay=false`), or "
+    "train with DR_SIM_GRAY_OVERLAY=1."
+)
 
 
 @dataclass(frozen=True)
@@ -151,7 +193,9 @@ def export_car(
     return CarExport(archive, report, source.best)
 
 
-def check_archive(path: Path) -> ArchiveReport:
+def check_archive(
+    path: Path, overlay: Callable[[CarCheck], OverlayAgreement | None]
+) -> ArchiveReport:
     """Check by the car's rules; SettingsError if unreadable or far too large."""
     check = check_car_archive(read_packed(path), str(path))
     return ArchiveReport(
@@ -159,6 +203,7 @@ def check_archive(path: Path) -> ArchiveReport:
         list(of_severity(check.problems, "error")),
         [problem for problem in check.problems if problem.severity != "error"],
         list(check.actions),
+        overlay(check),
     )
 
 

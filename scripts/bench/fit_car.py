@@ -1,6 +1,7 @@
 """Fits the car to recorded drives, so that it ends where the recorded car did.
 
-    python scripts/bench fit_car FOLDER [--start SET] [--keep friction=0.6] [--minutes 5] [--json]
+    python scripts/bench fit_car FOLDER [--start SET] [--keep friction=0.6] [--bag BAG]
+        [--minutes 5] [--json]
 
 FOLDER holds simtrace CSV files. A Nelder-Mead search varies the parameters of the car, from those
 of a named set on, and compares motion as `python -m drsim.replay` does, in the even episodes. The
@@ -8,6 +9,10 @@ odd ones are only measured, before and after. What is minimised is the sum of th
 position and heading and a third of the error that nine of ten windows stay below, each as a share
 of its value at the start. Parameters are refused with which a drive becomes unstable, and those
 with which a standing car carries its camera much higher or lower than at the start.
+
+BAG is a recording (ROS bag) of a physical car, or a folder with some. It has no poses, so it cannot
+be FOLDER, but it tells how long after its picture an action acts: steering and speed get that as
+their delay, which is then kept.
 
 The last lines are the errors and the `CarParameters`; with --json the last line is one object
 `{"parameters", "evaluations", "even", "odd", "odd_at_start"}`.
@@ -26,6 +31,8 @@ import numpy as np
 from machine import print_json
 from scipy.optimize import minimize
 
+from drcli.base.errors import DrError
+from drcli.outside.car.car_latency import recorded_latency
 from drsim.arrays import Floats
 from drsim.car.car import CONTROL_HZ, CarBatch
 from drsim.car.car_parameters import CAR_SETS, DEFAULT_CAR, CarParameters
@@ -195,6 +202,15 @@ def _kept(texts: Sequence[str]) -> dict[str, float]:
     return kept
 
 
+def delays(bags: Sequence[Path]) -> dict[str, float]:
+    """What recordings of a physical car say of its delays, within what is searched."""
+    if not bags:
+        return {}
+    found_s = recorded_latency(bags).typical_ms / 1000.0
+    names = ("steering_delay_s", "speed_delay_s")
+    return {name: float(np.clip(found_s, *RANGES[name])) for name in names}
+
+
 def main() -> int:
     """Fit and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -203,12 +219,15 @@ def main() -> int:
     parser.add_argument(
         "--keep", action="append", default=[], metavar="NAME=VALUE", help="do not vary this one"
     )
+    parser.add_argument(
+        "--bag", type=Path, action="append", default=[], help="recording of a physical car"
+    )
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     try:
-        kept = _kept(options.keep)
+        kept = {**delays(options.bag), **_kept(options.keep)}
         some, even, odd = halves(load_recordings(options.folder).drives)
         start = CAR_SETS[options.start].parameters
         for half in (some, odd):
@@ -217,7 +236,7 @@ def main() -> int:
                     f"{options.folder} has too few drives of 1 s: even and odd episodes need some."
                 )
         found, evaluations = fit(some, start, kept, minutes=options.minutes, seed=options.seed)
-    except (RecordingError, ValueError) as error:
+    except (RecordingError, ValueError, DrError) as error:
         _note(str(error))
         return EXIT_SETTINGS
     report = {

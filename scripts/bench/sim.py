@@ -76,6 +76,7 @@ EXTRAS: dict[str, dict[str, Any]] = {
     "noise": {"realism": Realism(image_noise=4.0)},
     "blur": {"realism": Realism(blur_px=1.0)},
     "brightness": {"realism": Realism(brightness=0.2)},
+    "overlay": {"realism": Realism(gray_overlay=1.0)},
     "camera": {"realism": Realism(camera_angle_deg=1.0, camera_shift_m=0.005)},
     "latency": {"realism": Realism(latency_s=0.02, latency_jitter_s=0.05)},
     "grip": {"realism": Realism(friction=0.15, mass=0.1)},

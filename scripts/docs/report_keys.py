@@ -124,6 +124,9 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "outside.car.car_driving:CarDrive": ("car start", "car stop"),
     "outside.car.car_driving:CarSpeed": ("car speed",),
     "outside.car.car_driving:CarStatus": ("car status",),
+    "outside.car.car_config:CarConfig": ("car config",),
+    "outside.car.car_camera:CameraCheck": ("car check",),
+    "outside.car.car_latency:CarLatency": ("car latency",),
     "transfer.copy_custom_files:CustomFilesReport": (
         "upload-custom-files",
         "download-custom-files",

@@ -8,6 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from car_bags import record
 from drsim.car.car import CONTROL_HZ, CarBatch
 from drsim.car.car_parameters import CarParameters
 from drsim.fidelity.recordings import Recording
@@ -57,6 +58,15 @@ def test_a_steering_lag_is_found_again_and_the_rest_is_kept(bench):
     assert all(getattr(found, name) == getattr(recorded, name) for name in others)
 
 
+def test_the_delays_of_a_recorded_car_are_kept(bench, tmp_path):
+    bag = record(tmp_path / "a", [40.0] * 20, status=[(45.0, 60.0)])
+    slow = record(tmp_path / "b", [400.0] * 20)
+
+    assert bench.delays([]) == {}
+    assert bench.delays([bag]) == {"steering_delay_s": 0.045, "speed_delay_s": 0.045}
+    assert set(bench.delays([slow]).values()) == {0.2}  # the longest that is searched
+
+
 def test_even_episodes_are_searched_with_and_odd_ones_held_out(bench):
     drives = [drive(CarParameters(), episode, rows=20) for episode in range(4)]
     drives.append(drive(CarParameters(), 6, rows=8))
@@ -72,6 +82,7 @@ def test_even_episodes_are_searched_with_and_odd_ones_held_out(bench):
     ("given", "sentence"),
     [
         (["nowhere"], "The folder nowhere does not exist"),
+        (["nowhere", "--bag", "nowhere"], "nowhere holds no recording of a car"),
         (["nowhere", "--keep", "grip=1"], "--keep grip=1 must be a name and a number"),
         (["nowhere", "--keep", "friction"], "--keep friction must be a name and a number"),
     ],

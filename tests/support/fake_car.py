@@ -13,7 +13,9 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import repeat
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from cryptography import x509
@@ -57,10 +59,22 @@ class FakeCar:
         polls_left: Questions about the load before it is done.
         slow: Name of what was uploaded last, with its content.
         failures: Status by path; the path answers it that often (a list is used up).
-        requests: Method and path of all requests.
+        requests: Method and path of all requests but that for events.
+        config: What its page keeps of its software's settings; None for software before 2.3.0.
+        offers: Which of them it can have.
+        status: What it measures of itself.
+        picture: What its camera sends, JPEG; empty for none.
+        events: What it tells while it drives: name and data.
     """
 
     community: bool = True
+    config: dict[str, dict[str, Any]] | None = None
+    offers: dict[str, Any] = field(default_factory=dict)
+    status: dict[str, float] = field(
+        default_factory=lambda: {"cpu_percent": 12.5, "fps_mean": 29.9}
+    )
+    picture: bytes = b""
+    events: SimpleQueue[tuple[str, Any]] = field(default_factory=SimpleQueue)
     connected: set[str] = field(default_factory=lambda: {"Single camera"})
     models: dict[str, Installed] = field(default_factory=dict)
     looks_left: int = 0
@@ -84,6 +98,11 @@ class FakeCar:
     def __call__(self, environ: dict[str, Any], start_response: Any) -> Any:
         """Answer a request."""
         request = Request(environ)
+        if request.path == "/api/events" and self.config is not None:
+            told = Response(self._events(), content_type="text/event-stream")
+            return told(environ, start_response)
+        if request.path == "/api/events":
+            return Response("<html>404</html>", 404)(environ, start_response)
         self.requests.append(f"{request.method} {request.path}")
         self.hook(request.path)
         return self._answer(request)(environ, start_response)
@@ -126,10 +145,18 @@ class FakeCar:
             case ["PUT" | "POST", "max_nav_throttle"]:
                 self.throttle = json.loads(request.get_data())["throttle"]
                 return _json({"success": True})
+            case ["GET", "car_config"] if self.config is not None:
+                content = {"config": self.config, "capabilities": self.offers}
+                return _json({"success": True, **content})
+            case ["POST", "car_config"] if self.config is not None:
+                return self._configure(json.loads(request.get_data()), self.config)
+            case ["GET"] if request.path == "/route" and self.picture:
+                kind = "multipart/x-mixed-replace;boundary=next"
+                return Response(repeat(_part(self.picture)), content_type=kind)
             case ["GET", "supported_apis"] if self.community:
                 return _json({"success": True, "apis_supported": ["/api/models"]})
             case ["GET", "get_device_status"] if self.community:
-                return _json({"success": True, "cpu_percent": 12.5, "fps_mean": 29.9})
+                return _json({"success": True, **self.status})
             case ["GET", "get_device_info"]:
                 return _json({"success": True, "hardware_version": "R2.1", "software_version": "2"})
             case ["GET", "get_battery_level"]:
@@ -139,6 +166,32 @@ class FakeCar:
                 return _json({"success": True, "stereo_status": "not_connected", **states})
             case _:
                 return Response("<html>404</html>", 404)
+
+    def _configure(self, wanted: dict[str, Any], kept: dict[str, dict[str, Any]]) -> Response:
+        """Refuses what is not offered, ignores what is unknown, and derives what the IMU does."""
+        if wanted.get("imu") and not self.offers.get("imu"):
+            reason = "IMU configuration is not supported on this platform"
+            return _json({"success": False, "reason": reason})
+        if wanted.get("camera", {}).get("orientation", 0) not in (0, 180):
+            return _json({"success": False, "reason": "camera.orientation must be 0 or 180"})
+        for section, values in wanted.items():
+            known = kept.get(section, {})
+            known.update({key: value for key, value in values.items() if key in known})
+        for kind in ("crash", "pickup"):
+            threshold = kept["imu"][f"{kind}_threshold_g"]
+            kept["imu"][f"{kind}_enabled"] = kept["imu"]["enabled"] and threshold != 0.0
+        return _json({"success": True, "config": kept})
+
+    def _events(self) -> Iterator[bytes]:
+        """A real car says something every 15 s, and never ends."""
+        yield b":\n\n"
+        while self.driving:
+            try:
+                name, data = self.events.get(timeout=0.01)
+            except Empty:
+                yield b":\n\n"
+            else:
+                yield f"event: {name}\ndata: {json.dumps(data)}\n\n".encode()
 
     def _page(self, request: Request) -> Response:
         session = request.cookies.get("session") or secrets.token_hex(8)
@@ -236,6 +289,42 @@ class FakeCar:
 
 def _sensors(metadata: dict[str, Any] | None) -> list[str]:
     return list((metadata or {}).get("sensor", ["observation"]))
+
+
+def _part(jpeg: bytes) -> bytes:
+    head = f"--next\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+    return head.encode() + jpeg + b"\r\n"
+
+
+def software_of_2026(*, imu: bool = True) -> dict[str, Any]:
+    """What cars with 2.3.0 of the community's software keep and offer: `config` and `offers`."""
+    config = {
+        "logging": {"mode": "always", "provider": "sqlite3"},
+        "camera": {"mode": "auto", "orientation": 0, "enable_gray_overlay": False},
+        "inference": {"engine": "auto", "device": "auto"},
+        "steering": {"mode": "servo"},
+        "imu": {
+            "enabled": False,
+            "crash_threshold_g": 0.0,
+            "crash_enabled": False,
+            "pickup_threshold_g": 0.0,
+            "pickup_enabled": False,
+        },
+    }
+    offers = {
+        "camera_modes": ["legacy", "modern"],
+        "camera_orientations": [0, 180],
+        "logging_modes": ["Never", "USBOnly", "Always"],
+        "logging_providers": ["sqlite3", "mcap"],
+        "inference_engines": ["TFLITE", "OV"],
+        "inference_devices": {"TFLITE": ["CPU"], "OV": ["CPU"]},
+        "steering_modes": ["servo"] if imu else ["servo", "diffdrive"],
+        "gray_overlay": True,
+        "imu": imu,
+        "imu_crash_thresholds": [0.0, 1.5, 2.0, 2.5, 3.0] if imu else [],
+        "imu_pickup_thresholds": [0.0, 0.5, 0.75, 0.95] if imu else [],
+    }
+    return {"config": config, "offers": offers}
 
 
 def _json(content: Any) -> Response:

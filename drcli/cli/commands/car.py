@@ -3,24 +3,29 @@
 import os
 import ssl
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.base.errors import SettingsError, shown
+from drcli.base.errors import SettingsError, refuse, shown
 from drcli.base.installation import lazy_imports
 from drcli.cli import prompts, terminal
 from drcli.cli.options import Force
 from drcli.cli.show import show
-from drcli.cli.working_folder import settings
+from drcli.cli.working_folder import settings, working_folder
 from drcli.outside.car.car_address import CarAddress, forget_login, read_address
 from drcli.outside.car.car_certificate import readable
 from drcli.outside.car.car_web import CarWeb, first_login
 
+if TYPE_CHECKING:
+    from drcli.config.run_config import DriveConfig
+
 with lazy_imports():
-    from drcli.outside.car import car_driving, car_models
+    from drcli.checks import compare_on_drive
+    from drcli.config import editing
+    from drcli.outside.car import car_camera, car_config, car_driving, car_latency, car_models
 
 
 @dataclass(frozen=True)
@@ -189,7 +194,8 @@ def start(
     """Let the car drive with the loaded model, until Ctrl-C stops it.
 
     Asks first, unless -f is given. The car is also stopped when the terminal is closed and when the
-    start fails. With --detach nothing stops it but `dr-car stop`.
+    start fails. If the car's IMU stops it, the command says so and ends. With --detach nothing
+    stops it but `dr-car stop`.
 
     Example: dr-car start --speed 30 --seconds 60
     """
@@ -207,6 +213,8 @@ def start(
     show(report)
     if report.driving:
         terminal.suggest([("dr-car stop", "stop it")])
+    if report.imu_stop:
+        terminal.suggest([("dr-car start", "drive on, once its way is clear")])
     if report.interrupted:
         raise SystemExit(130)
 
@@ -238,11 +246,98 @@ def speed(
 
 @app.command()
 def status(car: _Car = None) -> None:
-    """Show the car's software, battery, sensors and loaded model.
+    """Show the car's software, battery, sensors and loaded model, and what its IMU stops it at.
 
     Example: dr-car status --json
     """
     show(car_driving.read_status(_open(car)))
+
+
+@app.command()
+def config(
+    values: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME=VALUE]...", help="Settings to change; none shows them all."),
+    ] = None,
+    car: _Car = None,
+) -> None:
+    """Show or change the settings of the car's software: steering, camera, IMU and others.
+
+    Needs version 2.3.0 or later of the community's software. The car applies changes when it starts
+    next.
+
+    Example: dr-car config camera.orientation=180 steering.mode=servo
+    """
+    web = _open(car)
+    show(car_config.set_config(web, values) if values else car_config.read_config(web))
+
+
+@app.command()
+def check(
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="Archive of a model, to check the gray overlay for."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="car-picture.jpg if left out."),
+    ] = None,
+    car: _Car = None,
+) -> None:
+    """Take a picture with the car's camera, and check that it is what models expect.
+
+    Guesses whether it is upside down, so look at it yourself. If the car lays its gray overlay over
+    pictures, tells for an archive in how many camera frames that changes the action.
+
+    Example: dr-car check my-model.tar.gz
+    """
+    path = car_camera.picture_file(out)
+    report = car_camera.check_camera(_open(car), path)
+    for problem in report.problems:
+        terminal.warn(problem)
+    show(report)
+    if report.gray_overlay and file is not None:
+        found = compare_on_drive.checked_archive(file, _race())
+        refuse(found.errors)
+        if found.overlay is not None:
+            tell = terminal.warn if found.overlay.is_low else terminal.say
+            tell(found.overlay.told())
+
+
+@app.command()
+def latency(
+    recordings: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[FOLDER]...", help="Recordings of the car (ROS bags)."),
+    ] = None,
+    write: Annotated[
+        bool, typer.Option("-w", "--write", help="Write the settings into run.env.")
+    ] = False,
+    car: _Car = None,
+) -> None:
+    """Tell how late the car acts on a picture, as DR_SIM_LATENCY and DR_SIM_LATENCY_JITTER.
+
+    Asks the car what it measured in its last drive, or reads recordings, which needs drcli[bags].
+
+    Example: dr-car latency --write
+    """
+    if recordings:
+        report = car_latency.recorded_latency(recordings)
+    else:
+        report = car_latency.asked_latency(_open(car))
+    if write:
+        edit = editing.set_values(working_folder(), report.settings)
+        for warning in edit.warnings:
+            terminal.warn(warning)
+        report = replace(report, written=edit.changes[0].file)
+    show(report)
+
+
+def _race() -> "DriveConfig | None":
+    try:
+        return settings().race
+    except SettingsError:
+        return None
 
 
 def _open(car: str | None) -> "CarWeb":

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.base.errors import Problem, refuse
+from drcli.base.errors import Problem, SettingsError, refuse
 from drcli.base.files import refuse_existing, safe_name
 from drcli.base.installation import lazy_imports
 from drcli.cli import prompts, terminal
@@ -90,7 +90,8 @@ def export_car(
     The archive is a file such as model-1.tar.gz in the current folder, with a frozen TensorFlow
     graph and the metadata. Takes the best checkpoint unless -c chooses another. The archive
     is checked by the rules of the car, and its graph is compared with the weights on camera frames
-    of a short drive; what the car would refuse is not written (exit code 3).
+    of a short drive; what the car would refuse is not written (exit code 3). --check also tells in
+    how many camera frames the car's gray overlay changes the action.
 
     Example: dr-export car
     """
@@ -177,7 +178,11 @@ def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExp
 
 
 def _check(path: Path) -> None:
-    report = transfer_export_car.check_archive(path)
+    try:
+        race = settings().race
+    except SettingsError:  # the check needs no working folder
+        race = None
+    report = compare_on_drive.checked_archive(path, race)
     _warn(report.warnings)
     show(report)
     refuse(report.errors)

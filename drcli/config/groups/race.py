@@ -366,6 +366,12 @@ class RealismSettings(Group, title="Sim-to-real extras"):
         "Lamps above the track, mirrored by the floor: up to this strength in each episode.",
         between=(0, 1),
     )
+    sim_gray_overlay: float = setting(
+        "DR_SIM_GRAY_OVERLAY",
+        0.0,
+        "Share of episodes with the gray gradient that the car can lay over its picture; 1: all.",
+        between=(0, 1),
+    )
     sim_camera_angle: float = setting(
         "DR_SIM_CAMERA_ANGLE",
         0.0,

@@ -1,18 +1,27 @@
 """Starts and stops a car, and limits its speed."""
 
+import json
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from types import FrameType
 from typing import Annotated, Any, Literal
 
-from drcli.base.errors import DrError, SettingsError
+from drcli.base.errors import DrError, SettingsError, shown
 from drcli.base.processes import handle, restore
 from drcli.base.report import View
 from drcli.outside.car.car_address import CarError, CarRefused, NotLoggedIn
+from drcli.outside.car.car_config import (
+    CAMERA_MODE,
+    ORIENTATION,
+    OVERLAY,
+    STEERING,
+    Value,
+    find_config,
+)
 from drcli.outside.car.car_models import LOADED, LOADING, loading_state
 from drcli.outside.car.car_web import CarWeb
 
@@ -49,10 +58,14 @@ class CarDrive:
     driving: Annotated[bool, "Whether the car still drives, because the command did not wait."]
     seconds: Annotated[float | None, "How long it drove; None if unknown."] = None
     interrupted: Annotated[bool, "Whether Ctrl-C or another signal ended it."] = False
+    imu_stop: Annotated[
+        str, "Why the car's IMU stopped it: crash, pickup or another word of the car; else empty."
+    ] = ""
 
     def __str__(self) -> str:
         after = "" if self.seconds is None else f" after {self.seconds:.0f} s"
-        return f"The car {self.car} {'drives' if self.driving else f'has stopped{after}'}."
+        why = f": its IMU noticed a {self.imu_stop}" if self.imu_stop else ""
+        return f"The car {self.car} {'drives' if self.driving else f'has stopped{after}{why}'}."
 
 
 def set_speed(car: CarWeb, percent: int) -> CarSpeed:
@@ -134,7 +147,7 @@ def start(car: CarWeb) -> CarDrive:
 def drive(
     car: CarWeb, *, seconds: float | None, warn: Callable[[str], None], say: Callable[[str], None]
 ) -> CarDrive:
-    """Start the car, and stop it after the time, or at a signal.
+    """Start the car, and stop it after the time, at a signal, or when its IMU has stopped it.
 
     The stop is sent whatever ends the wait, also at Ctrl-C.
 
@@ -147,6 +160,7 @@ def drive(
         try:
             _start(car)
             signals.raises = False
+            threading.Thread(target=_listen, args=(car, signals), daemon=True).start()
             started_s = time.monotonic()
             until = "" if seconds is None else f" for {seconds:g} s"
             say(f"The car {car.address.place} drives{until}; Ctrl-C stops it.")
@@ -157,7 +171,36 @@ def drive(
             signals.raises = False
             stop(car)
     driven_s = round(time.monotonic() - started_s, 1)
-    return CarDrive(car.address.place, False, driven_s, signals.ended.is_set())
+    interrupted = signals.ended.is_set() and not signals.imu_stop
+    signals.ended.set()  # nobody listens any more
+    return CarDrive(car.address.place, False, driven_s, interrupted, signals.imu_stop)
+
+
+EVENTS = "/api/events"
+_SILENT_S = 40.0
+"""The car says something every 15 s."""
+
+
+def _listen(car: CarWeb, signals: "_Signals") -> None:
+    """Wait for the IMU to stop the car (community's software, pull request 72).
+
+    Server-sent events: the name of one, then its data in JSON. A car without them is not told of.
+    """
+    own = CarWeb(car.address, car.login)  # sessions are not for two threads
+    event = ""
+    with (
+        suppress(DrError, OSError, ValueError),
+        closing(own.stream(EVENTS, action="tell what happens", timeout_s=_SILENT_S)) as answer,
+    ):
+        for line in answer.iter_lines(1, decode_unicode=True):
+            if signals.ended.is_set():
+                return
+            name, _, value = line.partition(":")
+            event = value.strip() if name == "event" else event
+            if name == "data" and event == "imu_stop":
+                signals.imu_stop = shown(str(json.loads(value))) or "stop"
+                signals.ended.set()
+                return
 
 
 def _set_autonomous(car: CarWeb) -> None:
@@ -194,6 +237,7 @@ def _watch(
 class _Signals:
     raises: bool = True
     ended: threading.Event = field(default_factory=threading.Event)
+    imu_stop: str = ""
 
     def handle(self, _number: int, _frame: FrameType | None) -> None:
         self.ended.set()
@@ -241,6 +285,9 @@ class CarStatus:
         "Measured by the community's software: load and temperature of the processor, "
         "free disk, frames per second, latency.",
     ] = field(default_factory=dict)
+    settings: Annotated[
+        dict[str, bool | int | float | str], "Of its software, since 2.3.0 of the community's."
+    ] = field(default_factory=dict)
 
     def view(self) -> View:
         battery = "unknown" if self.battery_level is None else f"{self.battery_level:g}"
@@ -256,8 +303,24 @@ class CarStatus:
                 "battery": battery,
                 "sensors": ", ".join(sensors),
                 "computer": ", ".join(known),
+                **(_settings_in_words(self.settings) if self.settings else {}),
             }
         ]
+
+
+def _settings_in_words(settings: dict[str, Value]) -> dict[str, str]:
+    overlay = "on" if settings.get(OVERLAY) else "off"
+    stops = [
+        f"at a {kind} ({settings.get(f'imu.{kind}_threshold_g', 0):g} g)"
+        for kind in ("crash", "pickup")
+        if settings.get("imu.enabled") and settings.get(f"imu.{kind}_enabled")
+    ]
+    return {
+        "steering": str(settings.get(STEERING, "unknown")),
+        "picture": f"{settings.get(CAMERA_MODE, 'unknown')}, turned by "
+        f"{settings.get(ORIENTATION, 0)} degrees, gray overlay {overlay}",
+        "IMU stops": " and ".join(stops) or "never",
+    }
 
 
 def read_status(car: CarWeb) -> CarStatus:
@@ -292,7 +355,16 @@ def read_status(car: CarWeb) -> CarStatus:
         },
         model_state=_state(car),
         metrics=_numbers(metrics),
+        settings={} if apis is None else _settings(car),
     )
+
+
+def _settings(car: CarWeb) -> dict[str, Value]:
+    try:
+        found = find_config(car)
+    except CarRefused:
+        found = None
+    return {each.name: each.value for each in found.settings} if found is not None else {}
 
 
 def _asked(car: CarWeb, path: str, action: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from typing import Any, Self
 
-from drcli.base.errors import SettingsError, shown
+from drcli.base.errors import DrError, SettingsError, shown
 from drcli.base.installation import lazy_imports
 from drcli.outside.car.car_address import (
     LOGIN_HOURS,
@@ -105,6 +105,20 @@ class CarWeb:
     ) -> Any:
         """CarRefused if the car says that it failed."""
         return self._call("PUT", path, action=action, timeout_s=timeout_s, json=content)
+
+    def post(self, path: str, content: Any, *, action: str) -> Any:
+        """Like `put`."""
+        return self._call("POST", path, action=action, timeout_s=ANSWER_TIMEOUT_S, json=content)
+
+    def stream(self, path: str, *, action: str, timeout_s: float) -> "requests.Response":
+        """An answer that does not end; close it. Like `get`, `timeout_s` is that of each part."""
+        answer = self._send("GET", path, timeout_s=timeout_s, stream=True)
+        try:
+            self._refuse_status(answer, action)
+        except DrError:
+            answer.close()
+            raise
+        return answer
 
     def upload(self, path: str, name: str, content: bytes, *, action: str, timeout_s: float) -> Any:
         """Like `put`."""

@@ -12,7 +12,7 @@ from drsim.errors import require
 from drsim.jit import kernel
 
 _FACTORS = ("brightness", "friction", "mass", "battery", "steering_left", "steering_right")
-_SHARES = ("glare", "reflections")
+_SHARES = ("glare", "reflections", "gray_overlay")
 _NOT_NEGATIVE = ("image_noise", "blur_px", "latency_s")
 
 MOST_TRIM_DEG = 20.0
@@ -40,6 +40,7 @@ class Conditions:
         steering_trim_deg: Further to the left than requested.
         steering_left: Factor on angles to the left.
         pattern: Fixes the noise of each pixel, and where lamps are.
+        gray_overlay: Whether the car's software lays its gray gradient over the picture.
     """
 
     image_noise: float = 0.0
@@ -57,6 +58,7 @@ class Conditions:
     steering_left: float = 1.0
     steering_right: float = 1.0
     pattern: int = 0
+    gray_overlay: bool = False
 
     def __post_init__(self) -> None:
         """Raise ValueError for a value that cannot be."""
@@ -120,6 +122,7 @@ class Realism:
         steering_lock: Share of the angle reached, drawn for each side.
         glare: Of a lamp that shines into the lens, 0 .. 1.
         reflections: Of lamps, by the floor, 0 .. 1.
+        gray_overlay: Share of the episodes in which the car's gray gradient lies over the picture.
     """
 
     image_noise: float = 0.0
@@ -136,6 +139,7 @@ class Realism:
     steering_lock: float = 0.0
     glare: float = 0.0
     reflections: float = 0.0
+    gray_overlay: float = 0.0
 
     def __post_init__(self) -> None:
         """Raise ValueError for a value that cannot be."""
@@ -169,6 +173,7 @@ class Realism:
             steering_left=streams.factor("steering left", self.steering_lock),
             steering_right=streams.factor("steering right", self.steering_lock),
             pattern=streams.pattern() if self._has_pattern else 0,
+            gray_overlay=0 < self.gray_overlay > streams.share("gray overlay", 1.0),
         )
 
     @property
@@ -241,6 +246,7 @@ class Disturbances:
         self._shift_m: Floats = np.zeros((num_cars, 3))
         self._noise_key: Seeds = np.zeros(num_cars, np.uint64)
         self._spoilt: Bools = np.zeros(num_cars, np.bool_)
+        self._overlaid: Bools = np.zeros(num_cars, np.bool_)
         self._moved: Bools = np.zeros(num_cars, np.bool_)
 
     def begin(self, car: int, conditions: Conditions) -> None:
@@ -258,6 +264,7 @@ class Disturbances:
             or c.camera_shift_m != NOMINAL.camera_shift_m
         )
         self._spoilt[car] = c.image_noise > 0 or c.brightness != 1.0 or c.blur_px > _LEAST_BLUR_PX
+        self._overlaid[car] = c.gray_overlay
 
     def lenses(self, lens_pos: Floats, lens_mat: Floats) -> tuple[Floats, Floats]:
         """From nominal lenses to real ones."""
@@ -269,24 +276,53 @@ class Disturbances:
         self._noise_key[cars] += np.uint64(1)
 
     def spoils(self, cars: Ints) -> bool:
-        return bool(self._spoilt[cars].any())
+        return bool((self._spoilt[cars] | self._overlaid[cars]).any())
 
     def spoil(self, frames: Bytes, cars: slice, *, colors: bool = False) -> None:
         """Blur, brighten and add noise to frames of some cars in place, without the GIL.
 
+        The overlay comes last, as on the car, whose camera knows nothing of it.
+
         `frames`: of all, eyes or colours, which have the same noise. Shape (n, eyes, rows,
         columns).
         """
-        if not self._spoilt[cars].any():
-            return
-        _spoil(
-            frames[cars],
-            self._brightness[cars],
-            self._blur_px[cars],
-            self._image_noise[cars],
-            self._noise_key[cars],
-            0 if colors else 1,
-        )
+        if self._spoilt[cars].any():
+            _spoil(
+                frames[cars],
+                self._brightness[cars],
+                self._blur_px[cars],
+                self._image_noise[cars],
+                self._noise_key[cars],
+                0 if colors else 1,
+            )
+        if self._overlaid[cars].any():
+            _overlay(frames[cars], self._overlaid[cars], _OVERLAID)
+
+
+OVERLAY_GREY = 127.5
+OVERLAY_FULL, OVERLAY_ENDS = 0.25, 0.5
+"""The gray overlay hides the picture above the first of these shares of its height, and fades away
+evenly down to the second. Measured from the picture that sensor_fusion_pkg of the car's community
+software blends over its own (pull request 70, June 2026); our own gradient is within half a grey of
+it. The car blends before it makes the picture small and grey, which changes a grey by one at most.
+"""
+
+
+def _overlaid_greys(rows: int) -> Bytes:
+    """What becomes of each grey in the rows that the overlay reaches. Shape (r, 256)."""
+    height = (np.arange(rows) + 0.5) / rows
+    weight = np.clip((OVERLAY_ENDS - height) / (OVERLAY_ENDS - OVERLAY_FULL), 0.0, 1.0)
+    weight = weight[weight > 0.0, None]
+    greys = (1.0 - weight) * np.arange(256) + weight * OVERLAY_GREY
+    return np.rint(greys).astype(np.uint8)
+
+
+_OVERLAID = _overlaid_greys(120)
+
+
+def draw_gray_overlay(frames: Bytes) -> None:
+    """Lay the car's gray gradient over pictures in place. Shape (n, eyes, 120, columns)."""
+    _overlay(frames, np.ones(len(frames), np.bool_), _OVERLAID)
 
 
 def _rotation(angles_rad: Floats) -> Floats:
@@ -324,6 +360,16 @@ def _spoil(
                         state += np.uint64(0x9E3779B97F4A7C15)
                         grey += noise[car] * _normal(state)
                     frame[row, column] = np.uint8(min(max(grey + 0.5, 0.0), 255.0))
+
+
+@kernel
+def _overlay(frames: Bytes, overlaid: Bools, greys: Bytes) -> None:
+    for car in range(frames.shape[0]):
+        if overlaid[car]:
+            for eye in range(frames.shape[1]):
+                for row in range(greys.shape[0]):
+                    for column in range(frames.shape[3]):
+                        frames[car, eye, row, column] = greys[row, frames[car, eye, row, column]]
 
 
 @kernel

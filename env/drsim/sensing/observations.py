@@ -16,7 +16,7 @@ from drsim.race.traffic import Traffic
 from drsim.sensing.lighting import Lamps, Lighting
 from drsim.sensing.scene import Light, Scene, build_scene, draw_ground, draw_solids, lens_parts
 from drsim.sensing.sensors import LIDAR, Sensors, scan
-from drsim.track.appearance import LUMA, look_of, look_through
+from drsim.track.appearance import LUMA, Look, look_of, look_through
 from drsim.track.track import Track
 from drsim.track.ways import Ways
 
@@ -206,6 +206,9 @@ world.
 """
 
 
+_PAINTERS = 2
+"""Each needs up to 0.2 GB for a moment."""
+
 COLORS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Weights of red, green and blue in each channel of colour frames."""
 
@@ -228,14 +231,18 @@ def channels_of(
     channels = []
     for weights in COLORS if color else (LUMA,):
         if color and not textures:
-            seen = [look_through(look, weights) for look in looks]
-            scenes = [build_scene(track, look) for track, look in zip(tracks, seen, strict=True)]
-        scenes = scenes or [build_scene(track) for track in tracks]
+            scenes = _painted(tracks, [look_through(look, weights) for look in looks])
+        scenes = scenes or _painted(tracks, looks)
         lighting = None
         if randomize != "nothing":
             lighting = Lighting(num_cars, looks, textures=textures, weights=weights)
         channels.append(Channel(scenes, lighting, weights))
     return channels
+
+
+def _painted(tracks: Sequence[Track], looks: Sequence[Look]) -> list[Scene]:
+    with ThreadPoolExecutor(min(len(tracks), _PAINTERS)) as pool:
+        return list(pool.map(build_scene, tracks, looks))
 
 
 class Observations(FrameRenderer):

@@ -190,6 +190,7 @@ def test_every_sim_to_real_setting_reaches_the_simulation(settings):
         "DR_SIM_STEERING_LOCK=0.25",
         "DR_SIM_GLARE=0.6",
         "DR_SIM_REFLECTIONS=0.7",
+        "DR_SIM_GRAY_OVERLAY=0.5",
     )
 
     assert realism_of(s, "training") == realism_of(s, "evaluation")
@@ -208,6 +209,7 @@ def test_every_sim_to_real_setting_reaches_the_simulation(settings):
         steering_lock=0.25,
         glare=0.6,
         reflections=0.7,
+        gray_overlay=0.5,
     )
 
 

@@ -32,14 +32,14 @@ class Untold:
 def drive(racer, tmp_path):
     """Drives cells with a network that is not trained, for a second each."""
     racer.model_metadata(**json.loads(metadata_json()))
-    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_EVAL_MAX_LAP_SECONDS=1.2")
+    racer.run_env(*RUN)
     racer.start()
     weights = small_network(small_metadata()).state_dict()
     tensors = save({name: tensor.contiguous() for name, tensor in weights.items()})
     racer.store("model-1").save(0, 0, tensors, optimizer=b"")
-    config = racer.settings().run
 
     def drive(*cells, stop_signal=None, unseen=()):
+        config = racer.settings().run
         job = Job(config, "s", 3, None, tmp_path, launcher_pid=1)
         [entry] = entries(config, "20260102030405", ["0_Step-0.ckpt"])
         races = [config.race().replaced(world_name=name) for name in unseen]
@@ -50,6 +50,7 @@ def drive(racer, tmp_path):
     return drive
 
 
+RUN = ("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_EVAL_MAX_LAP_SECONDS=1.2")
 CELLS = (
     Cell("none", "none"),
     Cell("battery", "x 0.5", Conditions(battery=0.5)),
@@ -77,6 +78,14 @@ def test_another_track_is_driven_in_the_same_grid(drive):
 
     assert own.progress != other.progress
     assert (other.axis, other.level, other.trials) == ("unseen tracks", "willow", PLACES)
+
+
+def test_a_car_with_the_gray_overlay_has_it_under_every_level(drive, racer):
+    overlaid = Cell("none", "none", Conditions(gray_overlay=True))
+    wanted, other = drive(overlaid), drive(Cell("none", "none"))
+    racer.run_env(*RUN, "DR_SIM_GRAY_OVERLAY=1")
+
+    assert drive(Cell("none", "none")) == wanted != other
 
 
 def test_a_grid_stops_when_it_is_told_to(drive):

@@ -7,7 +7,15 @@ import pytest
 
 from drsim.car.car import CarBatch
 from drsim.car.car_parameters import CarParameters
-from drsim.car.conditions import NOMINAL, Conditions, Disturbances, Realism, Variation, no_variation
+from drsim.car.conditions import (
+    NOMINAL,
+    Conditions,
+    Disturbances,
+    Realism,
+    Variation,
+    draw_gray_overlay,
+    no_variation,
+)
 
 EYES, ROWS, COLUMNS = 1, 120, 160
 
@@ -26,6 +34,7 @@ EVERYTHING = Realism(
     battery=0.3,
     steering_trim_deg=3.0,
     steering_lock=0.15,
+    gray_overlay=1.0,
 )
 
 
@@ -153,6 +162,29 @@ def test_blur_keeps_the_mean_and_softens_an_edge():
     assert blurred.mean() == pytest.approx(100, abs=0.5)
     assert steepest.min() < 40
     np.testing.assert_array_equal(blurred[..., :10], 0)
+
+
+def test_the_gray_overlay_hides_the_top_quarter_and_fades_away_to_the_middle():
+    """The middles of rows 40 and 50 are 40.5 and 50.5 of 120: weights 0.65 and 0.3167."""
+    frames = grey(200, 2)
+    frames[1] = 0
+
+    draw_gray_overlay(frames)
+
+    assert (frames[:, 0, :30] == 128).all()
+    assert frames[:, 0, 40, 7].tolist() == [153, 83]
+    assert frames[:, 0, 50, 7].tolist() == [177, 40]
+    assert (np.diff(frames[0, 0, 30:60].astype(int), axis=0) >= 0).all()
+    np.testing.assert_array_equal(frames[:, 0, 60:], grey(200, 2)[:, 0, 60:] * [[[1]], [[0]]])
+
+
+def test_the_gray_overlay_lies_over_noise_and_over_its_share_of_episodes_only():
+    assert (spoilt(Realism(gray_overlay=1.0, image_noise=20.0), grey(50))[:, 0, :30] == 128).all()
+
+    half = spoilt(Realism(gray_overlay=0.5), grey(50, 200))
+    overlaid = (half[:, 0, 0, 0] == 128).sum()
+    assert 75 < overlaid < 125
+    assert ((half[:, 0, 0, 0] == 128) | (half == 50).all(axis=(1, 2, 3))).all()
 
 
 def test_a_lens_is_turned_and_moved_by_no_more_than_told():

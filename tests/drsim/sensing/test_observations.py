@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drsim.car.car import EYES_APART_M, FRONT
-from drsim.car.conditions import Conditions, Realism
+from drsim.car.conditions import Conditions, Realism, draw_gray_overlay
 from drsim.episode.simulation import Simulation
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.sensing.sensors import Sensors
@@ -217,6 +217,19 @@ def test_given_conditions_take_the_place_of_drawn_ones(simulate) -> None:
 
     np.testing.assert_allclose(dark, 0.5 * usual, atol=1.0)
     np.testing.assert_allclose(bright, np.minimum(1.5 * usual, 255.0), atol=1.0)
+
+
+def test_the_gray_overlay_lies_over_the_pictures_of_both_eyes(simulate) -> None:
+    stereo = Sensors(("STEREO_CAMERAS",))
+    plain = frames_at(simulate(sensors=stereo), seeds=seeds(5))
+
+    overlaid = frames_at(
+        simulate(sensors=stereo, realism=Realism(gray_overlay=1.0)), seeds=seeds(5)
+    )
+
+    draw_gray_overlay(plain)
+    np.testing.assert_array_equal(overlaid, plain)
+    assert (overlaid[:, :, :30] == 128).all()
 
 
 def test_the_number_of_conditions_must_be_that_of_the_episodes(simulate) -> None:

@@ -36,7 +36,10 @@ from drcli.outside.aws.stack_end import StoppedStack
 from drcli.outside.aws.stack_report import StackReport
 from drcli.outside.aws.stacks import Stack
 from drcli.outside.car.car_address import CarAddress, CarLogin
+from drcli.outside.car.car_camera import CameraCheck
+from drcli.outside.car.car_config import CarConfig, CarSetting
 from drcli.outside.car.car_driving import CarDrive, CarSpeed, CarStatus
+from drcli.outside.car.car_latency import CarLatency
 from drcli.outside.car.car_models import CarLoad, CarModel, CarModels, CarUpload
 from drcli.outside.droa.droa_api import read_model
 from drcli.outside.droa.droa_import import ImportReport
@@ -686,8 +689,15 @@ def _answer_as_car(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str, objec
     answer("outside.car.car_driving.drive", CarDrive("10.0.0.5", False, 12.3))
     answer("outside.car.car_driving.stop", CarDrive("10.0.0.5", False))
     answer("outside.car.car_driving.set_speed", CarSpeed("10.0.0.5", 30))
+    steering = CarSetting("steering.mode", "servo", ["servo", "diffdrive"])
+    answer("outside.car.car_config.read_config", CarConfig("10.0.0.5", [steering]))
+    seen = CameraCheck("10.0.0.5", "car-picture.jpg", "upright", 180, False)
+    answer("outside.car.car_camera.check_camera", seen)
+    late = CarLatency("10.0.0.5", "servo", 42.3, 55.1, 29.97)
+    answer("outside.car.car_latency.asked_latency", late)
     sensors, metrics = {"camera": "connected", "lidar": "not_connected"}, {"fps_mean": 29.97}
-    status = CarStatus("10.0.0.5", "community", "2.1", "R2", 9, sensors, "loaded", metrics)
+    kept = {"camera.orientation": 180, "imu.enabled": True}
+    status = CarStatus("10.0.0.5", "community", "2.1", "R2", 9, sensors, "loaded", metrics, kept)
     answer("outside.car.car_driving.read_status", status)
 
 

@@ -66,6 +66,18 @@ def test_an_export_can_be_checked_again(dr, here, capsys):
     assert code == 0
     assert (found["ok"], found["errors"]) == (True, [])
     assert len(found["actions"]) == 4
+    assert found["overlay"]["world"] == "reinvent_base"
+    assert 0 <= found["overlay"]["same_actions"] <= found["overlay"]["frames"] == 20
+
+
+def test_an_archive_is_checked_outside_a_working_folder(dr, here, tmp_path, monkeypatch, capsys):
+    dr("export", "car", "--out", str(tmp_path / "model.tar.gz"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DR_DIR", raising=False)
+    capsys.readouterr()
+
+    assert dr("export", "car", "--check", "model.tar.gz") == 0
+    assert "With the gray overlay of the car's camera" in capsys.readouterr().out
 
 
 def test_a_bad_archive_exits_3_with_every_reason(dr, here, capsys):
@@ -77,6 +89,7 @@ def test_a_bad_archive_exits_3_with_every_reason(dr, here, capsys):
     printed = capsys.readouterr()
     assert code == 3
     assert "bad.v1.tar.gz: The car refuses it." in printed.out
+    assert "overlay" not in printed.out
     reasons = [line for line in printed.err.splitlines() if line.startswith("Error: ")]
     assert len(reasons) == 4
 
