@@ -65,6 +65,12 @@ KNOBS = (
     ),
     Knob("DR_SIM_GLARE", 0.6, "glare", lambda c: f"strength {c.glare:.2f}"),
     Knob("DR_SIM_REFLECTIONS", 0.5, "reflections", lambda c: f"strength {c.reflections:.2f}"),
+    Knob(
+        "DR_SIM_GRAY_OVERLAY",
+        0.5,
+        "gray_overlay",
+        lambda c: "with it" if c.gray_overlay else "without",
+    ),
     Knob("DR_ENABLE_DOMAIN_RANDOMIZATION", randomize="lights"),
     Knob("DR_RANDOMIZE_TEXTURES", randomize="textures"),
 )

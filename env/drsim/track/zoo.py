@@ -137,8 +137,9 @@ def _drawn(
 
     length = between(16.0, 85.0) if random.random() < 0.6 else scaled(15.0, 40.0)
     length = length_m or max(length, 10 * (turn_m or 0.0))
-    width = between(0.6, 1.1 if length < 30.0 else 1.5)
-    width = DEFAULT_WIDTH_M if random.random() < 0.5 else width
+    # Narrow roads are more frequent than among the community's, because they are harder to learn.
+    width = 0.6 + (0.5 if length < 30.0 else 0.9) * random.random() ** 1.7
+    width = DEFAULT_WIDTH_M if random.random() < 0.35 else width
     width = width_m or min(width, 2 * ((turn_m or width) - _INNER_M))
     turn = max(0.42 * math.exp(1.1 * random.random() ** 2), width / 2 + _INNER_M)
     turn = turn_m or turn
