@@ -239,6 +239,14 @@ _WITHOUT_WALLS = {
 }
 """With scenery; one-direction variants have walls. Source: the reference simulator."""
 
+_USUAL_LINES: tuple[tuple[Literal["in", "out"], float, float], ...] = (
+    *3 * (("in", 0.0762, 0.0),),
+    *(
+        ("out", width_m, kerb_m)
+        for width_m, kerb_m in ((0.0762, 0.0), (0.051, 0.07), (0.076, 0.07))
+    ),
+)
+
 _OPEN_FIELD = Walls(
     height_m=0.0, greys=4 * (_COMMON.sky_grey,), tint=(1.0, 1.0, 1.0), field_half_m=12.5
 )
@@ -283,8 +291,17 @@ _LEAST_CONTRAST = 45.0
 """Greys by which a line stands out from the road; the road from the field where there is none."""
 
 
+_USUAL_SHARE = 0.4
+
+
 def _drawn(random: Random) -> Look:
-    """Materials of the worlds above and of places where people set up a track."""
+    """As one of the worlds above, or in materials of places where people set up a track."""
+    if random.random() < _USUAL_SHARE:
+        walls = _OPEN_FIELD if random.random() < 0.25 else Walls()
+        side, width_m, kerb_m = random.choice(_USUAL_LINES)
+        return replace(
+            _COMMON, walls=walls, border_side=side, border_width_m=width_m, kerb_width_m=kerb_m
+        )
 
     def between(low: float, high: float) -> float:
         return low + (high - low) * random.random()
