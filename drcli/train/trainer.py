@@ -10,12 +10,13 @@ from safetensors.torch import save as save_tensors
 from drcli.base.errors import StorageError, TrainingFailed
 from drcli.base.log import get_logger, plain
 from drcli.base.processes import Wakeup, wake
+from drcli.config.track_names import training_races
 from drcli.convert.build_network import load_weights
 from drcli.drive import reference_log
 from drcli.learn.compute import flush_denormals
 from drcli.learn.data_parallel import LearnerLostError
 from drcli.learn.learner import Learner
-from drcli.learn.taught import TaughtLearner
+from drcli.learn.taught import STUDENT, TaughtLearner
 from drcli.learn.update_result import NonFiniteLossError, Stats
 from drcli.metrics.open_sinks import FigureSender
 from drcli.model import keys
@@ -379,7 +380,7 @@ class Trainer:
             _logger.info("The critic is new: until it is useful, this update improves it alone.")
         began = time.monotonic()
         seed = self._job.seed + SEED_STRIDE * self._progress.newest.number
-        steps_before = self._progress.newest.steps - self._progress.first_step
+        steps_before = self._steps_before()
         try:
             if self._group is not None:
                 self._group.begin_update(self._learner, collected.rollout, seed, steps_before)
@@ -448,10 +449,7 @@ class Trainer:
         mark = self._progress.phase
         if mark is None or not isinstance(self._learner, TaughtLearner):
             return
-        targets = targets_of(self._job, self._stages.stage)
-        left_s = min(-self.goals.late_s(), self._stages.left_s(self._progress.elapsed_s))
-        judge = PhaseJudge(min((each.lap_time_s for each in targets), default=None), left_s)
-        found = judge.next_mark(mark, [*self._history.records, newest])
+        found = self._phase_judge().next_mark(mark, [*self._history.records, newest])
         if found is None:
             return
         self._progress.phase, why = found
@@ -461,6 +459,24 @@ class Trainer:
         self._activity.say(f"begins the phase {found[0].name}")
         self._note(found[0].name, sentence)
         self._divide_episodes()
+
+    def _phase_judge(self) -> PhaseJudge:
+        stage = self._stages.stage
+        targets = targets_of(self._job, stage)
+        left_s = min(-self.goals.late_s(), self._stages.left_s(self._progress.elapsed_s))
+        race = self._job.config.race() if stage is None else stage.race()
+        lap_time_s = min((each.lap_time_s for each in targets), default=None)
+        return PhaseJudge(lap_time_s, left_s, many=len(training_races(race)) > 1)
+
+    def _steps_before(self) -> int:
+        """Of the phase or stage; a student on several tracks goes by its share of the time."""
+        mark, steps = self._progress.phase, self._progress.newest.steps - self._progress.first_step
+        if mark is None or mark.name != "distillation":
+            return steps
+        judge = self._phase_judge()
+        if not judge.many:
+            return steps
+        return round(judge.done(mark, steps, self._history.records) * STUDENT.schedule_steps)
 
     def _note(self, name: str, sentence: str) -> None:
         note = StageNote(self._job.session, name, str(self._progress.newest), sentence)

@@ -166,6 +166,15 @@ SATURATED = 0.04
 """Less improvement of a window ends a phase."""
 
 MOST_STEPS: dict[Phase, int] = {"teacher": 500_000, "distillation": 80_000}
+MANY_STEPS = 400_000
+"""Of a student on several tracks, who has to see more; what stands above is for one."""
+
+MANY_WINDOW = 15
+"""Of a student on several tracks, whose iterations drive different ones."""
+
+TEACHER_SHARE = 0.25
+"""Of the time, where a student needs more of it."""
+
 MARGIN = 0.93
 """Of a lap time that somebody waits for: then a teacher is fast enough."""
 
@@ -204,10 +213,23 @@ def teacher_drives(mark: PhaseMark, iteration: int, place: int) -> bool:
 
 @dataclass(frozen=True)
 class PhaseJudge:
-    """Decides when a phase is over; `lap_time_s` is infinity for any lap."""
+    """Decides when a phase is over; `lap_time_s` is infinity for any lap.
+
+    `many`: The training drives several tracks.
+    """
 
     lap_time_s: float | None = None
     left_s: float = math.inf
+    many: bool = False
+
+    def most_steps(self, mark: PhaseMark) -> int:
+        is_student = mark.name == "distillation"
+        return MANY_STEPS if self.many and is_student else MOST_STEPS[mark.name]
+
+    def done(self, mark: PhaseMark, steps: int, records: Sequence[IterationRecord]) -> float:
+        """Share of a phase that is over if nothing but its limits ends it, 0 .. 1."""
+        spent_s = _spent_s(records, mark) if records else 0.0
+        return max(steps / self.most_steps(mark), spent_s / max(spent_s + self.left_s, 1e-9))
 
     def next_mark(
         self, mark: PhaseMark, records: Sequence[IterationRecord]
@@ -229,18 +251,21 @@ class PhaseJudge:
         before: Sequence[IterationRecord],
     ) -> str | None:
         steps = own[-1].total_steps - mark.steps
-        if steps >= MOST_STEPS[mark.name]:
+        if steps >= self.most_steps(mark):
             return f"it has taken {steps:,} steps"
         if mark.name == "teacher":
             if self._is_fast_enough(own[-1]):
                 return f"its laps take {own[-1].best_lap_s:.2f} s"
-            if own[-1].elapsed_s - (before[-1].elapsed_s if before else 0.0) >= self.left_s:
-                return "half of the time is over"  # a student needs the rest
+            share = TEACHER_SHARE if self.many else 0.5
+            spent_s = _spent_s([*before, *own], mark)
+            if spent_s >= share * (spent_s + self.left_s):
+                part = "a quarter" if self.many else "half"
+                return f"{part} of the time is over"  # a student needs the rest
         if mark.name == "distillation":
             own = [r for r in own if r.iteration >= mark.iteration + MIXED_ITERATIONS]
             if self._follows(own, before):
                 return "the student earns as much as its teacher"
-        window = WINDOW[mark.name]
+        window = MANY_WINDOW if self.many and mark.name == "distillation" else WINDOW[mark.name]
         if len(own) < 2 * window:
             return None
         earlier, newest = own[-2 * window : -window], own[-window:]
@@ -263,6 +288,11 @@ class PhaseJudge:
             return False
         is_sure = newest.full_laps >= SURE_SHARE * newest.episodes
         return is_sure and newest.best_lap_s <= MARGIN * self.lap_time_s
+
+
+def _spent_s(records: Sequence[IterationRecord], mark: PhaseMark) -> float:
+    before = [record.elapsed_s for record in records if record.iteration < mark.iteration]
+    return records[-1].elapsed_s - (before[-1] if before else 0.0)
 
 
 def _share(records: Sequence[IterationRecord]) -> float:

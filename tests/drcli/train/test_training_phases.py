@@ -9,6 +9,8 @@ from drcli.records.checkpoint import CheckpointName
 from drcli.records.iteration import IterationRecord
 from drcli.records.stage import PhaseMark
 from drcli.train.training_progress import (
+    MANY_STEPS,
+    MANY_WINDOW,
     MIXED_ITERATIONS,
     MOST_STEPS,
     WINDOW,
@@ -135,3 +137,42 @@ def test_trainer_and_workers_agree_on_the_phase_after_a_teacher_came_or_went():
     assert phase_of(DISTILLATION, newest, taught=False) is None
     assert phase_of(None, newest, taught=True) == PhaseMark("teacher", 7, 700)
     assert phase_of(None, newest, taught=False) is None
+
+
+@pytest.mark.parametrize(("left_s", "ends"), [(181.0, False), (179.0, True), (math.inf, False)])
+def test_where_there_are_several_tracks_a_student_gets_most_of_the_time(left_s, ends):
+    before = replace(ANY, iteration=3, elapsed_s=240.0)
+    newest = replace(ANY, elapsed_s=300.0)
+
+    found = PhaseJudge(None, left_s, many=True).next_mark(TEACHER, [before, newest])
+
+    assert (found is not None) is ends
+
+
+def test_a_student_of_several_tracks_is_judged_over_more_iterations():
+    few = driven([100.0] * (MIXED_ITERATIONS + 2 * MANY_WINDOW - 1))
+    enough = driven([100.0] * (MIXED_ITERATIONS + 2 * MANY_WINDOW))
+    late = replace(ANY, total_steps=1_000 + MANY_STEPS, full_laps=0)
+
+    assert PhaseJudge(many=True).next_mark(DISTILLATION, few) is None
+    assert PhaseJudge(many=True).next_mark(DISTILLATION, enough) is not None
+    assert PhaseJudge(many=True).next_mark(DISTILLATION, [late]) is not None
+
+
+@pytest.mark.parametrize(
+    ("steps", "spent_s", "left_s", "share"),
+    [
+        (0, 0.0, 100.0, 0.0),
+        (MANY_STEPS // 2, 0.0, math.inf, 0.5),
+        (10, 30.0, 90.0, 0.25),
+        (MANY_STEPS // 2, 30.0, 90.0, 0.5),
+        (10, 90.0, 0.0, 1.0),
+    ],
+)
+def test_a_phase_is_done_by_its_steps_or_by_its_time(steps, spent_s, left_s, share):
+    before = replace(ANY, iteration=3, elapsed_s=240.0)
+    newest = replace(ANY, elapsed_s=240.0 + spent_s)
+
+    done = PhaseJudge(None, left_s, many=True).done(DISTILLATION, steps, [before, newest])
+
+    assert done == pytest.approx(share, abs=1e-4)
