@@ -278,6 +278,9 @@ def test_a_camera_that_sends_nothing_and_a_file_that_is_a_folder_are_sentences(
 ):
     assert car("check") == 4
     assert "show its camera" in capsys.readouterr().err
+    Path("car-picture.jpg").write_text("an older one")
+    assert car("check") == 3
+    assert "-f (--force)" in capsys.readouterr().err
     car.car.picture = b"no picture"
     assert car("check", "-o", str(tmp_path)) == 3
     assert "is a folder" in capsys.readouterr().err
