@@ -281,7 +281,9 @@ def check(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="car-picture.jpg if left out."),
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="File or folder; car-picture.jpg if left out."
+        ),
     ] = None,
     car: _Car = None,
     force: Replace = False,
@@ -293,7 +295,9 @@ def check(
 
     Example: dr-car check my-model.tar.gz
     """
-    path = car_camera.picture_file(out)
+    path = out or Path()
+    if path.is_dir():
+        path /= "car-picture.jpg"
     refuse_existing(path, force=force)
     report = car_camera.check_camera(_open(car), path)
     for problem in report.problems:
