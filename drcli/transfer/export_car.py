@@ -137,8 +137,9 @@ class ArchiveReport:
 
 
 _OVERLAY_REMEDY = (
-    ": leave the overlay off in the car (`dr-car config camera.enable_gray_overlay=false`), or "
-    "train with DR_SIM_GRAY_OVERLAY=1."
+    ". See whether it laps with it: `DR_SIM_EXTRAS_IN=evaluation DR_SIM_GRAY_OVERLAY=1 "
+    "dr-evaluate`. If not, leave it off in the car (`dr-car config "
+    "camera.enable_gray_overlay=false`), or train with it."
 )
 
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import SettingsError, refuse, shown
+from drcli.base.files import refuse_existing
 from drcli.base.installation import lazy_imports
 from drcli.cli import prompts, terminal
-from drcli.cli.options import Force
+from drcli.cli.options import Force, Replace
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 from drcli.outside.car.car_address import CarAddress, forget_login, read_address
@@ -280,9 +281,12 @@ def check(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="car-picture.jpg if left out."),
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="File or folder; car-picture.jpg if left out."
+        ),
     ] = None,
     car: _Car = None,
+    force: Replace = False,
 ) -> None:
     """Take a picture with the car's camera, and check that it is what models expect.
 
@@ -291,7 +295,10 @@ def check(
 
     Example: dr-car check my-model.tar.gz
     """
-    path = car_camera.picture_file(out)
+    path = out or Path()
+    if path.is_dir():
+        path /= "car-picture.jpg"
+    refuse_existing(path, force=force)
     report = car_camera.check_camera(_open(car), path)
     for problem in report.problems:
         terminal.warn(problem)

@@ -10,7 +10,6 @@ from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Literal
 
-from drcli.base.errors import SettingsError
 from drcli.base.files import rewrite
 from drcli.base.installation import lazy_imports
 from drcli.base.report import View
@@ -141,7 +140,8 @@ def _problems(way: Way, config: CarConfig | None, picture: Path) -> Iterator[str
     if way == "upright":
         return
     seen = "looks upside down" if way == "upside down" else "could not be judged"
-    if turned is None:
+    settings = [] if config is None else config.settings
+    if not any(each.name == ORIENTATION and 180 in each.choices for each in settings):
         remedy = "mount the camera upright, because this car cannot turn its picture"
     elif mode == "legacy":
         remedy = f"mount the camera upright; cars turn pictures only with {CAMERA_MODE}=modern"
@@ -154,11 +154,3 @@ def _problems(way: Way, config: CarConfig | None, picture: Path) -> Iterator[str
         f"The picture {seen}. Look at {picture}: the road must be at the bottom. If it is at the "
         f"top: {remedy}."
     )
-
-
-def picture_file(out: Path | None) -> Path:
-    """SettingsError if it is not one that can be written."""
-    path = Path("car-picture.jpg") if out is None else out
-    if path.is_dir():
-        raise SettingsError(f"{path} is a folder.", remedy="Name a file, such as picture.jpg.")
-    return path

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean, median
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeGuard
 
 from drcli.base.errors import SettingsError
 from drcli.base.installation import lazy_imports
@@ -80,8 +80,8 @@ def asked_latency(car: CarWeb) -> CarLatency:
     """
     answer = car.find("/api/get_device_status", action="measure itself")
     found = answer if isinstance(answer, dict) else {}
-    typical, slow = found.get("latency_mean", 0.0), found.get("latency_p95", 0.0)
-    if not isinstance(typical, int | float) or not 0.0 < typical < LONGEST_MS:
+    typical, slow = found.get("latency_mean"), found.get("latency_p95")
+    if not _is_latency(typical) or not _is_latency(slow):
         raise SettingsError(
             f"The car {car.address.place} has measured no latency.",
             remedy="Let it drive with a model for some seconds (`dr-car start --seconds 10`, the "
@@ -90,6 +90,10 @@ def asked_latency(car: CarWeb) -> CarLatency:
         )
     rate = found.get("fps_mean") or None
     return CarLatency(car.address.place, "servo", typical, max(typical, slow), rate)
+
+
+def _is_latency(found: Any) -> TypeGuard[float]:
+    return isinstance(found, int | float) and 0.0 < found < LONGEST_MS
 
 
 def recorded_latency(folders: Sequence[Path]) -> CarLatency:
@@ -107,15 +111,18 @@ def recorded_latency(folders: Sequence[Path]) -> CarLatency:
         before_ns: int | None = None
         for topic, time_ns, message in _messages(bag):
             if topic == _STATUS:
-                means += [message.latency_mean] if 0.0 < message.latency_mean < LONGEST_MS else []
-                slow += [message.latency_p95] if 0.0 < message.latency_mean < LONGEST_MS else []
+                if _is_latency(message.latency_mean):
+                    means.append(message.latency_mean)
+                    slow.append(message.latency_p95)
                 continue
             stamp = getattr(message, "source_stamp", None)
             if stamp is None:  # software before 2.1.7
                 continue
             ms = (time_ns - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e6
-            late_ms += [ms] if 0.0 < ms < LONGEST_MS else []
-            apart_s += [] if before_ns is None else [(time_ns - before_ns) / 1e9]
+            if _is_latency(ms):
+                late_ms.append(ms)
+            if before_ns is not None:
+                apart_s.append((time_ns - before_ns) / 1e9)
             before_ns = time_ns
     name = ", ".join(map(str, folders))
     if not late_ms:

@@ -14,10 +14,11 @@ OLD = b"an older file"
 READS = {
     *("--metadata", "--opp-metadata", "--model", "--opp-model", "--check", "--from", "--ca"),
     *("--password-file", "--reward", "--file", "--files", "traces", "first", "second"),
+    "recordings",
 }
 """Paths that commands only read; `--file` of dr-action-space is written after a question."""
 
-READ_FILES = ("sweep start", "car upload", "tracks add", "reward check", "reward plot")
+READ_FILES = ("sweep start", "car upload", "car check", "tracks add", "reward check", "reward plot")
 """Commands whose argument FILE is read."""
 
 WRITES = {
@@ -32,6 +33,7 @@ WRITES = {
     ("history show", "--save"): None,  # a folder
     ("analyze", "--html"): "analyze --html {}",
     ("analyze", "--png"): None,  # a folder
+    ("car check", "--out"): "car check --car 10.0.0.5 -o {}.jpg",
     ("export car", "--out"): "export car -o {}.tar.gz",
     ("export tf-checkpoint", "--out"): None,  # a folder
     ("export droa", "--out"): "export droa --out {}.tar.gz",

@@ -211,12 +211,13 @@ def test_a_picture_that_shows_nothing_is_unknown_and_no_picture_a_sentence():
         way_up(b"\xff\xd8\xffnothing\xff\xd9")
 
 
-def test_an_upright_picture_is_kept_and_fits(car, pictures, capsys):
+def test_an_upright_picture_is_kept_and_fits(car, pictures, tmp_path, capsys):
     car.car.picture = jpeg(pictures[3])
 
-    assert car("check", "--json") == 0
+    assert car("check", "-o", str(tmp_path), "--json") == 0
 
     report = printed(capsys)
+    assert report["picture"] == str(tmp_path / "car-picture.jpg")
     assert (report["way"], report["orientation"], report["gray_overlay"]) == ("upright", 0, False)
     assert report["problems"] == []
     assert Path(report["picture"]).read_bytes() == car.car.picture
@@ -229,6 +230,7 @@ def test_an_upright_picture_is_kept_and_fits(car, pictures, capsys):
         ({"mode": "modern", "orientation": 180}, "`dr-car config camera.orientation=0`"),
         ({"mode": "auto"}, "auto takes on a Raspberry Pi only"),
         ({"mode": "legacy"}, "cars turn pictures only with camera.mode=modern"),
+        ({"orientations": [0]}, "this car cannot turn its picture"),
         (None, "this car cannot turn its picture"),
     ],
 )
@@ -239,6 +241,7 @@ def test_a_picture_upside_down_is_warned_of_with_what_helps_this_car(
     if camera is None:
         car.car.config = None
     else:
+        car.car.offers["camera_orientations"] = camera.pop("orientations", [0, 180])
         car.car.config["camera"].update(camera)
 
     assert car("check", "-o", "seen.jpg") == 0
@@ -273,14 +276,12 @@ def test_a_model_is_checked_under_the_overlay_if_the_car_lays_it(
     assert f"The gray overlay is {'on' if overlay else 'off'}." in told.out
 
 
-def test_a_camera_that_sends_nothing_and_a_file_that_is_a_folder_are_sentences(
-    car, tmp_path, capsys
-):
+def test_a_camera_that_sends_nothing_and_a_file_that_exists_are_sentences(car, capsys):
     assert car("check") == 4
     assert "show its camera" in capsys.readouterr().err
-    car.car.picture = b"no picture"
-    assert car("check", "-o", str(tmp_path)) == 3
-    assert "is a folder" in capsys.readouterr().err
+    Path("car-picture.jpg").write_text("an older one")
+    assert car("check") == 3
+    assert "-f (--force)" in capsys.readouterr().err
 
 
 def test_a_stream_without_a_picture_is_a_sentence(car, monkeypatch, capsys):
