@@ -48,7 +48,8 @@ def _found(name: str, folder_in_checkout: str) -> Path:
 PRESET_SETTINGS = "preset.env"
 MODEL_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
-EXAMPLES = {"virtual": "rewards/speed"}
+EXAMPLES = {"virtual": "rewards/speed", "unseen": "rewards/speed"}
+"""Whose files a preset has where it has none of its own."""
 
 
 @dataclass(frozen=True)
@@ -184,10 +185,10 @@ def _value(setting: Setting, value: str, reason: str, settings: Settings | None)
 
 
 def _files(folder: Path) -> list[Path]:
-    example = EXAMPLES.get(folder.name)
-    model = folder if example is None else model_file(example)
-    paths = (folder / PRESET_SETTINGS, *(model / name for name in MODEL_FILES))
-    return [path for path in paths if path.is_file()]
+    own = {path.name: path for path in folder.iterdir()}
+    if folder.name in EXAMPLES:
+        own = {path.name: path for path in model_file(EXAMPLES[folder.name]).iterdir()} | own
+    return [own[name] for name in (PRESET_SETTINGS, *MODEL_FILES) if name in own]
 
 
 def _summary(text: str, files: list[str]) -> str:

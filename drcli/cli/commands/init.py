@@ -37,7 +37,7 @@ OPTIONS = {
     "DR_EXPERIMENT_NAME": "--experiment",
 }
 
-TAUGHT_PRESETS = ("virtual",)
+TAUGHT_PRESETS = ("virtual", "unseen")
 """A teacher brings fast laps sooner; to stay on the road is learned as soon without."""
 
 _TRAINABLE = [name for name, race in RACE_TYPES.items() if race.trainable]

@@ -32,7 +32,7 @@ def test_a_folder_of_a_preset_is_complete_and_has_its_settings(dr, empty, name):
         assert written.replace(b'  "training_method": "teacher",\n', b"") == data
 
 
-@pytest.mark.parametrize("name", ["virtual", "physical", "student-league"])
+@pytest.mark.parametrize("name", ["virtual", "unseen", "physical", "student-league"])
 def test_every_setting_of_a_preset_has_a_reason(name):
     preset = preset_of(name)
 

@@ -16,7 +16,7 @@ def parameters_of(plan) -> bytes:
     return data
 
 
-@pytest.mark.parametrize("preset", [None, "virtual", "physical", "student-league"])
+@pytest.mark.parametrize("preset", [None, "virtual", "unseen", "physical", "student-league"])
 def test_the_key_gets_a_line_of_its_own_and_all_others_stay(tmp_path, preset):
     plan = plan_folder(tmp_path, {}, None if preset is None else preset_of(preset))
     before = parameters_of(plan)
@@ -42,6 +42,7 @@ def test_a_preset_for_sac_has_no_teacher(tmp_path):
         ([], None),
         (["--preset", "physical"], None),
         (["--preset", "virtual"], "teacher"),
+        (["--preset", "unseen"], "teacher"),
         (["--preset", "virtual", "--race-type", "OBJECT_AVOIDANCE"], None),
         (["--preset", "virtual", "--no-teacher"], "camera"),
         (["--teacher"], "teacher"),
