@@ -23,7 +23,7 @@ from drcli.base.report import Col, View, bold, table
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.settings import Settings
-from drcli.config.track_names import track_problem
+from drcli.config.track_names import expand_worlds, track_problem, worlds_problems
 from drcli.config.value_types import CheckpointChoice, parse_checkpoint
 from drcli.model import keys
 from drcli.model.model_list import fits, model_prefixes
@@ -85,6 +85,19 @@ class Rival:
                 "Write the number of a checkpoint, a word such as last, or the prefix of a model.",
             )
         return Rival(prefix, parse_checkpoint(choice)) if colon else Rival(prefix)
+
+
+def worlds_of(settings: Settings, text: str) -> list[str]:
+    """The tracks of a list in the form of DR_TRAIN_WORLDS, installed or not.
+
+    Raises:
+        ProblemsError: A word of it names no track.
+    """
+    option = "--worlds"
+    problems = worlds_problems(option, Place(option), text, settings.race, known_suffices=True)
+    if errors := [each for each in problems if each.severity == "error"]:
+        raise ProblemsError(errors)
+    return [*expand_worlds(text, settings.tracks_folder)]
 
 
 def prepare_many(

@@ -33,6 +33,7 @@ NAMES = (
     "fast_lap",
     "goal",
     "teacher",
+    "unseen",
     "flame",
     "flush",
     "rewards",

@@ -73,9 +73,9 @@ def run_seed(seed: int, options: argparse.Namespace) -> dict[str, Any]:
         limits = ["--until-lap-time", str(options.lap_time), "--max-minutes", str(options.minutes)]
         method = "--teacher" if options.teacher else "--no-teacher"
         train = ["start-training", "--foreground", "-q", method, "--seed", str(seed), *limits]
-        before_s = _cpu_s()
+        before_s = cpu_seconds()
         subprocess.run(command_of(*train), cwd=folder, env=environment, check=True)
-        train_s, cpu_s = time.monotonic() - began_s, _cpu_s() - before_s
+        train_s, cpu_s = time.monotonic() - began_s, cpu_seconds() - before_s
         drive = [
             "evaluate",
             "--json",
@@ -107,7 +107,7 @@ def run_seed(seed: int, options: argparse.Namespace) -> dict[str, Any]:
         }
 
 
-def _cpu_s() -> float:
+def cpu_seconds() -> float:
     """Processor time of all programs that this one has started and that have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime

@@ -122,7 +122,11 @@ def evaluate(
     ] = None,
     worlds: Annotated[
         str | None,
-        typer.Option("--worlds", metavar="A,B", help="On these tracks instead of DR_WORLD_NAME."),
+        typer.Option(
+            "--worlds",
+            metavar="A,B",
+            help="On these tracks instead of DR_WORLD_NAME, also zoo:N.",
+        ),
     ] = None,
     loop: Annotated[
         bool, typer.Option("--loop", help="Evaluate each new checkpoint until stopped.")
@@ -208,7 +212,7 @@ def evaluate(
     say = (lambda text: None) if quiet else terminal.say
     if many:
         rival = _rival(against)
-        tracks = options.listed(worlds)
+        tracks = many_evaluations.worlds_of(loaded, worlds or "")
         for world in tracks or [loaded.world_name]:
             bring_tracks(many_evaluations.on_world(loaded, world))
         table = many_evaluations.prepare_many(

@@ -6,7 +6,7 @@ from drcli.base.errors import ProblemsError, SettingsError
 from drcli.model import keys
 from drcli.run import many_evaluations
 from drcli.run import many_evaluations as many_evaluations_plan
-from drcli.run.many_evaluations import Rival, matching_models, prepare_many, run_many
+from drcli.run.many_evaluations import Rival, matching_models, prepare_many, run_many, worlds_of
 
 
 @pytest.fixture
@@ -103,6 +103,22 @@ def test_a_pattern_that_fits_nothing_is_refused_with_what_there_is(bucket):
 def test_a_track_that_is_not_installed_is_refused_before_anything_drives(racer, bucket):
     with pytest.raises(ProblemsError, match="DR_WORLD_NAME=nowhere is not a known track"):
         prepare_many(racer.settings(), models=["team/*"], worlds=["reinvent_base", "nowhere"])
+
+
+def test_tracks_are_named_as_in_the_list_of_a_training(racer):
+    settings = racer.settings()
+
+    assert worlds_of(settings, "willow, zoo:2 reinvent_w*, Oval_track") == [
+        "willow",
+        "zoo-0",
+        "zoo-1",
+        "reinvent_wood",
+        "Oval_track",
+    ]
+    with pytest.raises(ProblemsError, match="--worlds: nowhere is not a known track"):
+        worlds_of(settings, "willow, nowhere")
+    with pytest.raises(ProblemsError, match="--worlds: no installed track fits Monza\\*"):
+        worlds_of(settings, "willow, Monza*")
 
 
 def test_a_race_between_two_models_is_refused(racer, bucket):
