@@ -371,3 +371,24 @@ def test_a_model_without_anything_to_analyse_is_refused(read, tmp_path):
 
     with pytest.raises(SettingsError, match="no readable trace"):
         read(folder)
+
+
+def test_of_a_training_on_several_tracks_places_are_those_of_its_own(read, tmp_path):
+    write_model(tmp_path, iterations=2, episodes=4)
+    for path in sorted((tmp_path / "training-simtrace").glob("*.csv")):
+        lines = path.read_text().splitlines()
+        length = lines[0].split(",").index("track_len")
+        for at, line in enumerate(lines[1:], start=1):
+            cells = line.split(",")
+            if int(cells[0]) % 2:
+                cells[length] = "55.5"
+            lines[at] = ",".join(cells)
+        path.write_text("\n".join([*lines, ""]))
+
+    run = read(tmp_path)
+
+    assert run.track is not None
+    assert len(run.iterations) == 2
+    assert set(run.iterations["episodes"]) == {4}, "of all tracks"
+    assert (len(run.episodes), run.steps["track_len"].nunique()) == (4, 1)
+    assert any("with 4 of 8 episodes" in problem for problem in run.problems)
