@@ -99,6 +99,7 @@ _COLUMNS = (
     Col("clean laps", "{:,.0f}", of=lambda rows: sum(row["complete_laps"] for row in rows)),
     Col("best lap", "{:.3f} s", of=_best_lap),
     _mean("evaluation", "eval_mean_progress", "{:.1f} %", none=""),
+    _mean("clean on other tracks", "second_clean", "{:.0f} %", none=""),
 )
 
 

@@ -353,7 +353,7 @@ ITERATION_COLUMNS = (
     *("episodes", "steps", "mean_reward", "median_reward", "std_reward", "best_reward"),
     *("mean_progress", "complete_laps", "best_lap_s", "mean_lap_s"),
     *("eval_mean_reward", "eval_mean_progress", "eval_laps", "eval_best_lap_s", "wall_s", "traced"),
-    "phase",
+    *("phase", "second_clean"),
 )
 
 _LONG_PAUSE = 20.0
@@ -436,7 +436,7 @@ def _add_evaluations(
     table: "pd.DataFrame", records: "pd.DataFrame", curve: Sequence[IterationRecord]
 ) -> None:
     names = ("eval_mean_reward", "eval_mean_progress", "eval_laps", "eval_best_lap_s")
-    for name in names:
+    for name in (*names, "second_clean"):
         table[name] = np.nan
     if len(records):
         groups = records.groupby("iteration")
@@ -453,6 +453,9 @@ def _add_evaluations(
             table.loc[row, "eval_laps"] = float(len(record.evaluation_lap_s))
             if record.evaluation_lap_s:
                 table.loc[row, "eval_best_lap_s"] = min(record.evaluation_lap_s)
+        if record.second_progress and record.iteration in table.index:
+            share = len(record.second_lap_s) / len(record.second_progress)
+            table.loc[record.iteration, "second_clean"] = 100.0 * share
 
 
 def _phases(numbers: "pd.Index[int]", curve: Sequence[IterationRecord]) -> list[str]:

@@ -110,6 +110,8 @@ def run_of(source: ModelSource, tracks: Path, directory: Path) -> Run:
     problems += _gaps(iterations)
     if _has_several_tracks(steps):
         steps, episodes = _on_main_track(facts, steps, episodes, tracks, problems)
+        laps = episodes[episodes["complete"].astype(bool)].groupby("iteration")["time"]
+        iterations["best_lap_s"], iterations["mean_lap_s"] = laps.min(), laps.mean()
     world, track = _world(facts, steps, tracks, problems)
     worlds = partial(_evaluation_world, tracks, [] if track is None else [track])
     evaluations = read_evaluations(source, facts.evaluation_world, worlds, problems)
@@ -194,8 +196,8 @@ def _on_main_track(
     kept = steps[np.abs(lengths - length_m) <= _SAME_LENGTH * length_m]
     own = episodes[episodes.index.isin(kept["unique_episode"])]
     problems.append(
-        f"The training drove on several tracks. What is said about episodes and places is about "
-        f"the one of {length_m:.2f} m, with {len(own):,} of {len(episodes):,} episodes."
+        f"The training drove on several tracks. What is said about lap times, episodes and places "
+        f"is about the one of {length_m:.2f} m, with {len(own):,} of {len(episodes):,} episodes."
     )
     return kept, own
 

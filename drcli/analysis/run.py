@@ -94,7 +94,8 @@ class Run:
             mean_reward, median_reward, std_reward, best_reward, mean_progress, complete_laps,
             best_lap_s, mean_lap_s, eval_mean_reward, eval_mean_progress, eval_laps,
             eval_best_lap_s (of the evaluations during training), wall_s (NaN where unknown),
-            traced (False: numbers are those of the metrics) and phase (with a teacher).
+            traced (False: numbers are those of the metrics), phase (with a teacher) and
+            second_clean (percent of clean laps on the tracks of DR_TRAIN_EVAL_WORLD).
         learner: A row for each update; index iteration, sorted; may be empty. entropy, kl,
             policy_loss, value_loss, clip_fraction, learning_rate, update_s ... as far as known.
         evaluations: On their own, the oldest first.

@@ -46,6 +46,9 @@ def overview(run: Run) -> Html:
     evaluated = table_["eval_mean_progress"].dropna()
     if len(evaluated):
         facts.append(("last evaluation", percent(evaluated.iloc[-1])))
+    elsewhere = table_["second_clean"].dropna()
+    if len(elsewhere):
+        facts.append(("clean laps on other tracks, last evaluation", percent(elsewhere.iloc[-1])))
     if run.evaluations:
         newest = run.evaluations[-1].laps
         facts.append(("clean laps, newest evaluation", f"{newest.clean} of {newest.driven}"))

@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from counted_episodes import counted_episodes
 from drcli.analysis.analysis import analyse
 from drcli.base.errors import SettingsError
+from drcli.records.iteration import IterationRecord, encode_history
 from drcli.records.trace import STEP_S
 from simtraces import WORLD, episode, mean_reward, put, trace, write_model
 
@@ -296,6 +298,29 @@ def test_a_python_list_as_an_action_shifts_no_column(read, tmp_path):
 
     assert run.problems == ()
     assert run.iterations["mean_reward"][0] == mean_reward(0)
+
+
+def test_clean_laps_on_tracks_that_are_not_trained_are_read(read, tmp_path):
+    folder = write_model(tmp_path / "model", iterations=2)
+    record = IterationRecord(
+        iteration=0,
+        checkpoint="0_Step-0.ckpt",
+        episodes=4,
+        steps=40,
+        total_steps=40,
+        mean_reward=1.0,
+        mean_progress=10.0,
+        full_laps=0,
+        best_lap_s=None,
+        elapsed_s=1.0,
+    )
+    second = replace(record, second_progress=[100.0, 100.0, 30.0, 100.0], second_lap_s=[9.0] * 3)
+    put(folder, "metrics/history.json", encode_history([second, replace(record, iteration=1)]))
+
+    run = read(folder)
+
+    assert run.iterations["second_clean"].tolist()[0] == 75.0
+    assert math.isnan(run.iterations["second_clean"][1])
 
 
 def test_damaged_small_files_are_told_and_do_without(read, tmp_path):

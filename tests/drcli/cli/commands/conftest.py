@@ -115,6 +115,7 @@ ANALYSIS = AnalysisReport(
             "complete_laps": n,
             "best_lap_s": 12.345 if n else None,
             "eval_mean_progress": None,
+            "second_clean": None,
         }
         for n in range(2)
     ],
