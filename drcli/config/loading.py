@@ -116,6 +116,13 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             "but DR_TRAIN_EVAL_WORLD is empty.",
             "Set DR_TRAIN_EVAL_WORLD to a track, or DR_TRAIN_BEST_MODEL_WORLD to training.",
         )
+    if settings.sim_grow and not _has_ranges(settings):
+        yield problem(
+            ("DR_SIM_GROW",),
+            "DR_SIM_GROW=True has no effect: training episodes draw from no range that could grow.",
+            "Set a range such as DR_SIM_BRIGHTNESS=0.3, with DR_SIM_EXTRAS_IN=both or training.",
+            severity="warning",
+        )
     if settings.mail_to and not settings.smtp_url:
         yield problem(
             ("DR_MAIL_TO",),
@@ -128,6 +135,17 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             f"DR_LOCAL_S3_PRETRAINED_PREFIX={settings.pretrained_prefix} is the model to train.",
             f"Give DR_LOCAL_S3_MODEL_PREFIX a new name, such as {settings.model_prefix}-clone.",
         )
+
+
+def _has_ranges(settings: Settings) -> bool:
+    """`DR_SIM_LATENCY` is the same in every episode."""
+    ranges = [
+        setting.field
+        for name, setting in catalogue().items()
+        if name.startswith("DR_SIM_") and name != "DR_SIM_LATENCY" and setting.default == 0.0
+    ]
+    is_on = settings.sim_extras_in != "evaluation"
+    return is_on and any(getattr(settings, field) for field in ranges)
 
 
 def _models_named(settings: Settings) -> Iterator[tuple[str, str]]:
