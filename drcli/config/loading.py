@@ -138,14 +138,13 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
 
 
 def _has_ranges(settings: Settings) -> bool:
-    """`DR_SIM_LATENCY` is the same in every episode."""
-    ranges = [
-        setting.field
-        for name, setting in catalogue().items()
-        if name.startswith("DR_SIM_") and name != "DR_SIM_LATENCY" and setting.default == 0.0
-    ]
+    ranges = {name for name in catalogue() if name.startswith("DR_SIM_")} - _NO_RANGES
+    fields = [catalogue()[name].field for name in ranges]
     is_on = settings.sim_extras_in != "evaluation"
-    return is_on and any(getattr(settings, field) for field in ranges)
+    return is_on and any(getattr(settings, field) for field in fields)
+
+
+_NO_RANGES = {"DR_SIM_CAR", "DR_SIM_EXTRAS_IN", "DR_SIM_GROW", "DR_SIM_LATENCY"}
 
 
 def _models_named(settings: Settings) -> Iterator[tuple[str, str]]:

@@ -4,9 +4,7 @@ from typing import Any
 
 import pytest
 
-from drcli.model import keys
 from drcli.model.checkpoints import CheckpointStore
-from drcli.model.history import read_history
 from drcli.model.model_store import ModelStore
 from drcli.records.iteration import IterationRecord
 from drcli.records.stage import RangesMark, StageNote
@@ -115,3 +113,36 @@ def drawn(monkeypatch):
     return seen
 
 
+def test_the_ranges_of_a_training_grow_and_a_restart_goes_on_with_them(
+    working_folder, monkeypatch, drawn
+):
+    training = TrainingInMemory(
+        working_folder,
+        monkeypatch,
+        DR_SIM_GROW=True,
+        DR_SIM_BRIGHTNESS=0.4,
+        DR_TRAIN_EVAL_SHARE=1,
+        DR_TRAIN_MAX_ITERATIONS=4,
+    )
+    monkeypatch.setattr(range_growth, "CLEAN", 0.0)
+    notes = []
+    monkeypatch.setattr(StageNote, "write", lambda note, folder: notes.append(note.text))
+    checkpoints = CheckpointStore(ModelStore(training.bucket, PREFIX))
+
+    training.train()
+
+    grown = checkpoints.counters_of_newest().ranges
+    assert grown is not None
+    assert grown.share > 0.25
+    assert drawn[0] is not None
+    training_episodes = [abs(each.brightness - 1.0) for each in drawn[0][:2]]
+    assert max(training_episodes) <= 0.1
+    assert any("grow from 25% to 50%" in text for text in notes), "the journal gets it"
+    monkeypatch.setattr(range_growth, "CLEAN", 2.0)  # from now on, they hold
+    monkeypatch.setattr(range_growth, "LOST", 0.0)
+    lines = (training.folder / "run.env").read_text()
+    training.write("run.env", lines.replace("ITERATIONS=4", "ITERATIONS=5"))
+
+    training.train(resume=True)
+
+    assert checkpoints.counters_of_newest().ranges == grown
