@@ -116,6 +116,13 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             "but DR_TRAIN_EVAL_WORLD is empty.",
             "Set DR_TRAIN_EVAL_WORLD to a track, or DR_TRAIN_BEST_MODEL_WORLD to training.",
         )
+    if settings.sim_grow and not _has_ranges(settings):
+        yield problem(
+            ("DR_SIM_GROW",),
+            "DR_SIM_GROW=True has no effect: training episodes draw from no range that could grow.",
+            "Set a range such as DR_SIM_BRIGHTNESS=0.3, with DR_SIM_EXTRAS_IN=both or training.",
+            severity="warning",
+        )
     if settings.mail_to and not settings.smtp_url:
         yield problem(
             ("DR_MAIL_TO",),
@@ -128,6 +135,16 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             f"DR_LOCAL_S3_PRETRAINED_PREFIX={settings.pretrained_prefix} is the model to train.",
             f"Give DR_LOCAL_S3_MODEL_PREFIX a new name, such as {settings.model_prefix}-clone.",
         )
+
+
+def _has_ranges(settings: Settings) -> bool:
+    ranges = {name for name in catalogue() if name.startswith("DR_SIM_")} - _NO_RANGES
+    fields = [catalogue()[name].field for name in ranges]
+    is_on = settings.sim_extras_in != "evaluation"
+    return is_on and any(getattr(settings, field) for field in fields)
+
+
+_NO_RANGES = {"DR_SIM_CAR", "DR_SIM_EXTRAS_IN", "DR_SIM_GROW", "DR_SIM_LATENCY"}
 
 
 def _models_named(settings: Settings) -> Iterator[tuple[str, str]]:

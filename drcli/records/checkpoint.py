@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from drcli.base.json_record import Fingerprint, JsonRecord, RecordError, SafeInt, Seconds, plain
 from drcli.records.iteration import IterationRecord
-from drcli.records.stage import PhaseMark, StageMark
+from drcli.records.stage import PhaseMark, RangesMark, StageMark
 
 CHECKPOINT_NAME = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
 
@@ -52,6 +52,7 @@ class Counters:
         files: `Job.files_sha256` of its start.
         critic_warmup: Updates that may still improve only the critic.
         shares: Version of the `Shares`; None where DR_WORKERS share evenly.
+        ranges: None without DR_SIM_GROW.
     """
 
     episodes: SafeInt = 0
@@ -66,6 +67,7 @@ class Counters:
     stage: StageMark | None = None
     phase: PhaseMark | None = None
     shares: SafeInt | None = None
+    ranges: RangesMark | None = None
 
 
 @dataclass(frozen=True)

@@ -164,6 +164,14 @@ class PhaseMark:
         return f"phase {self.number} of {len(PHASES)}, {self.name} ({PHASES[self.name]})"
 
 
+@dataclass(frozen=True)
+class RangesMark:
+    """From which `share` of the DR_SIM_ ranges episodes draw, since the checkpoint `iteration`."""
+
+    share: float
+    iteration: SafeInt = 0
+
+
 def is_untaught(history: Sequence[IterationRecord], number: int) -> bool:
     """Whether only the teacher had learned before this checkpoint, by the whole history."""
     earlier = (record for record in history if record.iteration < number)

@@ -225,6 +225,7 @@ class SimWorker:
             if phase != self._simulation.phase:
                 self._simulation.enter_phase(phase)
                 iteration = newest
+            self._simulation.enter_ranges(counters.ranges)
             if record.tensors != self._loaded:  # else it has driven with these weights before
                 self._waiter.learn_from(record)
                 self._load(record)

@@ -53,6 +53,7 @@ from drcli.train.learner_metrics import (
     row_of,
     with_losses,
 )
+from drcli.train.range_growth import next_ranges
 from drcli.train.rollouts import FIRST_LOOK_S, WOKEN_LOOK_S, Collected, Collector, RolloutReader
 from drcli.train.scoring import Scoring
 from drcli.train.training_progress import (
@@ -428,6 +429,7 @@ class Trainer:
         if reason is not None:
             self._mark_end(reason)
         self._begin_next_phase(record)
+        self._change_ranges(record)
         self._publish(record)
         self._history.add(record)
         self._report(row_of(record, last))
@@ -459,6 +461,20 @@ class Trainer:
         self._activity.say(f"begins the phase {found[0].name}")
         self._note(found[0].name, sentence)
         self._divide_episodes()
+
+    def _change_ranges(self, newest: IterationRecord) -> None:
+        """The next checkpoint drives with them. What has just begun drives an iteration first."""
+        mark = self._progress.ranges
+        if mark is None or self._progress.first_iteration > newest.iteration:
+            return
+        since = max(mark.iteration, self._progress.first_iteration)
+        records = [*self._history.records, newest]
+        found = next_ranges(replace(mark, iteration=since), records)
+        if found is None:
+            return
+        self._progress.ranges, sentence = found
+        _logger.info("%s", sentence)
+        self._note("ranges", sentence)
 
     def _phase_judge(self) -> PhaseJudge:
         stage = self._stages.stage
@@ -553,6 +569,7 @@ class Trainer:
             stage=self._stages.mark,
             phase=self._progress.phase,
             shares=self._shares.version_for(self._progress.newest.number),
+            ranges=self._progress.ranges,
         )
         self._publisher.publish(self._progress.newest, self._learner, counters)
         self._own_files()

@@ -14,8 +14,9 @@ from drcli.model.history import History
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.iteration import IterationRecord
 from drcli.records.job import Job
-from drcli.records.stage import PhaseMark, Stage, StageMark
+from drcli.records.stage import PhaseMark, RangesMark, Stage, StageMark
 from drcli.train.goals import Goals, mean_score, target_of
+from drcli.train.range_growth import NARROWEST
 from drcli.train.rollouts import Collected
 
 _logger = get_logger(__name__)
@@ -322,13 +323,18 @@ class TrainingProgress:
         self.newest, self.episodes = CheckpointName(0, 0), 0
         mark: StageMark | None = None
         phase: PhaseMark | None = None
+        ranges: RangesMark | None = None
         if found is not None:
             record = found.record
             self.newest = CheckpointName(record.number, record.steps)
             self.episodes, mark = record.counters.episodes, record.counters.stage
-            phase = record.counters.phase
+            phase, ranges = record.counters.phase, record.counters.ranges
         self.phase = phase_of(phase, self.newest, taught=taught)
         self.stages = StageProgress(job.stages, mark, self.counted())
+        self.ranges: RangesMark | None = None
+        races = [*job.config.races, *(race for stage in job.stages for race in stage.races)]
+        if any(race.sim_grow for race in races):
+            self.ranges = ranges or RangesMark(NARROWEST, self.newest.number)
         self._world = job.config.race().world_name
 
     def begin_phase(self) -> None:

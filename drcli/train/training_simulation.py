@@ -26,7 +26,7 @@ from drcli.model.model_store import ModelStore
 from drcli.records.iteration import CONFIRMING_LAPS
 from drcli.records.job import Job
 from drcli.records.scores import SecondEvaluation
-from drcli.records.stage import PhaseMark, Stage
+from drcli.records.stage import PhaseMark, RangesMark, Stage
 from drcli.train.episode_share import AssignedShare, Share
 from drcli.train.goals import targets_of
 from drcli.train.training_progress import (
@@ -175,7 +175,8 @@ class TrainingSimulation:
     """The cars of one worker, and which episodes they drive.
 
     `assigned` replaces `share` once the trainer says who drives what; `trials` is 0 without
-    evaluations.
+    evaluations. `ranges` is the share of the DR_SIM_ ranges from which training episodes draw;
+    evaluations draw from all, so that checkpoints can be compared.
     """
 
     def __init__(
@@ -208,6 +209,7 @@ class TrainingSimulation:
         self._parameters = parameters_of(stage, design.parameters)
         self.assigned: AssignedShare | None = None
         self.phase: PhaseMark | None = None
+        self.ranges = 1.0
         racer = racers[0]
         self.share = Share(
             worker,
@@ -233,9 +235,8 @@ class TrainingSimulation:
         self._choice = TrackChoice(len(tracks))
         threads = usable_cores(train) if joined else driving_threads(train)
         seed = job.seed + SEED_STRIDE * worker
-        own = realism_of(race, "training")
-        self._plain = Realism(gray_overlay=own.gray_overlay)
-        self._is_nominal = own == self._plain
+        self._realism = realism_of(race, "training")
+        self._is_nominal = self._realism == Realism(gray_overlay=self._realism.gray_overlay)
         self._simulation = build_simulation(
             race,
             "training",
@@ -274,6 +275,9 @@ class TrainingSimulation:
         self.share = replace(self.share, episodes=episodes_of(mark, self._parameters))
         self._simulation.draws = mark is None or mark.name != "teacher"
         self._choice = TrackChoice(len(self._simulation.tracks))
+
+    def enter_ranges(self, mark: RangesMark | None) -> None:
+        self.ranges = mark.share if mark is not None and self.race.sim_grow else 1.0
 
     @property
     def part(self) -> Share | AssignedShare:
@@ -328,10 +332,13 @@ class TrainingSimulation:
             for number in numbers
         ]
         trial_plans = fresh_starts(self._track, trials, self._job.seed) if trials else []
+        if self.ranges < 1.0:
+            narrow = self._realism.scaled(self.ranges)
+            plans = [self._under(narrow, plan) for plan in plans]
         if self.phase is not None:
             plans = [self._of_phase(self.phase, plan, iteration) for plan in plans]
-        if self.phase is not None and self._is_nominal:
-            trial_plans = [self._under(self._plain, plan) for plan in trial_plans]
+        if self.ranges < 1.0 or (self.phase is not None and self._is_nominal):
+            trial_plans = [self._under(self._realism, plan) for plan in trial_plans]
         return plans + trial_plans
 
     def _under(self, realism: Realism, plan: Plan) -> Plan:
@@ -342,8 +349,9 @@ class TrainingSimulation:
         fraction, offset, angle, nominal = random.uniform(-1.0, 1.0, 4).tolist()
         if self._is_nominal:
             is_mild = mark.name != "teacher" and nominal > 0.0
-            mild = replace(MILD, gray_overlay=self._plain.gray_overlay)
-            plan = self._under(mild if is_mild else self._plain, plan)
+            overlay = self._realism.scaled(self.ranges).gray_overlay
+            usual = MILD if is_mild else Realism()
+            plan = self._under(replace(usual, gray_overlay=overlay), plan)
         if mark.name == "ppo":
             return plan
         return replace(

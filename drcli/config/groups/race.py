@@ -336,6 +336,11 @@ class RealismSettings(Group, title="Sim-to-real extras"):
     sim_extras_in: Literal["both", "training", "evaluation"] = setting(
         "DR_SIM_EXTRAS_IN", "both", "Where the DR_SIM_ settings below apply."
     )
+    sim_grow: bool = setting(
+        "DR_SIM_GROW",
+        False,
+        "Begin with a quarter of the ranges below, and widen them while laps stay clean.",
+    )
     sim_image_noise: float = setting(
         "DR_SIM_IMAGE_NOISE",
         0.0,

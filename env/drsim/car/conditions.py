@@ -2,7 +2,7 @@
 
 import math
 import zlib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -153,6 +153,11 @@ class Realism:
     @property
     def longest_latency_s(self) -> float:
         return self.latency_s + self.latency_jitter_s
+
+    def scaled(self, share: float) -> "Realism":
+        """The same with narrower ranges; `latency_s` is none, every episode has it."""
+        parts = {name: share * value for name, value in vars(self).items()}
+        return replace(self, **parts | {"latency_s": self.latency_s})
 
     def draw(self, seed: int, racer: int = 0) -> Conditions:
         """The conditions of the episode with this seed, 0 .. 2**64 - 1, for one of the racers."""

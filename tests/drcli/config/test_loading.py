@@ -278,3 +278,27 @@ def test_loading_needs_none_of_the_slow_libraries():
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
 
     assert printed.stdout.strip() == b""
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ("DR_SIM_GROW=True\n", True),
+        ("DR_SIM_GROW=True\nDR_SIM_LATENCY=0.05\n", True),
+        ("DR_SIM_GROW=True\nDR_SIM_BLUR=1\nDR_SIM_EXTRAS_IN=evaluation\n", True),
+        ("DR_SIM_GROW=True\nDR_SIM_BLUR=1\n", False),
+        ("DR_SIM_BLUR=1\n", False),
+        ("", False),
+    ],
+)
+def test_growth_without_ranges_of_training_episodes_is_told(folder, lines, told):
+    warnings = [each for each in folder.load(lines).warnings if "DR_SIM_GROW" in each]
+
+    assert (
+        warnings
+        == [
+            "run.env line 1: DR_SIM_GROW=True has no effect: training episodes draw "
+            "from no range that could grow."
+        ]
+        * told
+    )

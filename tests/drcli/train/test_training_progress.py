@@ -28,9 +28,9 @@ def now(monkeypatch):
 
 
 def job(*goals: StageGoal) -> SimpleNamespace:
-    race = SimpleNamespace(world_name="reinvent_base")
+    race = SimpleNamespace(world_name="reinvent_base", sim_grow=False)
     stages = [Stage(f"s{n}", (race,), "", "r.py", "{}", goal) for n, goal in enumerate(goals)]
-    return SimpleNamespace(stages=stages, config=SimpleNamespace(race=lambda: race))
+    return SimpleNamespace(stages=stages, config=SimpleNamespace(race=lambda: race, races=[race]))
 
 
 def no_goal(*_: object, **__: object) -> None:

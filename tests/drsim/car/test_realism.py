@@ -381,3 +381,14 @@ def test_a_car_that_is_varied_by_nothing_drives_like_the_calibrated_one():
     np.testing.assert_array_equal(
         driven(varied, 20.0, 2.0, 10).origin_xy, driven(plain, 20.0, 2.0, 10).origin_xy
     )
+
+
+def test_a_share_of_the_ranges_draws_the_same_values_so_much_smaller():
+    quarter = EVERYTHING.scaled(0.25)
+
+    assert EVERYTHING.scaled(1.0) == EVERYTHING
+    assert quarter.latency_s == EVERYTHING.latency_s, "the same in every episode"
+    for whole, small in zip(each(EVERYTHING), each(quarter), strict=True):
+        assert small.friction - 1.0 == pytest.approx(0.25 * (whole.friction - 1.0))
+        assert small.camera_turn_deg == pytest.approx([0.25 * a for a in whole.camera_turn_deg])
+        assert small.pattern == whole.pattern
