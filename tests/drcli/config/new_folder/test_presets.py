@@ -49,11 +49,13 @@ def test_the_student_league_has_its_limits():
     assert preset.settings["DR_TRAIN_MAX_MINUTES"] == "600"
 
 
+_NO_EXTRAS = "DR_SIM_CAR", "DR_SIM_EXTRAS_IN", "DR_SIM_GRAY_OVERLAY", "DR_SIM_GROW"
+
+
 def test_the_physical_preset_disturbs_and_the_virtual_one_does_not(dr, empty):
     """002-01."""
     extras = [name for name in catalogue() if name.startswith("DR_SIM_")]
-    of_some_cars = ("DR_SIM_CAR", "DR_SIM_EXTRAS_IN", "DR_SIM_GRAY_OVERLAY")
-    extras = [name for name in extras if name not in of_some_cars]
+    extras = [name for name in extras if name not in _NO_EXTRAS]
     fastest = {}
 
     for name in ("physical", "virtual"):
