@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta
 
 from drcli.base.files import FileRecord
 from drcli.base.json_record import JsonRecord, SafeInt, Seconds
@@ -168,7 +171,7 @@ class PhaseMark:
 class RangesMark:
     """From which `share` of the DR_SIM_ ranges episodes draw, since the checkpoint `iteration`."""
 
-    share: float
+    share: Annotated[float, Meta(gt=0.0, le=1.0)]
     iteration: SafeInt = 0
 
 

@@ -4,8 +4,10 @@ from typing import Any
 
 import pytest
 
+from drcli.base.json_record import Fingerprint, RecordError
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
+from drcli.records.checkpoint import CheckpointRecord, Counters
 from drcli.records.iteration import IterationRecord
 from drcli.records.stage import RangesMark, StageNote
 from drcli.train import range_growth
@@ -146,3 +148,14 @@ def test_the_ranges_of_a_training_grow_and_a_restart_goes_on_with_them(
     training.train(resume=True)
 
     assert checkpoints.counters_of_newest().ranges == grown
+
+
+@pytest.mark.parametrize("share", [0.0, 1.5])
+def test_a_share_that_cannot_be_is_a_damaged_record(share):
+    nothing = Fingerprint.of(b"")
+    counters = Counters(ranges=RangesMark(share, 4))
+
+    with pytest.raises(RecordError, match="share"):
+        CheckpointRecord.decode(
+            CheckpointRecord("4_Step-9.ckpt", nothing, counters=counters).encode()
+        )
