@@ -67,7 +67,7 @@ def test_an_option_that_is_there_is_not_offered_again(working_folder, words):
 
 
 def test_a_group_offers_its_commands_and_then_theirs(working_folder, words):
-    assert words("dr-tracks ") == ["list", "show", "line", "limit", "generate", "add", "fetch"]
+    assert words("dr-tracks ") == ["list", "show", "line", "limit", "add", "generate", "fetch"]
     assert words("dr tracks sh") == ["show"]
     assert "--png" in words("dr-tracks show bean --p")
 
