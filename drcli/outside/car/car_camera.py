@@ -110,14 +110,14 @@ def way_up(jpeg: bytes) -> Way:
     """A guess: below the horizon lines cross the picture, above it there is less to see.
 
     Raises:
-        CarError: It is no picture.
+        CarError: It is not a picture.
     """
     try:
         with Image.open(io.BytesIO(jpeg)) as image:
             small = image.convert("L").resize((80, 60), Image.Resampling.BOX)
     except (OSError, SyntaxError, ValueError) as error:
         raise CarError(
-            f"What the car's camera sent is no picture ({error}).", remedy="Try again."
+            f"What the car's camera sent is not a picture ({error}).", remedy="Try again."
         ) from error
     greys = small.tobytes()
     rows = (greys[k : k + 80] for k in range(0, len(greys), 80))

@@ -155,7 +155,7 @@ def _wanted(text: str, known: CarConfig) -> tuple[str, Value]:
     name, sign, written = text.partition("=")
     if not sign or not name:
         raise SettingsError(
-            f"{shown(text)} is no setting with a value.",
+            f"{shown(text)} is not a setting with a value.",
             remedy=f"Write NAME=VALUE, as in {ORIENTATION}=180.",
         )
     setting = next((each for each in known.settings if each.name == name), None)

@@ -1,6 +1,5 @@
 """What a world looks like: line widths, colours after lighting, walls and sky.
 
-from drsim.arrays import RGB
 Greys are what the lens sees, 0..255, measured on frames of the reference simulator in one world.
 """
 

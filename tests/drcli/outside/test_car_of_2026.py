@@ -77,7 +77,7 @@ def test_only_what_was_named_is_sent_and_kept(car, capsys):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("camera.orientation", "is no setting with a value"),
+        ("camera.orientation", "is not a setting with a value"),
         ("camera.orientatoin=180", "Did you mean camera.orientation?"),
         ("camera.orientation=90", "Choose from: 0, 180."),
         ("camera.orientation=true", "Choose from: 0, 180."),
@@ -207,7 +207,7 @@ def test_simulated_pictures_are_never_taken_for_turned_ones(pictures):
 
 def test_a_picture_that_shows_nothing_is_unknown_and_no_picture_a_sentence():
     assert way_up(jpeg(np.full((120, 160), 90, np.uint8))) == "unknown"
-    with pytest.raises(car_camera.CarError, match="is no picture"):
+    with pytest.raises(car_camera.CarError, match="is not a picture"):
         way_up(b"\xff\xd8\xffnothing\xff\xd9")
 
 
