@@ -155,7 +155,7 @@ class Realism:
         return self.latency_s + self.latency_jitter_s
 
     def scaled(self, share: float) -> "Realism":
-        """The same with narrower ranges; `latency_s` is not a range, every episode has all of it."""
+        """With narrower ranges; `latency_s` is not a range, every episode has all of it."""
         parts = {name: share * value for name, value in vars(self).items()}
         return replace(self, **parts | {"latency_s": self.latency_s})
 
