@@ -209,6 +209,22 @@ def test_every_module_is_imported_or_started_by_name():
     assert unused == UNIMPORTED
 
 
+def test_scripts_import_what_is_there():
+    """Nothing else runs them between two releases."""
+    missing = {
+        (path.name, f"{node.module}.{alias.name}")
+        for path in sorted((ROOT / "scripts").rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").split(".")[0] in ("drcli", "drsim")
+        for alias in node.names
+        if f"{node.module}.{alias.name}" not in modules()
+        and alias.name not in bound_names(str(node.module))
+    }
+
+    assert not missing
+
+
 def test_every_package_stands_on_a_floor():
     for name in modules():
         assert floor(name) >= 0, f"{name}: add its package to FLOORS"
@@ -253,6 +269,17 @@ def test_nothing_is_called_env_and_no_folder_of_ours_hides_it():
     assert not (ROOT / "env" / "__init__.py").exists()
     for name in modules():
         assert "env" not in libraries(name), name
+
+
+@cache
+def bound_names(name: str) -> frozenset[str]:
+    """Names that a module of ours binds anywhere; none where there is no such module."""
+    path = modules().get(name)
+    nodes = [] if path is None else list(ast.walk(ast.parse(path.read_text("utf-8"))))
+    bound = {node.id for node in nodes if isinstance(node, ast.Name)}
+    bound |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    bound |= {node.asname or node.name for node in nodes if isinstance(node, ast.alias)}
+    return frozenset(bound)
 
 
 def package(name: str) -> str:

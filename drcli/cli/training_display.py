@@ -35,8 +35,8 @@ def live(
     teacher's line from its first checkpoint on.
     """
     parts: list[RenderableType] = [Text.assemble(*report.state_text()), Text(_pace(report, now_s))]
-    if report.phase is not None:
-        parts.append(Text(_phase(report), style="cyan"))
+    if text := report.phase_text():
+        parts.append(Text(text, style="cyan"))
     if verbose:
         parts += [Text(f"{worker.name}: {worker.activity}") for worker in report.workers]
         parts += [Text(str(worker)) for worker in report.joined]
@@ -60,11 +60,6 @@ def live(
         if isinstance(part, Text):
             part.no_wrap, part.overflow = True, "ellipsis"
     return Group(*parts)
-
-
-def _phase(report: "RunReport") -> str:
-    text = "" if report.phase is None else report.phase.text
-    return f"{text[:1].upper()}{text[1:]}"
 
 
 def _second_world(report: "RunReport") -> str:

@@ -15,7 +15,7 @@ from drcli.config.settings_files import parse_env
 # The example files for new working folders, installed or in a checkout.
 
 
-READY_MADE = ("safe", "fast", "car")
+READY_MADE = ("safe", "fast", "car", "unseen")
 
 
 def settings_file(name: str) -> Path:

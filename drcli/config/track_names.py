@@ -202,7 +202,10 @@ def races_with_lists(races: Sequence[DriveConfig]) -> list[DriveConfig]:
 def list_problems(races: Sequence[DriveConfig], *, known_suffices: bool = False) -> list[Problem]:
     """What is wrong with the lists of tracks of a training."""
     problems = []
-    for race in races:
+    by_tracks = {
+        (race.world_name, *(world_list(race, name) for name in WORLD_LISTS)): race for race in races
+    }
+    for race in by_tracks.values():
         for name in WORLD_LISTS:
             text, place = world_list(race, name), race.place(name)
             problems += worlds_problems(name, place, text, race, known_suffices=known_suffices)

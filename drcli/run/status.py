@@ -276,6 +276,9 @@ class RunReport:
     phase: Annotated[
         PhaseReport | None, "Phase of the newest checkpoint; None without a teacher."
     ] = None
+    ranges: Annotated[
+        float | None, "Share of the DR_SIM_ ranges that it draws from; None without DR_SIM_GROW."
+    ] = None
     budget: Annotated[
         DayBudget | None, "Of today, for all trainings of the folder; None without a limit."
     ] = None
@@ -309,6 +312,13 @@ class RunReport:
         place = f"  s3://{self.bucket}/{self.prefix}  on {self.world}"
         stage = f"  {self.stage}" if self.stage is not None else ""
         return Styled(self.state, _STATE_STYLES.get(self.state, "")), place, stage
+
+    def phase_text(self) -> str:
+        phase = "" if self.phase is None else self.phase.text
+        ranges = self.ranges
+        drawn = "" if ranges is None else f"{ranges:.0%} of the DR_SIM_ ranges (DR_SIM_GROW)"
+        text = ", ".join(filter(None, (phase, drawn)))
+        return f"{text[:1].upper()}{text[1:]}"
 
     def checkpoints_text(self) -> str:
         best, last = self.best, self.last
@@ -355,7 +365,6 @@ class RunReport:
         limits = ["low priority (DR_PRIORITY)"] if self.priority == "low" else []
         limits += [f"at most {counted(self.threads, 'core')} (DR_THREADS)"] if self.threads else []
         unknown = f"Iterations and checkpoints are unknown: {self.unreachable}"
-        phase = "" if self.phase is None else self.phase.text
         yield (f"Run {self.run_id}: ", *self.state_text())
         yield self.message
         ended = self.state in ("failed", "interrupted", "finished")
@@ -366,7 +375,7 @@ class RunReport:
         yield from (Styled(f"Warning: {text}", "bold yellow") for text in self.watches)
         yield self.unreachable and Styled(unknown, "bold yellow")
         yield self._stage()
-        yield f"{phase[:1].upper()}{phase[1:]}"
+        yield self.phase_text()
 
     def after_history(self) -> View:
         if self.history:
@@ -499,6 +508,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     joined: list[JoinedReport] = []
     stage: StageMark | None = None
     phase: PhaseReport | None = None
+    ranges: float | None = None
     unreachable = "" if bucket is not None else _NOT_RUNNING
     if bucket is not None:
         try:
@@ -524,9 +534,10 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             except ObjectDamaged as error:
                 damaged.append(f"{error} {error.remedy}")
             marked = not history or history[-1].stage or history[-1].phase
-            if config.train.curriculum_file or marked:
+            if config.train.curriculum_file or config.race().sim_grow or marked:
                 counters = CheckpointStore(ModelStore(bucket, record.prefix)).counters_of_newest()
                 stage, phase = counters.stage, PhaseReport.of(counters.phase, history)
+                ranges = None if counters.ranges is None else counters.ranges.share
             if alive:
                 joined = _joined(bucket, record)
             names = [worker.name for worker in record.workers]
@@ -604,6 +615,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         ],
         stage=stage,
         phase=phase,
+        ranges=ranges,
         budget=_budget(config),
         priority=record.priority,
         threads=record.threads,

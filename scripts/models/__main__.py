@@ -35,6 +35,7 @@ from drive_laps import drive_laps
 
 from drcli.base.json_record import json_default
 from drcli.config.presets import READY_MADE
+from drcli.convert.half_weights import halved
 from drcli.model.run_metadata import processor_name
 from drcli.records.checkpoint import CheckpointRecord
 from drcli.records.iteration import decode_history
@@ -47,7 +48,6 @@ from drcli.transfer.ready_made import (
     Card,
     DrivenLaps,
     Recipe,
-    halved,
     read_ready_made,
     read_recipe,
 )
@@ -161,7 +161,7 @@ def take_model(name: str, recipe: Recipe, folder: Path) -> Card:
     bucket = folder / "data" / "s3" / "bucket" / name
     history = decode_history((bucket / "metrics" / "history.json").read_bytes())
     episodes = {record.episodes for record in history}
-    if len(episodes) > 1:
+    if len(episodes) > 1 and "training_method" not in recipe.hyperparameters:
         raise RuntimeError(
             f"Some iterations have fewer episodes: {sorted(episodes)}. A worker came too late, so "
             "this training cannot be repeated. Train again on a less busy machine."

@@ -14,6 +14,8 @@ import { trackPicker } from "/track_picker.js";
 export const title = "New training";
 
 const RACE = [
+  ["DR_TRAIN_WORLDS", "Further tracks that are trained"],
+  ["DR_TRAIN_EVAL_WORLD", "Tracks for evaluation only"],
   ["DR_RACE_TYPE", "Race type"],
   ["DR_TRAIN_REVERSE_DIRECTION", "Against the direction of the track"],
   ["DR_TRAIN_ALTERNATE_DRIVING_DIRECTION", "Turn round after every episode"],
@@ -136,7 +138,7 @@ function build(
       foot: [raceNote],
       changed: () => {
         showRace();
-        picker.set(race.fields.get("DR_WORLD_NAME").value);
+        showTracks();
       },
       saved: () => {
         rewardFunction.refresh();
@@ -145,9 +147,16 @@ function build(
     },
     signal,
   );
-  const picker = trackPicker(tracks, (name) => {
-    race.fields.get("DR_WORLD_NAME").value = name;
+  const picker = trackPicker(tracks, {
+    choose: (name) => {
+      race.fields.get("DR_WORLD_NAME").value = name;
+    },
+    setFurther: (words) => {
+      race.fields.get("DR_TRAIN_WORLDS").value = words;
+    },
   });
+  const showTracks = () =>
+    picker.set(race.fields.get("DR_WORLD_NAME").value, race.fields.get("DR_TRAIN_WORLDS").value);
   fill(world, picker.element);
   function showRace() {
     const type = race.fields.get("DR_RACE_TYPE").value;
@@ -256,7 +265,7 @@ function build(
     ),
   );
   race.fields.get("DR_WORLD_NAME").element.hidden = false;
-  picker.set(race.fields.get("DR_WORLD_NAME").value);
+  showTracks();
   for (const name of MODEL.slice(3))
     model.fields.get(name[0]).element.hidden =
       model.fields.get("DR_LOCAL_S3_PRETRAINED").value !== "True";

@@ -42,12 +42,14 @@ function outlineOf(track) {
 }
 
 /**
- * A list of tracks of which one is chosen.
+ * A list of tracks of which one is chosen, and others are trained too.
  * @param {{tracks: Object[], community: string[]}} found answer of /api/track-list
- * @param {function(string): void} change called with the name
+ * @param {{choose: function(string): void, setFurther: function(string): void}} changed
+ *   called with the name; with the words of DR_TRAIN_WORLDS
  */
-export function trackPicker(found, change) {
+export function trackPicker(found, changed) {
   let chosen = "",
+    further = [],
     wanted = "",
     order = "name";
   const search = h("input", {
@@ -129,10 +131,19 @@ export function trackPicker(found, change) {
   function choose(name) {
     chosen = name;
     mark();
-    change(name);
+    changed.choose(name);
+  }
+  function train(name, too) {
+    further = further.filter((word) => word !== name);
+    if (too) further.push(name);
+    changed.setFurther(further.join(", "));
   }
   function mark() {
-    for (const radio of list.querySelectorAll("input")) radio.checked = radio.value === chosen;
+    for (const input of list.querySelectorAll("input")) {
+      const also = input.type === "checkbox";
+      input.checked = also ? further.includes(input.value) : input.value === chosen;
+      if (also) input.disabled = input.value === chosen;
+    }
     community.value = found.community.includes(chosen) ? chosen : "";
     now.textContent = found.tracks.some((track) => track.name === chosen)
       ? ""
@@ -153,20 +164,35 @@ export function trackPicker(found, change) {
       list,
       shown.map((track) =>
         h(
-          "label",
-          { class: "track" },
-          h("input", {
-            type: "radio",
-            name: "track",
-            value: track.name,
-            change: () => choose(track.name),
-          }),
-          outlineOf(track),
-          h("span", { class: "track-name" }, track.name),
+          "div",
+          { class: "track-card" },
           h(
-            "span",
-            { class: "quiet" },
-            `${number(track.length_m, 1, "m")} long, ${number(track.width_m, 2, "m")} wide, ${track.direction}${track.difficulty ? `, ${track.difficulty}` : ""}`,
+            "label",
+            { class: "track" },
+            h("input", {
+              type: "radio",
+              name: "track",
+              value: track.name,
+              change: () => choose(track.name),
+            }),
+            outlineOf(track),
+            h("span", { class: "track-name" }, track.name),
+            h(
+              "span",
+              { class: "quiet" },
+              `${number(track.length_m, 1, "m")} long, ${number(track.width_m, 2, "m")} wide, ${track.direction}${track.difficulty ? `, ${track.difficulty}` : ""}`,
+            ),
+          ),
+          h(
+            "label",
+            { class: "track-further" },
+            h("input", {
+              type: "checkbox",
+              value: track.name,
+              "aria-label": `Train on ${track.name} too`,
+              change: (event) => train(track.name, event.target.checked),
+            }),
+            "Train here too",
           ),
         ),
       ),
@@ -197,10 +223,11 @@ export function trackPicker(found, change) {
   draw();
   return {
     element,
-    set(name) {
+    set(name, words) {
       chosen = name;
+      further = words.split(/[\s,]+/).filter(Boolean);
       mark();
     },
-    focus: () => (list.querySelector("input:checked") ?? search).focus(),
+    focus: () => (list.querySelector("input[type=radio]:checked") ?? search).focus(),
   };
 }

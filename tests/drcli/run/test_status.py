@@ -12,9 +12,12 @@ from drcli.model.best_checkpoint import write_evaluation
 from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 from drcli.records import run_record
+from drcli.records.checkpoint import Counters
 from drcli.records.heartbeat import WatchRecord, open_heartbeat_file
+from drcli.records.iteration import encode_history
 from drcli.records.run_record import Lease, StorageRecord, WorkerRecord, run_folder
 from drcli.records.scores import EvaluationResult, SecondEvaluation
+from drcli.records.stage import RangesMark
 from drcli.records.training_record import RunOutcome
 from drcli.run.heartbeat_monitor import WorkerHealth
 from drcli.run.status import inspect
@@ -93,6 +96,18 @@ def test_a_model_whose_index_is_lost_still_has_its_checkpoints(racer, running, m
 
     assert report.last is not None
     assert report.last.name == "4_Step-100.ckpt"
+
+
+def test_a_run_says_how_much_of_its_ranges_is_drawn(racer, running, make_record, monkeypatch):
+    monkeypatch.setattr("drcli.run.status.open_running_bucket", lambda *_: racer.bucket)
+    store = racer.store(running.prefix)
+    store.save(4, 100, b"weights", counters=Counters(ranges=RangesMark(0.5, 4)))
+    racer.bucket.put(keys.history(running.prefix), encode_history([make_record(3)]))
+    run = racer.settings().run
+    grows = replace(run, races=(run.race().replaced(sim_grow=True),))
+
+    assert inspect(run).phase_text() == ""
+    assert inspect(grows).phase_text() == "50% of the DR_SIM_ ranges (DR_SIM_GROW)"
 
 
 def test_the_bucket_of_a_run_is_that_of_its_start(racer, running):

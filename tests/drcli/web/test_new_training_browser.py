@@ -47,6 +47,16 @@ def test_steps_are_checked_while_they_are_edited_and_saved_by_themselves(served,
     model.get_by_text("Saved in run.env").wait_for()
     page.get_by_label("Search tracks").fill("willow")
     race.get_by_role("radio").check()
+    assert race.get_by_label("Train on willow too").is_disabled()
+    further = race.get_by_label("Further tracks that are trained")
+    further.fill("zoo:64")
+    page.get_by_label("Search tracks").fill("bean")
+    race.get_by_label("Train on bean too").check()
+    assert further.input_value() == "zoo:64, bean"
+    further.fill("bean")
+    race.get_by_label("Train on bean too").uncheck()
+    further.fill("zoo:64,bean")
+    assert race.get_by_label("Train on bean too").is_checked()
     race.get_by_role("button", name="Save").click()
     race.get_by_text("Saved in run.env").wait_for()
     actions.get_by_label("Steering granularity").fill("3")
@@ -61,6 +71,7 @@ def test_steps_are_checked_while_they_are_edited_and_saved_by_themselves(served,
     run = (made / "run.env").read_text()
     assert "DR_LOCAL_S3_MODEL_PREFIX=good" in run
     assert "DR_WORLD_NAME=willow" in run
+    assert "DR_TRAIN_WORLDS=zoo:64,bean" in run
     assert '"speed": 0.75' in (made / "custom_files" / "model_metadata.json").read_text()
 
 
