@@ -1,15 +1,17 @@
 """How well one model laps tracks that it was never trained on.
 
     python scripts/bench unseen --tracks FOLDER [--worlds NAMES] [--minutes 5] [--laps 10]
-        [--seed 1] [--speed 3.0] [--set NAME=VALUE ...] [--keep FOLDER] [--json]
+        [--seed 1] [--speed 3.0] [--model NAME] [--set NAME=VALUE ...] [--keep FOLDER] [--table]
+        [--json]
 
 A training of the preset `unseen` by the real commands, in an empty folder with the route files of
 FOLDER beside it; then so many laps of its best checkpoint on each track, from fresh starts, in
 both directions. Without --worlds, the tracks are one of each circuit of FOLDER: names that differ
-only in direction, width, league or scenery are variants. --set changes a setting, such as
-DR_TRAIN_WORLDS; --speed is the greatest one of the actions. With --json the last line of stdout is
-one object with `train_s`, `cpu_s`, `checkpoint`, and `tracks`: name, direction, clean laps, laps,
-and median lap time, seconds.
+only in direction, width, league or scenery are variants; `all` is everything in FOLDER. --model
+drives a ready-made model instead. --set changes a setting, such as DR_TRAIN_WORLDS; --speed is the
+greatest one of the actions. --table prints all tracks as Markdown. With --json the last line of
+stdout is one object with `train_s`, `cpu_s`, `checkpoint`, and `tracks`: name, direction, clean
+laps, laps, and median lap time, seconds.
 """
 
 import argparse
@@ -43,6 +45,8 @@ def main() -> None:
     parser.add_argument("--laps", type=int, default=10, help="on each track, in each direction")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--speed", type=float, default=3.0)
+    parser.add_argument("--model", help="a ready-made one, instead of a training")
+    parser.add_argument("--table", action="store_true")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", dest="settings")
     parser.add_argument("--keep", type=Path, help="train here, and leave it")
     parser.add_argument("--json", action="store_true")
@@ -55,6 +59,8 @@ def main() -> None:
         if each["clean"] < each["laps"]:
             way = "reversed" if each["reverse"] else "forward"
             print(f"{each['world']}, {way}: {each['clean']} of {each['laps']} laps clean")
+    if options.table:
+        print(table(found["tracks"]))
     print(
         f"{clean} of {laps} laps clean ({clean / laps:.1%}) after {found['train_s']:.0f} s, "
         f"{found['cpu_s']:.0f} processor seconds, {found['checkpoint']}"
@@ -80,18 +86,22 @@ def train_and_drive(folder: Path, options: argparse.Namespace) -> dict[str, Any]
         )
         return done.stdout
 
-    dr("init", "--force", "--preset", "unseen")
+    begins = ["--model", options.model] if options.model else ["--preset", "unseen"]
+    dr("init", "--force", *begins)
     shutil.copytree(options.tracks, folder / "tracks", dirs_exist_ok=True)
-    metadata = folder / "custom_files" / "model_metadata.json"
-    value = json.loads(metadata.read_text())
-    value["action_space"]["speed"]["high"] = options.speed
-    metadata.write_text(json.dumps(value))
     began_s, before_s = time.monotonic(), cpu_seconds()
-    limit = ["--max-minutes", str(options.minutes), "--seed", str(options.seed)]
-    dr("start-training", "--foreground", "-q", *limit)
+    if not options.model:
+        metadata = folder / "custom_files" / "model_metadata.json"
+        value = json.loads(metadata.read_text())
+        value["action_space"]["speed"]["high"] = options.speed
+        metadata.write_text(json.dumps(value))
+        limit = ["--max-minutes", str(options.minutes), "--seed", str(options.seed)]
+        dr("start-training", "--foreground", "-q", *limit)
     train_s, cpu_s = time.monotonic() - began_s, cpu_seconds() - before_s
     rows = []
     worlds = options.worlds or ",".join(circuits(options.tracks))
+    if worlds == "all":
+        worlds = ",".join(sorted(path.stem for path in options.tracks.glob("*.npy")))
     for reverse in (False, True):
         words = ["--worlds", worlds, "--laps", str(options.laps), "--checkpoint", "best"]
         way = "--reverse" if reverse else "--no-reverse"
@@ -116,6 +126,22 @@ def train_and_drive(folder: Path, options: argparse.Namespace) -> dict[str, Any]
         "checkpoint": checkpoint,
         "tracks": rows,
     }
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """A line for each track, both directions beside each other."""
+    lines = ["| track | clean laps | median | reversed | median |", "| --- " * 5 + "|"]
+    for forward in rows:
+        if forward["reverse"]:
+            continue
+        back = next((r for r in rows if r["reverse"] and r["world"] == forward["world"]), None)
+        cells = [forward["world"]]
+        for each in (forward, back):
+            median = each and each["median_s"]
+            cells.append(f"{each['clean']} of {each['laps']}" if each else "not driven")
+            cells.append("" if median is None else f"{median:.1f} s")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def circuits(tracks: Path) -> list[str]:
