@@ -101,11 +101,12 @@ class ReadyMadeModel:
 
     @property
     def settings(self) -> dict[str, str]:
+        """For a training that goes on: the tracks and the disturbances."""
         skipped = ("DR_TRAIN_", "DR_WORKERS")
         return {
             name: text
             for name, text in self.recipe.settings.items()
-            if not name.startswith(skipped)
+            if name == "DR_TRAIN_WORLDS" or not name.startswith(skipped)
         }
 
 

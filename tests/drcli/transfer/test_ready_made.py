@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 from drive_laps import drive_laps
@@ -13,6 +14,7 @@ from drcli.bucket.server import server
 from drcli.config import presets
 from drcli.config.loading import load_settings
 from drcli.config.presets import READY_MADE, model_file, ready_made
+from drcli.config.track_names import expand_worlds
 from drcli.convert.build_network import build_policy, load_weights
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.model_metadata import ModelMetadata
@@ -113,6 +115,13 @@ def test_a_new_folder_gets_the_model_into_its_bucket(working_folder, dr, capsys)
 
     assert code == 3
     assert "already contains a model" in capsys.readouterr().err
+
+
+def test_a_model_of_many_tracks_goes_on_with_all_of_them():
+    settings = read_ready_made("unseen").settings
+
+    assert expand_worlds(settings["DR_TRAIN_WORLDS"], Path("tracks"))[:2] == ("zoo-0", "zoo-1")
+    assert [name for name in settings if name.startswith("DR_TRAIN_")] == ["DR_TRAIN_WORLDS"]
 
 
 def test_an_unknown_model_and_one_that_is_not_shipped_are_refused(
