@@ -168,10 +168,10 @@ SATURATED = 0.04
 
 MOST_STEPS: dict[Phase, int] = {"teacher": 500_000, "distillation": 80_000}
 MANY_STEPS = 400_000
-"""Of a student on several tracks, who has to see more; what stands above is for one."""
+"""Of a student on several tracks, who has to see more, in a training without a limit of time."""
 
-MANY_WINDOW = 15
-"""Of a student on several tracks, whose iterations drive different ones."""
+MANY_ITERATIONS = 15
+"""As SURE_ITERATIONS, for a student on several tracks: each iteration drives other ones."""
 
 TEACHER_SHARE = 0.25
 """Of the time, where a student needs more of it."""
@@ -223,9 +223,10 @@ class PhaseJudge:
     left_s: float = math.inf
     many: bool = False
 
-    def most_steps(self, mark: PhaseMark) -> int:
-        is_student = mark.name == "distillation"
-        return MANY_STEPS if self.many and is_student else MOST_STEPS[mark.name]
+    def most_steps(self, mark: PhaseMark) -> float:
+        if self.many and mark.name == "distillation":
+            return MANY_STEPS if math.isinf(self.left_s) else math.inf
+        return MOST_STEPS[mark.name]
 
     def done(self, mark: PhaseMark, steps: int, records: Sequence[IterationRecord]) -> float:
         """Share of a phase that is over if nothing but its limits ends it, 0 .. 1."""
@@ -266,7 +267,9 @@ class PhaseJudge:
             own = [r for r in own if r.iteration >= mark.iteration + MIXED_ITERATIONS]
             if self._follows(own, before):
                 return "the student earns as much as its teacher"
-        window = MANY_WINDOW if self.many and mark.name == "distillation" else WINDOW[mark.name]
+            if self.many:
+                return None  # it gains most in the end, while its learning rate falls
+        window = WINDOW[mark.name]
         if len(own) < 2 * window:
             return None
         earlier, newest = own[-2 * window : -window], own[-window:]
@@ -277,12 +280,12 @@ class PhaseJudge:
             return None
         return f"it has gained less than {SATURATED:.0%} in {window} iterations"
 
-    @staticmethod
-    def _follows(own: Sequence[IterationRecord], before: Sequence[IterationRecord]) -> bool:
-        if len(own) < SURE_ITERATIONS or not before or before[-1].phase != "teacher":
+    def _follows(self, own: Sequence[IterationRecord], before: Sequence[IterationRecord]) -> bool:
+        count = MANY_ITERATIONS if self.many else SURE_ITERATIONS
+        if len(own) < count or not before or before[-1].phase != "teacher":
             return False
-        wanted = _mean_reward(before[-SURE_ITERATIONS:])
-        return _mean_reward(own[-SURE_ITERATIONS:]) >= wanted - FOLLOWS * abs(wanted)
+        wanted = _mean_reward(before[-count:])
+        return _mean_reward(own[-count:]) >= wanted - FOLLOWS * abs(wanted)
 
     def _is_fast_enough(self, newest: IterationRecord) -> bool:
         if self.lap_time_s is None or newest.best_lap_s is None:

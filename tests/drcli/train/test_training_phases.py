@@ -9,8 +9,8 @@ from drcli.records.checkpoint import CheckpointName
 from drcli.records.iteration import IterationRecord
 from drcli.records.stage import PhaseMark
 from drcli.train.training_progress import (
+    MANY_ITERATIONS,
     MANY_STEPS,
-    MANY_WINDOW,
     MIXED_ITERATIONS,
     MOST_STEPS,
     WINDOW,
@@ -149,14 +149,28 @@ def test_where_there_are_several_tracks_a_student_gets_most_of_the_time(left_s, 
     assert (found is not None) is ends
 
 
-def test_a_student_of_several_tracks_is_judged_over_more_iterations():
-    few = driven([100.0] * (MIXED_ITERATIONS + 2 * MANY_WINDOW - 1))
-    enough = driven([100.0] * (MIXED_ITERATIONS + 2 * MANY_WINDOW))
+def test_a_student_of_several_tracks_goes_on_until_its_steps_or_its_time_are_over():
+    level = driven([100.0] * 99)
     late = replace(ANY, total_steps=1_000 + MANY_STEPS, full_laps=0)
 
-    assert PhaseJudge(many=True).next_mark(DISTILLATION, few) is None
-    assert PhaseJudge(many=True).next_mark(DISTILLATION, enough) is not None
+    assert PhaseJudge(many=True).next_mark(DISTILLATION, level) is None
     assert PhaseJudge(many=True).next_mark(DISTILLATION, [late]) is not None
+    assert PhaseJudge(None, 900.0, many=True).next_mark(DISTILLATION, [late]) is None
+
+
+def test_a_student_of_several_tracks_follows_its_teacher_over_many_iterations():
+    """How much two of them earn depends on how long their tracks are."""
+    teacher = [
+        replace(each, iteration=each.iteration - 200, phase="teacher")
+        for each in driven([60.0, 140.0] * MANY_ITERATIONS)
+    ]
+    lucky = driven([80.0] * (MIXED_ITERATIONS + MANY_ITERATIONS - 2) + [130.0] * 2)
+    as_good = driven([100.0] * (MIXED_ITERATIONS + MANY_ITERATIONS))
+    judge = PhaseJudge(many=True)
+
+    assert judge.next_mark(DISTILLATION, [*teacher, *lucky]) is None
+    assert judge.next_mark(DISTILLATION, [*teacher, *as_good[:-1]]) is None
+    assert judge.next_mark(DISTILLATION, [*teacher, *as_good]) is not None
 
 
 @pytest.mark.parametrize(
@@ -165,7 +179,7 @@ def test_a_student_of_several_tracks_is_judged_over_more_iterations():
         (0, 0.0, 100.0, 0.0),
         (MANY_STEPS // 2, 0.0, math.inf, 0.5),
         (10, 30.0, 90.0, 0.25),
-        (MANY_STEPS // 2, 30.0, 90.0, 0.5),
+        (MANY_STEPS // 2, 30.0, 90.0, 0.25),
         (10, 90.0, 0.0, 1.0),
     ],
 )
