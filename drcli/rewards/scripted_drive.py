@@ -333,6 +333,7 @@ def _trips(
         car_parameters=parameters,
         race=race,
     )
+    simulation.draws = False
     starts = np.array([start + driver.start for driver in drivers])
     seeds = np.ones(len(drivers), np.uint64)  # the same objects for all drivers
     trips: dict[int, Trip] = {}
