@@ -74,10 +74,11 @@ def examine(
     given_up = Event()
     with ThreadPoolExecutor(1) as pool:
         try:
-            trying = pool.submit(try_inputs, settings.run, settings.directory, source, given_up)
-            review = review_parameters(
-                files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), settings
+            metadata = files.get(keys.MODEL_METADATA_FILE)
+            trying = pool.submit(
+                try_inputs, settings.run, settings.directory, source, given_up, metadata
             )
+            review = review_parameters(files.get(keys.HYPERPARAMETERS_FILE), metadata, settings)
             found += review.problems
             if review.design is not None:
                 found += review_import(settings, review.design)

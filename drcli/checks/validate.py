@@ -23,7 +23,7 @@ from drcli.model.files.custom_files import FILE_RULES, InputFile, find, local_fi
 from drcli.model.model_prefix import ModelListing
 from drcli.model.model_store import ModelStore
 from drcli.records.run_record import RunRecord, run_folder
-from drcli.rewards.reward_rules import read_source, review_source
+from drcli.rewards.reward_rules import is_undefined_name, read_source, review_source
 from drcli.rewards.reward_style import review_style
 from drcli.rewards.try_inputs import as_given, races_of
 from drcli.workers.ray_extra import workers_here
@@ -95,7 +95,9 @@ class _Validation:
             )
         if self.console:
             self.found = [
-                replace(each, severity="error") if each.rule == "V-32" else each
+                replace(each, severity="error")
+                if each.rule == "V-32" or is_undefined_name(each)
+                else each
                 for each in self.found
             ]
         if parameters is not None:

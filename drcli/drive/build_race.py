@@ -1,4 +1,4 @@
-"""Builds track, race, simulation and reward function. Needs no torch."""
+"""Builds track, race, simulation and reward function; loads torch only to choose a GPU."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import torch
 
 from drcli.base.errors import Problem, ProblemsError
+from drcli.base.installation import lazy_imports
 from drcli.base.log import get_logger
 from drcli.config.run_config import DriveConfig
 from drcli.config.track_names import remedy, track_problem
@@ -37,6 +37,9 @@ from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
 from drsim.track.ways import Ways
 from drsim.track.worlds import load_track
+
+with lazy_imports():
+    import torch
 
 _logger = get_logger(__name__)
 
@@ -304,7 +307,7 @@ INSTALL = "pip install 'drcli[gpu]'"
 class WorkerDevice:
     """The choice; `is_wanted`: it is what DR_WORKER_DEVICE asks for."""
 
-    gpu: torch.device | None
+    gpu: "torch.device | None"
     reason: str
     is_wanted: bool = True
 

@@ -13,13 +13,23 @@ from drcli.base.report import BLANK, Col, Curve, Styled, View, bold, compact, co
 from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
-from drcli.rewards.course import Course, TriedReward, try_rewards
+from drcli.model.keys import MODEL_METADATA_FILE
+from drcli.rewards.course import Course, TriedReward, as_array, try_rewards
 from drcli.rewards.lint import SIMULATION_STEP_S
 from drcli.rewards.sandbox.run_sandbox import CallIndex, Difference, FailureKind
 from drcli.rewards.sandbox.sample_calls import LATE
-from drcli.rewards.scripted_drive import FAST, LEAVING, STANDING, STEADY, drive, each_race
-from drcli.rewards.source import read_racers_file
-from drcli.rewards.try_inputs import races_of, tolerated_share
+from drcli.rewards.scripted_drive import (
+    FAST,
+    LEAVING,
+    STANDING,
+    STEADY,
+    drive,
+    each_race,
+    read_actions,
+)
+from drcli.rewards.source import discount_of, own_file, read_racers_file
+from drcli.rewards.try_inputs import races_of, text_of, tolerated_share
+from drsim.car.actions import Actions
 from drsim.episode.reward import names_in
 
 # Finds what a drive shows of a reward function.
@@ -34,21 +44,24 @@ _SAME = 1e-9
 _GROWS = 3.0
 _TIE = 0.05
 _NEARLY = 0.95
+_CREEPING_MPS = 0.5
+_OF_LAPS = {"short", "standing", "cancels-out", "slow-lap"}
 _BETTER = "Pay for progress per step, or for a lap in few steps."
 
 
-def drive_problems(tried: TriedReward) -> Iterator[Problem]:
+def drive_problems(tried: TriedReward, discount: float) -> Iterator[Problem]:
     yield from _memory(tried)
     if not any(failure.kind in _FATAL for failure in tried.result.failures):
-        yield from _loopholes(tried)
+        yield from _loopholes(tried, discount)
 
 
-def _loopholes(tried: TriedReward) -> Iterator[Problem]:
+def _loopholes(tried: TriedReward, discount: float) -> Iterator[Problem]:
     values = np.concatenate([tried.drive_values, tried.grid_values.reshape(-1)])
     values = values[~np.isnan(values)]
     if not len(values):
         return
-    if np.ptp(values) <= _SAME * max(abs(values.max()), 1.0):
+    tried_actions = as_array([*values, *tried.samples])
+    if np.nanmax(tried_actions) - np.nanmin(tried_actions) <= _SAME * max(abs(values.max()), 1.0):
         yield tried.warning(
             "constant",
             f"It always pays {values[0]:.4g}: the car learns at most to stay on the road for a "
@@ -59,7 +72,7 @@ def _loopholes(tried: TriedReward) -> Iterator[Problem]:
     yield from _growth(tried, float(np.abs(values).max()))
     if tried.result.memory is None:  # else the reward depends on more than the place
         yield from _off_track(tried)
-        yield from _laps(tried)
+        yield from _laps(tried, discount)
 
 
 def _growth(tried: TriedReward, greatest: float) -> Iterator[Problem]:
@@ -90,7 +103,8 @@ def _off_track(tried: TriedReward) -> Iterator[Problem]:
         )
 
 
-def _laps(tried: TriedReward) -> Iterator[Problem]:
+def _laps(tried: TriedReward, discount: float) -> Iterator[Problem]:
+    """At most one."""
     steady, left = tried.total(STEADY), tried.total(LEAVING)
     if steady is not None and left is not None and left >= steady:
         yield tried.warning(
@@ -100,11 +114,7 @@ def _laps(tried: TriedReward) -> Iterator[Problem]:
             "Pay more than zero for a good step, so that a longer episode earns more.",
         )
         return
-    step, standing = tried.mean(STEADY), tried.mean(STANDING)
-    creeping = ""
-    if step is not None and standing is not None and standing >= _NEARLY * step > 0:
-        creeping = f"Creeping at 0.1 m/s earns {standing:.3g} per step, as much as driving."
-    fast, prefers_fast = tried.total(FAST), tried.prefers_fast
+    creeping, fast, prefers_fast = _creeping(tried), tried.total(FAST), tried.prefers_fast
     if steady is None or fast is None or prefers_fast is None:
         if creeping:
             yield tried.warning("standing", creeping, _BETTER)
@@ -113,8 +123,9 @@ def _laps(tried: TriedReward) -> Iterator[Problem]:
         f"{steady:,.4g} in {tried.trip(STEADY).seconds:.1f} s and "
         f"{fast:,.4g} in {tried.trip(FAST).seconds:.1f} s"
     )
+    found = None
     if abs(steady - fast) <= _TIE * max(abs(steady), abs(fast)):
-        yield tried.warning(
+        found = tried.warning(
             "cancels-out",
             f"A slow lap earns as much as a fast one ({both}): the fast one earns more per step, "
             f"but has fewer steps. {creeping}".strip(),
@@ -122,14 +133,35 @@ def _laps(tried: TriedReward) -> Iterator[Problem]:
             "pay for a complete lap by the number of its steps.",
         )
     elif not prefers_fast:
-        yield tried.warning(
+        found = tried.warning(
             "standing" if creeping else "slow-lap",
             f"A slow lap earns more than a fast one ({both}), so the car has no reason to get "
             f"faster. {creeping}".strip(),
             f"{_BETTER} For learning to stay on the road it is fine as it is.",
         )
     elif creeping:
-        yield tried.warning("standing", creeping, _BETTER)
+        found = tried.warning("standing", creeping, _BETTER)
+    if found is not None:
+        slow, quick = (tried.discounted(driver, discount) for driver in (STEADY, FAST))
+        if quick > slow + _TIE * abs(slow):
+            why = (
+                f" But a step counts less the later it comes (discount_factor {discount:g}): seen "
+                f"from the start, the fast lap is worth {quick:,.4g}, the slow one {slow:,.4g}."
+            )
+            message = found.message.replace(", so the car has no reason to get faster", "")
+            found = replace(found, severity="note", message=message + why)
+        yield found
+
+
+def _creeping(tried: TriedReward) -> str:
+    step, standing, trip = tried.mean(STEADY), tried.mean(STANDING), tried.trip(STANDING)
+    gone_m = trip.progress / 100.0 * tried.course.drive.track.length_m
+    speed_mps = gone_m / max(trip.seconds, 1.0)
+    if speed_mps > _CREEPING_MPS or step is None or standing is None:
+        return ""
+    if not standing >= _NEARLY * step > 0:
+        return ""
+    return f"Creeping at {speed_mps:.1f} m/s earns {standing:.3g} per step, as much as driving."
 
 
 def _memory(tried: TriedReward) -> Iterator[Problem]:
@@ -254,6 +286,7 @@ class RewardReport:
     curve: Annotated[list[float | None], "The steady driver's reward at each step."]
     errors: Annotated[list[Problem], "Problems that end a training or do harm, in any race."]
     warnings: Annotated[list[Problem], "Problems that may surprise its author, in any race."]
+    notes: Annotated[list[Problem], "What is good to know, in any race."]
     others: Annotated[list[OtherRace], "Races of other workers."]
 
     @property
@@ -279,9 +312,14 @@ class RewardReport:
         if any(driver.total is not None for driver in self.drivers):
             yield from (BLANK, table(self.drivers))
             yield Curve("steady lap ", [value for value in self.curve if value is not None])
-        error, warning = Styled("Error: ", "bold red"), Styled("Warning: ", "bold yellow")
-        kinds = [(error, item) for item in self.errors] + [
-            (warning, item) for item in self.warnings
+        kinds = [
+            (title, item)
+            for title, items in (
+                (Styled("Error: ", "bold red"), self.errors),
+                (Styled("Warning: ", "bold yellow"), self.warnings),
+                (Styled("Note: ", "bold"), self.notes),
+            )
+            for item in items
         ]
         for title, problem in kinds:
             yield from (BLANK, (title, problem.where, dim(f" ({problem.rule})")))
@@ -303,14 +341,17 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
         SettingsError: File or track is missing, or the race does not fit.
     """
     read = read_racers_file(settings, file, directory)
-    return report_of(try_in_each_race(settings, read, directory, lambda own: Course.of(drive(own))))
+    tried = try_in_each_race(
+        settings, read, directory, lambda own, actions: Course.of(drive(own, actions))
+    )
+    return report_of(tried, discount_of(settings))
 
 
 def try_in_each_race(
     settings: Settings,
     file: InputFile,
     directory: Path,
-    course_of: Callable[[DriveConfig], Course],
+    course_of: Callable[[DriveConfig, Actions | None], Course],
     given_up: Event | None = None,
 ) -> list[TriedReward]:
     """As before a start, and on the course of each distinct race.
@@ -319,26 +360,31 @@ def try_in_each_race(
     """
     tried: list[TriedReward] = []
     tolerated = tolerated_share(settings.run)
+    metadata = text_of(own_file(settings, MODEL_METADATA_FILE))
+    actions = read_actions(metadata.encode() or None)
     for own in each_race(settings.races):
         races = None if tried else races_of(settings.run)
-        course = course_of(own)
+        course = course_of(own, actions)
         if given_up is not None and given_up.is_set():
             break
-        tried += try_rewards([file], course, directory, races, tolerated, given_up)
+        tried += try_rewards([file], course, directory, races, tolerated, given_up, metadata)
     return tried
 
 
-def report_of(races: Sequence[TriedReward]) -> RewardReport:
-    """On the first race, with problems that only show in others."""
+def report_of(races: Sequence[TriedReward], discount: float) -> RewardReport:
+    """On the first race, with problems that only show in others.
+
+    `discount`: weight of a reward that comes one step later.
+    """
     found: list[Problem] = []
     for each in races:
         drive_ = each.course.drive
         place = f"On {drive_.world}, {drive_.race_type}: " if each is not races[0] else ""
-        known = {(problem.rule, problem.where) for problem in found}
+        known = {_sameness(problem) for problem in found}
         found += [
             replace(problem, message=place + problem.message)
-            for problem in (*each.problems, *drive_problems(each))
-            if (problem.rule, problem.where) not in known
+            for problem in (*each.problems, *drive_problems(each, discount))
+            if _sameness(problem) not in known
         ]
     tried = races[0]
     drive_ = tried.course.drive
@@ -377,12 +423,17 @@ def report_of(races: Sequence[TriedReward]) -> RewardReport:
         curve=tried.result.values[0],
         errors=list(of_severity(found, "error")),
         warnings=list(of_severity(found, "warning")),
+        notes=list(of_severity(found, "note")),
         others=[
             OtherRace(drive_.world, drive_.race_type, drive_.track.reverse, each.result.calls)
             for each in races[1:]
             for drive_ in [each.course.drive]
         ],
     )
+
+
+def _sameness(problem: Problem) -> tuple[str, str]:
+    return "laps" if problem.rule in _OF_LAPS else problem.rule, problem.where
 
 
 def _extreme(tried: TriedReward, found: tuple[float, int, int] | None) -> Extreme | None:

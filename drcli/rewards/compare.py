@@ -13,7 +13,7 @@ from drcli.base.report import BLANK, Col, View, bold, compact, dim, table
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, TriedReward, position, scaled, try_rewards
 from drcli.rewards.pictures import draw_comparison
-from drcli.rewards.scripted_drive import drive
+from drcli.rewards.scripted_drive import drive, own_actions
 from drcli.rewards.source import read_files
 
 Floats = NDArray[np.float64]
@@ -113,7 +113,7 @@ def compare(
     files = read_files([first, second], directory)
     if out is not None:
         refuse_replacing(out, force=force)
-    course = Course.of(drive(settings.race))
+    course = Course.of(drive(settings.race, own_actions(settings)))
     both = try_rewards(files, course, directory)
     refuse(problem for tried in both for problem in tried.problems)
     if out is not None:

@@ -41,6 +41,7 @@ off the road.
 
 _SPACING_M = 0.12
 _MOST_ALONG = 400
+_QUICKER = 0.9
 
 
 @dataclass(frozen=True)
@@ -165,11 +166,17 @@ class TriedReward:
         total = self.total(driver)
         return None if total is None else total / len(self.values(driver))
 
+    def discounted(self, driver: ScriptedDriver, discount: float) -> float:
+        """Sum as seen from the first step; NaN if a call failed."""
+        values = as_array(self.values(driver))
+        return float(values @ discount ** np.arange(len(values)))
+
     @property
     def prefers_fast(self) -> bool | None:
-        """None without both laps."""
+        """None without both laps, or if the model's actions make them alike."""
         slow, fast = self.total(STEADY), self.total(FAST)
-        whole = self.trip(STEADY).whole and self.trip(FAST).whole
+        steady, quick = self.trip(STEADY), self.trip(FAST)
+        whole = steady.whole and quick.whole and quick.seconds < _QUICKER * steady.seconds
         return None if slow is None or fast is None or not whole else fast > slow
 
     @property
@@ -221,6 +228,7 @@ def try_rewards(
     races: list[DriveConfig] | None = None,
     tolerated: float = 0.0,
     given_up: Event | None = None,
+    metadata: str = "",
 ) -> list[TriedReward]:
     """Call reward functions at the same time, first on samples of `races`.
 
@@ -234,7 +242,9 @@ def try_rewards(
         running = []
         for file in files:
             source, wrong = read_source(file)
-            request = SandboxRequest(file.origin, course.sequences, waypoints, repeated, races)
+            request = SandboxRequest(
+                file.origin, course.sequences, waypoints, repeated, races, metadata=metadata
+            )
             sandbox = Sandbox(request, file.data, directory) if source is not None else None
             running.append((file.origin, source, wrong, sandbox and stack.enter_context(sandbox)))
         for name, source, problems, sandbox in running:

@@ -12,6 +12,7 @@ from drcli.rewards.sandbox.run_sandbox import (
     FailureKind,
     SandboxResult,
 )
+from drcli.workers.reward_failures import cure_of
 
 SIMULATION_STEP_S = 0.25e-3
 """Of one car: 4,200 steps/s were measured."""
@@ -56,16 +57,11 @@ def problems_of(
     source: Source, result: SandboxResult, directory: Path, tolerated: float = 0.0
 ) -> list[Problem]:
     """What ends a training, and what is odd; `tolerated`: share of calls that may fail."""
-    reviewed = review_source(source, {_parameter(source, each) for each in result.failures})
-    # An undefined name is found by reading and by trying.
-    known = {(problem.rule, problem.line) for problem in reviewed if problem.severity == "error"}
+    failures = result.failures
+    undefined = {_name_in(each.reason) for each in failures if each.kind == "undefined"}
     return [
-        *reviewed,
-        *(
-            problem
-            for problem in _failures(source, result, directory, tolerated)
-            if (problem.rule, problem.line) not in known
-        ),
+        *review_source(source, {_parameter(source, each) for each in failures} | undefined),
+        *_failures(source, result, directory, tolerated),
         *_conversions(source, result),
         *_effects(source, result),
         *_shared(source, result),
@@ -91,7 +87,10 @@ def _failures(
             message += "\nIt does so only in states that few trainings meet."
         if counted:
             message += "\nA training counts such calls and goes on (DR_REWARD_ON_ERROR)."
-        remedy = _missing_module(source, failure, directory) or REMEDIES[failure.kind]
+        remedy = _missing_module(source, failure, directory) or cure_of(
+            failure.reason, failure.missing
+        )
+        remedy = remedy or REMEDIES[failure.kind]
         if failure.reason.startswith("PermissionError"):
             remedy = _CONFINED
         if name := _parameter(source, failure):
@@ -105,6 +104,11 @@ def _parameter(source: Source, failure: Failure) -> str:
     return next((name for name in asked if failure.reason == f"KeyError: {name!r}"), "")
 
 
+def _name_in(reason: str) -> str:
+    """Of a NameError, which names no other in quotes."""
+    return reason.partition("'")[2].partition("'")[0]
+
+
 def _missing_module(source: Source, failure: Failure, directory: Path) -> str:
     module, file = failure.missing.partition(".")[0], Path(directory, source.name)
     if not module:
@@ -113,9 +117,7 @@ def _missing_module(source: Source, failure: Failure, directory: Path) -> str:
         return "Remove the import: everything that the file defines is already there."
     if file.with_name(f"{module}.py").exists() or file.with_name(module).is_dir():
         return f"Put what you need of {module} into {file.name}: a training uses only this file."
-    return (
-        f"Install the package where trainings run, as with `pip install {module}`, or do without."
-    )
+    return ""
 
 
 def _conversions(source: Source, result: SandboxResult) -> Iterator[Problem]:

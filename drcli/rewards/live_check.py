@@ -21,7 +21,8 @@ from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array
 from drcli.rewards.pictures import cell_edges
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.scripted_drive import drive
-from drcli.rewards.source import display_name
+from drcli.rewards.source import discount_of, display_name
+from drsim.car.actions import Actions
 
 MOST_COURSES = 6
 CURVE_POINTS = 150
@@ -123,27 +124,29 @@ class LiveCheck:
         tried = try_in_each_race(settings, file, directory, self._course, given_up)
         if given_up.is_set():
             return None
-        whole, key = report_of(tried), _key(settings.race)
+        actions = tried[0].course.drive.actions
+        whole = report_of(tried, discount_of(settings))
+        key = _key(settings.race, actions)
         course = None if known == key else _course_picture(key, tried[0].course)
         found = [*whole.errors, *whole.warnings]
         return LiveReport(found, whole, _picture(key, tried[0]), course)
 
-    def _course(self, own: DriveConfig) -> Course:
-        key = _key(own)
-        course = self._courses.pop(key, None) or Course.of(drive(own))
+    def _course(self, own: DriveConfig, actions: Actions | None) -> Course:
+        key = _key(own, actions)
+        course = self._courses.pop(key, None) or Course.of(drive(own, actions))
         self._courses[key] = course
         while len(self._courses) > MOST_COURSES:
             del self._courses[next(iter(self._courses))]
         return course
 
 
-def _key(own: DriveConfig) -> str:
+def _key(own: DriveConfig, actions: Actions | None) -> str:
     values = {name: value for name, value in own.to_json().items() if name != "sources"}
     files = []
     for path in sorted(own.tracks_folder.glob(f"{own.world_name}.*")):
         status = path.stat()
         files.append((path.name, status.st_size, status.st_mtime_ns))
-    text = json.dumps([values, files], sort_keys=True)
+    text = json.dumps([values, files, repr(actions)], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -16,7 +16,7 @@ from drcli.base.png_picture import INK, LINES, png
 from drcli.base.report import View, bold, compact
 from drcli.config.settings import Settings
 from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array, scaled, try_rewards
-from drcli.rewards.scripted_drive import FAST, STEADY, Trip, drive
+from drcli.rewards.scripted_drive import FAST, STEADY, Trip, drive, own_actions
 from drcli.rewards.source import read_racers_file
 from drsim.track.track import Track
 
@@ -315,7 +315,7 @@ def plot(
     """
     read = read_racers_file(settings, file, directory)
     refuse_replacing(out, force=force)
-    course = Course.of(drive(settings.race))
+    course = Course.of(drive(settings.race, own_actions(settings)))
     [tried] = try_rewards([read], course, directory)
     refuse(tried.problems)
     replaced = out.exists()

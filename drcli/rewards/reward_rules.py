@@ -210,7 +210,7 @@ class Source:
             for function in ast.walk(self.tree)
             if isinstance(function, ast.FunctionDef) and function.name == "reward_function"
         }
-        own: set[str] = set()
+        own: set[str] = set()  # that the file sets, or looks for before it reads them
         asked: dict[str, int] = {}
         for node in ast.walk(self.tree):
             match node:
@@ -219,6 +219,14 @@ class Source:
                         own.add(key)
                     elif name in arguments:
                         asked.setdefault(key, node.lineno)
+                case ast.Compare(
+                    left=ast.Constant(value=str(key)),
+                    ops=[ast.In() | ast.NotIn()],
+                    comparators=[
+                        ast.Name(id=name) | ast.Call(func=ast.Attribute(ast.Name(id=name)))
+                    ],
+                ) if name in arguments:
+                    own.add(key)
                 case ast.Call(
                     func=ast.Attribute(value=ast.Name(id=name), attr="get"),
                     args=[ast.Constant(value=str(key)), *_],
@@ -264,9 +272,9 @@ def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
 
 
 def review_source(source: Source, known: Collection[str] = ()) -> list[Problem]:
-    """Mistakes that would only show during a training."""
+    """Mistakes that would only show during a training; `known`: names that are told elsewhere."""
     return [
-        *_undefined_names(source),
+        *_undefined_names(source, known),
         *_unknown_parameters(source, known),
         *_progress_of_one(source),
         *_first_steps(source),
@@ -287,13 +295,18 @@ def _uncompilable(error: Exception, name: str, text: str) -> Problem:
     return Problem("V-02", "error", name, line, message, remedy)
 
 
-def _undefined_names(source: Source) -> Iterator[Problem]:
+def _undefined_names(source: Source, known: Collection[str]) -> Iterator[Problem]:
     """V-22."""
-    reported: set[str] = set()
+    reported = {f"undefined name {name!r}" for name in known}
     for line, text, undefined in source.flakes:
         if undefined and text not in reported:
             reported.add(text)
-            yield source.problem("V-22", line, f"{text}.", REMEDIES["undefined"])
+            what = f"{text}. A call that reaches this line fails."
+            yield source.problem("V-22", line, what, REMEDIES["undefined"], "warning")
+
+
+def is_undefined_name(problem: Problem) -> bool:
+    return problem.rule == "V-22" and problem.remedy == REMEDIES["undefined"]
 
 
 def _unknown_parameters(source: Source, known: Collection[str]) -> Iterator[Problem]:

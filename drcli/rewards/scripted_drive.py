@@ -8,9 +8,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import ProblemsError, SettingsError
 from drcli.config.run_config import DriveConfig
-from drcli.drive.build_race import car_parameters_of, load_race, load_world, race_of
+from drcli.config.settings import Settings
+from drcli.drive.build_race import (
+    actions_of,
+    car_parameters_of,
+    load_race,
+    load_world,
+    race_of,
+)
+from drcli.model.files.model_metadata import ModelMetadata
+from drcli.model.keys import MODEL_METADATA_FILE
+from drcli.rewards.source import own_file
+from drsim.car.actions import Actions, ContinuousActions
 from drsim.car.car import CONTROL_HZ, REAR_AXLE_BEHIND_M, WHEELBASE_M
 from drsim.car.car_parameters import CarParameters
 from drsim.episode.episode_rules import EpisodeRules, Status
@@ -36,11 +47,13 @@ _LEAVE_AFTER_M = 1.0
 _SEES_M, _PASSED_M = 2.2, 0.5
 _PASSING_MPS = 1.5
 _FIRST_STEP_MPS = 1.0
+_LIKE_DEG = 10.0
+"""Steering that is as far off as a speed by 1 m/s."""
 
 
 @dataclass(frozen=True)
 class ScriptedDriver:
-    """A way to drive.
+    """A way to drive. A model's actions limit it: the car is told the nearest one.
 
     Attributes:
         manner: Along the centre line, from border to border, off the road, or into the next object.
@@ -63,14 +76,49 @@ class ScriptedDriver:
 
 STEADY = ScriptedDriver("steady", "follows the centre line at 1.2 m/s", "along", 1.2)
 FAST = ScriptedDriver("fast", "follows the centre line at up to 3 m/s", "along", 3.0, grip_mps2=2.0)
+"""With actions, up to their greatest speed."""
 WEAVING = ScriptedDriver("weaving", "swings from border to border at 1 m/s", "weave", 1.0)
 LEAVING = ScriptedDriver("leaving", "leaves the road", "leave", 1.2, laps=False, start=0.3)
 STANDING = ScriptedDriver(
-    "standing", "asks for no speed and creeps", "along", 0.0, laps=False, steps=60, start=0.5
+    "standing", "asks for the least speed", "along", 0.0, laps=False, steps=60, start=0.5
 )
 RAMMING = ScriptedDriver("ramming", "drives into what is on the road", "ram", 1.5, laps=False)
 _OTHER_WAY = "follows the centre line the other way"
 TURNED = ScriptedDriver("turned", _OTHER_WAY, "along", 1.2, laps=False, steps=60, turned=True)
+
+
+def read_actions(metadata: bytes | None) -> Actions | None:
+    """Of a model's metadata; None without a usable file, whose faults other checks tell."""
+    try:
+        return None if metadata is None else actions_of(ModelMetadata.from_bytes(metadata))
+    except ProblemsError:
+        return None
+
+
+def own_actions(settings: Settings) -> Actions | None:
+    """Of the racer's model."""
+    file = own_file(settings, MODEL_METADATA_FILE)
+    return read_actions(None if file is None else file.data)
+
+
+def nearest_action(actions: Actions, steering_deg: float, speed_mps: float) -> tuple[float, float]:
+    """Degrees and m/s of the action that is most like a wish."""
+    if isinstance(actions, ContinuousActions):
+        (right, left), (slow, quick) = actions.steering_deg, actions.speed_mps
+        return min(max(steering_deg, right), left), min(max(speed_mps, slow), quick)
+    speeds_mps = [speed for _, speed in actions.choices]
+    speed_mps = min(max(speed_mps, min(speeds_mps)), max(speeds_mps))
+
+    def distance(action: tuple[float, float]) -> float:
+        return math.hypot((action[0] - steering_deg) / _LIKE_DEG, action[1] - speed_mps)
+
+    return min(actions.choices, key=distance)
+
+
+def _greatest_speed_mps(actions: Actions) -> float:
+    if isinstance(actions, ContinuousActions):
+        return actions.speed_mps[1]
+    return max(speed for _, speed in actions.choices)
 
 
 class Navigator:
@@ -197,9 +245,10 @@ class Drive:
     race: Race
     race_type: str
     trips: list[Trip]
+    actions: Actions | None = None
 
     def trip(self, driver: ScriptedDriver) -> Trip:
-        return next(trip for trip in self.trips if trip.driver == driver)
+        return next(trip for trip in self.trips if trip.driver.name == driver.name)
 
     @property
     def start_fraction(self) -> float:
@@ -223,8 +272,8 @@ def each_race(races: Sequence[DriveConfig]) -> list[DriveConfig]:
     return list(distinct.values())
 
 
-def drive(config: DriveConfig) -> Drive:
-    """Let all drivers drive.
+def drive(config: DriveConfig, actions: Actions | None = None) -> Drive:
+    """Let all drivers drive; without `actions`, at any steering and speed.
 
     Raises:
         SettingsError: The track is missing, or the race does not fit.
@@ -234,7 +283,12 @@ def drive(config: DriveConfig) -> Drive:
         raise SettingsError(str(problem), remedy=remedy)
     track = load_world(config)
     race = load_race(config, track)
-    drivers = [STEADY, FAST, WEAVING, LEAVING, STANDING]
+    fast = FAST
+    if actions is not None:
+        most_mps = _greatest_speed_mps(actions)
+        about = f"follows the centre line at up to {most_mps:g} m/s"
+        fast = replace(FAST, speed_mps=most_mps, about=about)
+    drivers = [STEADY, fast, WEAVING, LEAVING, STANDING]
     if race != TIME_TRIAL:
         drivers.append(RAMMING)
     if config.train_alternate_driving_direction:
@@ -244,11 +298,12 @@ def drive(config: DriveConfig) -> Drive:
         race,
         drivers,
         car_parameters_of(config),
+        actions,
         start=config.train_start_position_offset,
         reverse=config.train_reverse_direction,
     )
     driven = track.reversed() if config.train_reverse_direction else track
-    return Drive(driven, config.world_name, race, config.race_type, trips)
+    return Drive(driven, config.world_name, race, config.race_type, trips, actions)
 
 
 def _trips(
@@ -256,6 +311,7 @@ def _trips(
     race: Race,
     drivers: list[ScriptedDriver],
     parameters: CarParameters,
+    actions: Actions | None,
     *,
     start: float,
     reverse: bool,
@@ -277,18 +333,20 @@ def _trips(
         car_parameters=parameters,
         race=race,
     )
+    simulation.draws = False
     starts = np.array([start + driver.start for driver in drivers])
     seeds = np.ones(len(drivers), np.uint64)  # the same objects for all drivers
     trips: dict[int, Trip] = {}
     try:
         simulation.reset(np.arange(len(drivers)), starts, reverse=np.array(backward), seeds=seeds)
         while len(trips) < len(drivers):
-            requests = np.array(
-                [
-                    navigator.act(own[-1]) if own else navigator.first()
-                    for navigator, own in zip(navigators, calls, strict=True)
-                ]
-            )
+            wishes = [
+                navigator.act(own[-1]) if own else navigator.first()
+                for navigator, own in zip(navigators, calls, strict=True)
+            ]
+            if actions is not None:
+                wishes = [nearest_action(actions, *wish) for wish in wishes]
+            requests = np.array(wishes)
             result = simulation.step(requests[:, 0], requests[:, 1])
             for car, driver in enumerate(drivers):
                 resets = int(result.resets[car])

@@ -3,14 +3,16 @@
 import re
 import signal
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from drcli.base.errors import Problem, SettingsError, refuse
+from drcli.base.errors import Problem, ProblemsError, SettingsError, refuse
 from drcli.config.presets import model_file
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import FILE_RULES, InputFile, local_file
-from drcli.model.keys import REWARD_FUNCTION_FILE
+from drcli.model.files.hyperparameters import Hyperparameters
+from drcli.model.keys import HYPERPARAMETERS_FILE, REWARD_FUNCTION_FILE
 from drcli.records.job import WorkerExit
 
 
@@ -30,6 +32,24 @@ def read_racers_file(settings: Settings, file: Path | None, directory: Path) -> 
         remedy = f"Put your {own.name} there; an example is {example}."
         refuse([Problem("V-02", "error", str(own.parent), None, what, remedy)])
     return read_files([file or (own if own.is_file() else example)], directory)[0]
+
+
+def own_file(settings: Settings, name: str) -> InputFile | None:
+    """Of the racer; None if it is missing or unreadable, which other checks tell."""
+    try:
+        return local_file(settings.custom_files_dir, name)
+    except ProblemsError:
+        return None
+
+
+def discount_of(settings: Settings) -> float:
+    """Of the racer's hyperparameters, else the default."""
+    file = own_file(settings, HYPERPARAMETERS_FILE)
+    with suppress(ProblemsError):
+        if file is not None:
+            return Hyperparameters.from_bytes(file.data).discount_factor
+    default: float = Hyperparameters.model_fields["discount_factor"].default
+    return default
 
 
 def read_files(paths: Sequence[Path], directory: Path) -> list[InputFile]:

@@ -14,6 +14,7 @@ from drcli.config.track_names import (
     races_on,
     world_list,
 )
+from drcli.model.files.custom_files import InputFile
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import Source
 from drcli.rewards.sandbox.run_sandbox import Sandbox, SandboxRequest
@@ -23,22 +24,38 @@ MOST_OF_A_LIST = 3
 
 
 def try_inputs(
-    run: RunConfig, directory: Path, source: Source | None, given_up: Event
+    run: RunConfig,
+    directory: Path,
+    source: Source | None,
+    given_up: Event,
+    metadata: InputFile | None = None,
 ) -> list[Problem]:
     """Load the worlds of all workers and try the function, if any, in the sandbox.
+
+    There, drivers drive with the actions of `metadata`.
 
     Raises:
         NotAvailable: A library is missing, too old or broken.
     """
     if lacking := installation.unmet():
         raise lacking.error()
-    request = SandboxRequest("" if source is None else source.name, races=races_of(run))
+    request = SandboxRequest(
+        "" if source is None else source.name,
+        races=races_of(run),
+        drives=source is not None,
+        metadata=text_of(metadata),
+    )
     with Sandbox(request, None if source is None else source.data, directory) as sandbox:
         result = sandbox.result(given_up)
     found = [as_given(problem, run) for problem in result.problems] + list_problems(run.races)
     if source is not None and not given_up.is_set():
         found += problems_of(source, result, directory, tolerated_share(run))
     return found
+
+
+def text_of(metadata: InputFile | None) -> str:
+    """Without what cannot be read, which other checks tell."""
+    return "" if metadata is None else metadata.data.decode("utf-8", "replace")
 
 
 def races_of(run: RunConfig) -> list[DriveConfig]:

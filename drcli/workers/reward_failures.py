@@ -28,6 +28,16 @@ SAVED_EVERY_S = 60.0
 """As long as no call has failed; a later share needs the number."""
 
 
+_PACKAGES = {
+    "PIL": "pillow",
+    "cv2": "opencv-python",
+    "skimage": "scikit-image",
+    "sklearn": "scikit-learn",
+    "yaml": "pyyaml",
+}
+"""Where the name of the module is another."""
+
+
 class RewardErrorsExceeded(SettingsError):
     """More calls failed than DR_REWARD_MAX_ERROR_SHARE allows."""
 
@@ -101,7 +111,8 @@ class RewardFailures:
                 f"{len(self._failed_at):,} of the last {WINDOW_CALLS:,} calls of the reward "
                 f"function failed, and DR_REWARD_MAX_ERROR_SHARE is {share:g}. The newest failure: "
                 f"{message}",
-                remedy=f"Correct {name} and continue with `dr-start-training --resume-or-start`. "
+                remedy=f"{_cure(error) or f'Correct {name}.'} Continue with "
+                "`dr-start-training --resume-or-start`. "
                 "DR_REWARD_MAX_ERROR_SHARE is the limit.",
             )
         return self._settings.reward_fallback
@@ -155,6 +166,24 @@ def reward_failure(error: RewardError) -> SettingsError:
     text, name = message_of(error), file_of(error)
     return SettingsError(
         f"Reward function error: {text}",
-        remedy=f"Correct {name} and run the command again; a training continues with "
-        "`dr-start-training --resume-or-start`.",
+        remedy=f"{_cure(error) or f'Correct {name}.'} Then run the command again; a training "
+        "continues with `dr-start-training --resume-or-start`.",
     )
+
+
+def cure_of(reason: str, missing: str) -> str:
+    """What helps against the commonest failures, else nothing; `missing`: a module."""
+    if module := missing.partition(".")[0]:
+        package = _PACKAGES.get(module, module)
+        return f"Install it where trainings run, as with `pip install {package}`, or do without."
+    if reason.startswith("IndexError") and ("out of range" in reason or "out of bounds" in reason):
+        return (
+            "After the last waypoint comes the first: write `waypoints[i % len(waypoints)]` where "
+            "an index may pass the end."
+        )
+    return ""
+
+
+def _cure(error: RewardError) -> str:
+    cause = error.__cause__
+    return cure_of(error.reason, (isinstance(cause, ImportError) and cause.name) or "")

@@ -78,6 +78,8 @@ class SandboxRequest:
         waypoints: By `is_reversed`. Shape (2, n, 2).
         repeated: Sequences that are called again.
         races: Their samples come first.
+        drives: Drives them too.
+        metadata: model_metadata.json, for the actions.
     """
 
     name: str
@@ -85,6 +87,8 @@ class SandboxRequest:
     waypoints: list[list[list[float]]] = field(default_factory=list)
     repeated: SafeInt = 0
     races: list[DriveConfig] | None = None
+    drives: bool = False
+    metadata: str = ""
     call_s: Seconds = 5.0
     load_s: Seconds = 60.0
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drcli.base.errors import Problem, ProblemsError
 from drcli.config.run_config import DriveConfig
 from drcli.drive.build_race import MAX_EPISODE_STEPS, SLACK, load_race, load_world, race_warnings
+from drsim.car.actions import DEFAULT_ACTIONS, Actions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.params import Situation, params_of
 from drsim.episode.reward import RewardParams
@@ -25,19 +26,20 @@ OFFSETS = (0.0, 0.3, -0.3, 1.0)
 
 Floats = NDArray[np.float64]
 
-_STATES = (0, POSITIONS // 4, POSITIONS // 2, 3 * POSITIONS + POSITIONS // 4, POSITIONS - 1)
-"""Tried first: start line, road, half a lap, off the track, finish. Source: the console's
-validator. The first is an episode's first call, where functions set up variables.
-"""
-
 FIRST_UNUSUAL = LATE = -6
-_SPEED_MPS, _SLOWEST_MPS = 1.0, 0.5
+_PACE_MPS, _SLOWEST_MPS = 1.5, 0.5
+_FIRST_M = 0.14
+"""From the start to the place of an episode's first call."""
+
+_STEP_M = _PACE_MPS / CONTROL_HZ
+_PAST_M = 0.01
+LAST_WAYPOINTS = 3
 
 _FALLBACK_WORLD = "reinvent_base"
 
 
 def sample_races(
-    races: Sequence[DriveConfig],
+    races: Sequence[DriveConfig], actions: Actions | None = None
 ) -> tuple[list[list[RewardParams]], list[str], list[Problem]]:
     """Samples of each distinct race, and why races cannot be loaded."""
     problems: list[Problem] = []
@@ -52,43 +54,76 @@ def sample_races(
             continue
         if (own.world_name, race) not in samples:
             problems += race_warnings(own, track, race)
-            samples[own.world_name, race] = sample_params(track, race)
+            samples[own.world_name, race] = sample_params(track, race, actions)
             names.append(f"{own.world_name}, {own.race_type}")
     if not samples:
-        return [sample_params(load_track(_FALLBACK_WORLD))], [_FALLBACK_WORLD], problems
+        return (
+            [sample_params(load_track(_FALLBACK_WORLD), actions=actions)],
+            [_FALLBACK_WORLD],
+            problems,
+        )
     return list(samples.values()), names, problems
 
 
-def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
-    """Parameters all along a lap, on and off the track, then six states of long trainings."""
-    count = POSITIONS * len(OFFSETS)
-    fraction = np.tile(np.linspace(0.0, 1.0, POSITIONS, endpoint=False), len(OFFSETS))
-    xy, yaw_rad = places(track, fraction[:POSITIONS] * track.length_m, OFFSETS)
-    off = np.repeat([abs(offset) > 0.5 for offset in OFFSETS], POSITIONS)
-    progress = 100.0 * fraction
-    progress[POSITIONS - 1] = 100.0  # at the finish
+def sample_params(
+    track: Track, race: Race = TIME_TRIAL, actions: Actions | None = None
+) -> list[RewardParams]:
+    """Parameters of a lap for each offset, then six states of long trainings.
+
+    Each place has two calls, the second a step after the first, as in a training; `is_sudden` tells
+    which are first calls. The actions are taken in turn.
+    """
+    lap_m = _along_m(track)
+    count = len(lap_m) * len(OFFSETS)
+    along_m = np.tile(lap_m, len(OFFSETS))
+    xy, yaw_rad = places(track, lap_m, OFFSETS)
+    off = np.repeat([abs(offset) > 0.5 for offset in OFFSETS], len(lap_m))
+    steps = 2 + np.round((along_m - _FIRST_M) / _STEP_M).astype(np.int64)
+    choices = np.array(_choices(actions))[np.arange(count) // 2 % len(_choices(actions))]
     situation = Situation(
         xy=xy,
         heading_deg=np.degrees(yaw_rad),
         where=track.locate(xy),
         all_on=~off,
         none_on=off,
-        progress=progress,
-        steps=np.arange(2, count + 2),
-        sim_time_s=np.arange(count) / CONTROL_HZ,
-        steering_deg=np.zeros(count),
-        speed_mps=np.full(count, _SPEED_MPS),
+        progress=np.minimum(100.0 * along_m / track.length_m, 100.0),
+        steps=steps,
+        sim_time_s=steps / CONTROL_HZ,
+        steering_deg=choices[:, 0],
+        speed_mps=choices[:, 1],
         way=np.zeros(count, np.int64),
         crashed=off & (race != TIME_TRIAL),  # so that crashes are tried as well
     )
     ways = Ways([track], count)
     if race != TIME_TRIAL:
         traffic = Traffic(ways, race)
-        traffic.begin(np.arange(count), fraction, np.arange(count, dtype=np.uint64))
+        begun = along_m / track.length_m % 1.0
+        traffic.begin(np.arange(count), begun, np.arange(count, dtype=np.uint64))
         situation = replace(situation, objects=traffic.objects())
     samples = list(params_of(ways.tracks, situation, np.arange(count)))
-    rest = [params for index, params in enumerate(samples) if index not in _STATES]
-    return [*(samples[index] for index in _STATES), *rest, *_unusual(track, samples)]
+    return [*samples, *_unusual(track, samples)]
+
+
+def is_sudden(index: int, samples: int) -> bool:
+    """Whether a training has no such call, or not after the one before."""
+    return index >= samples + FIRST_UNUSUAL or (index % 2 == 0 and index > 0)
+
+
+def _along_m(track: Track) -> Floats:
+    """From the start: places in pairs, with the last waypoints and the finish. Shape (2 * n,)."""
+    last_m = track.locate(np.array(track.waypoints[-1 - LAST_WAYPOINTS : -1])).distance_m + _PAST_M
+    everywhere_m = np.linspace(_FIRST_M + _STEP_M, track.length_m - _STEP_M, POSITIONS)
+    second_m = np.sort(np.concatenate([everywhere_m, last_m, [track.length_m + _PAST_M]]))
+    return np.stack([second_m - _STEP_M, second_m], axis=1).reshape(-1)
+
+
+def _choices(actions: Actions | None) -> list[tuple[float, float]]:
+    actions = DEFAULT_ACTIONS if actions is None else actions
+    if isinstance(actions, DiscreteActions):
+        return list(actions.choices)
+    (right, left), (slow, quick) = actions.steering_deg, actions.speed_mps
+    steering_deg = {right, right / 2, min(max(0.0, right), left), left / 2, left}
+    return [(deg, mps) for deg in sorted(steering_deg) for mps in (slow, (slow + quick) / 2, quick)]
 
 
 def _unusual(track: Track, samples: Sequence[RewardParams]) -> list[RewardParams]:
@@ -96,7 +131,7 @@ def _unusual(track: Track, samples: Sequence[RewardParams]) -> list[RewardParams
 
     Few trainings meet them, so failures only there do not refuse a start.
     """
-    usual = samples[POSITIONS // 2]
+    usual = samples[POSITIONS + 1]
     slow_lap_s = track.length_m / _SLOWEST_MPS
     longest = min(MAX_EPISODE_STEPS, math.ceil(SLACK * slow_lap_s * CONTROL_HZ))
     return [

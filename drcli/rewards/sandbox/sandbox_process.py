@@ -13,7 +13,7 @@ import statistics
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
@@ -21,9 +21,10 @@ from time import monotonic, perf_counter  # which racers' code may replace in `t
 from types import FunctionType
 from typing import NamedTuple, NoReturn, TextIO
 
-from drcli.base.errors import Problem
+from drcli.base.errors import Problem, ProblemsError
 from drcli.base.processes import keep_descendants
 from drcli.base.system_calls import limit_data
+from drcli.config.run_config import DriveConfig
 from drcli.drive.reward_access import confine_reward
 from drcli.model.keys import REWARD_FUNCTION_FILE
 from drcli.rewards.sandbox.run_sandbox import (
@@ -37,7 +38,7 @@ from drcli.rewards.sandbox.run_sandbox import (
     SandboxResult,
     Timing,
 )
-from drcli.rewards.sandbox.sample_calls import FIRST_UNUSUAL, sample_races, state_of
+from drcli.rewards.sandbox.sample_calls import is_sudden, sample_races, state_of
 from drcli.rewards.sandbox.shared_state import (
     Effects,
     Originals,
@@ -45,6 +46,8 @@ from drcli.rewards.sandbox.shared_state import (
     SharedStateTrial,
     copied,
 )
+from drcli.rewards.scripted_drive import drive, each_race, read_actions
+from drsim.car.actions import Actions
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
 from drsim.errors import RewardError
@@ -56,9 +59,10 @@ Values = dict[CallIndex, float | None]
 
 
 class Calls(NamedTuple):
-    """Races' samples last."""
+    """Episodes, `driven` of them driven; then the samples of races."""
 
     sequences: Sequence[Sequence[RewardParams]]
+    driven: int
     races: Sequence[str]
     problems: list[Problem]
 
@@ -70,9 +74,21 @@ def calls_of(request: SandboxRequest) -> Calls:
         for calls in request.sequences
     ]
     if request.races is None:
-        return Calls(sequences, [], [])
-    samples, races, problems = sample_races(request.races)
-    return Calls([*sequences, *samples], races, problems)
+        return Calls(sequences, len(sequences), [], [])
+    actions = read_actions(request.metadata.encode() or None)
+    if request.drives:
+        sequences += _driven(request.races, actions)
+    samples, races, problems = sample_races(request.races, actions)
+    return Calls([*sequences, *samples], len(sequences), races, problems)
+
+
+def _driven(races: Sequence[DriveConfig], actions: Actions | None) -> Iterator[list[RewardParams]]:
+    for own in each_race(races):
+        with contextlib.suppress(ProblemsError):  # the samples tell what is wrong with the race
+            driven = drive(own, actions)
+            ways = driven.waypoints()
+            for trip in driven.trips:
+                yield [{**call, "waypoints": ways[call["is_reversed"]]} for call in trip.calls]
 
 
 def try_function(
@@ -94,6 +110,7 @@ class _Passes:
         self._request = request
         self._file = file
         self._calls = calls.sequences
+        self._driven = calls.driven
         self._races = calls.races
         self._problems = calls.problems
         self._counting = True
@@ -112,7 +129,7 @@ class _Passes:
         everything = [
             CallIndex(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))
         ]
-        samples = [where for where in everything if where.sequence >= len(self._request.sequences)]
+        samples = [where for where in everything if where.sequence >= self._driven]
         driven = everything[: len(everything) - len(samples)]
         values: Values = {}
         counted, printed = 0, Printed()
@@ -256,7 +273,8 @@ class _Passes:
         )
         alike = "" if kind == "range" else returned
         key = (kind, type(cause).__name__ if cause else alike, error.line)
-        times, unusual = int(self._counting), where is not None and self._is_unusual(where)
+        times = int(self._counting)
+        unusual = where is not None and self._is_unusual(where, kind)
         known = self._failures.get(key)
         if known is not None:
             both = known.unusual and unusual
@@ -275,12 +293,16 @@ class _Passes:
             unusual=unusual,
         )
 
-    def _is_unusual(self, where: CallIndex) -> bool:
-        samples = where.sequence >= len(self._request.sequences)
-        return samples and where.index >= len(self._calls[where.sequence]) + FIRST_UNUSUAL
+    def _is_unusual(self, where: CallIndex, kind: FailureKind) -> bool:
+        """Rewards of samples also depend on the way between places, which the drive shows."""
+        if where.sequence < self._driven:
+            return False
+        if kind == "range" and self._driven:
+            return True
+        return is_sudden(where.index, len(self._calls[where.sequence]))
 
     def _state(self, where: CallIndex) -> str:
-        sample = where.sequence - len(self._request.sequences)
+        sample = where.sequence - self._driven
         race = self._races[sample] if sample >= 0 and self._races[1:] else ""
         return state_of(self._calls[where.sequence][where.index], race)
 

@@ -169,10 +169,19 @@ def _reward(function: Callable[[RewardParams], float], params: RewardParams, see
     return None
 
 
-def copied(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: copied(item) for key, item in value.items()}
-    return [copied(item) for item in value] if isinstance(value, list) else value
+def copied(params: RewardParams) -> RewardParams:
+    """Lists too, which a reward function may alter."""
+    return {
+        name: _copied_list(value) if type(value) is list else value
+        for name, value in params.items()
+    }
+
+
+def _copied_list(values: list[Any]) -> list[Any]:
+    """Nearly all time of a call went into waypoints, which are tuples."""
+    if values and type(values[0]) is list:
+        return [item.copy() for item in values]
+    return values.copy()
 
 
 def _elsewhere() -> Iterator[tuple[str, tuple[str, Any]]]:
@@ -270,13 +279,14 @@ class Originals:
         self._before = [(module, dict(module.__dict__)) for module in _SHARED]
 
     def restore(self) -> None:
+        altered = [pair for pair in self._before if pair[0].__dict__ != pair[1]]
         changed = [
             (module.__name__, name)
-            for module, before in self._before
+            for module, before in altered
             for name in before
             if name not in module.__dict__ or module.__dict__[name] is not before[name]
         ]
-        for module, before in self._before:
+        for module, before in altered:
             module.__dict__.update(before)
         # Nothing but syntax so far: any function may have been replaced.
         names = [f"{module}.{name}" for module, name in changed]

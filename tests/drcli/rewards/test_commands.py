@@ -19,7 +19,7 @@ def racer(working_folder, course, monkeypatch):
     """A working folder whose drive has been driven already, and whose sandbox is this process."""
     monkeypatch.setattr("drcli.rewards.course.Sandbox", SandboxHere)
     for module in ("check", "pictures", "compare"):
-        monkeypatch.setattr(f"drcli.rewards.{module}.drive", lambda settings: course.drive)
+        monkeypatch.setattr(f"drcli.rewards.{module}.drive", lambda *_: course.drive)
     (working_folder / "custom_files").mkdir()
     (working_folder / "custom_files" / "reward_function.py").write_text(GOOD)
     return working_folder
@@ -80,7 +80,7 @@ def two_worlds(racer, course, obstacle_course, monkeypatch):
     (racer / "worker-2.env").write_text("DR_RACE_TYPE=OBJECT_AVOIDANCE\n")
     (racer / "worker-3.env").write_text("DR_RACE_TYPE=TIME_TRIAL\n")
     driven = {"TIME_TRIAL": course.drive, "OBJECT_AVOIDANCE": obstacle_course.drive}
-    monkeypatch.setattr("drcli.rewards.check.drive", lambda settings: driven[settings.race_type])
+    monkeypatch.setattr("drcli.rewards.check.drive", lambda race, _: driven[race.race_type])
     return racer
 
 
@@ -95,8 +95,8 @@ def test_a_check_tries_the_race_of_each_worker_once(two_worlds, dr, capsys):
     assert code == 3
     assert [other["race_type"] for other in told["others"]] == ["OBJECT_AVOIDANCE"]
     [error] = told["errors"]
-    assert "OBJECT_AVOIDANCE, step 2, 0.0 % of the lap)" in error["message"]
-    assert "166 of 332 calls fail like this." in error["message"]
+    assert "OBJECT_AVOIDANCE, step 2, 0.8 % of the lap)" in error["message"]
+    assert "358 of 716 calls fail like this." in error["message"]
 
 
 def test_a_check_says_what_it_tried_and_says_the_same_once(two_worlds, dr, capsys):

@@ -17,6 +17,7 @@ from drcli.rewards.sandbox.run_sandbox import (
 )
 
 CALLS = 1_000
+DISCOUNT = 0.99
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 
 
@@ -27,7 +28,7 @@ def on_the_road(params):
 @pytest.fixture
 def rules(tried_of):
     def of(function) -> list[str]:
-        return [problem.rule for problem in report_of([tried_of(function)]).warnings]
+        return [problem.rule for problem in report_of([tried_of(function)], DISCOUNT).warnings]
 
     return of
 
@@ -36,12 +37,40 @@ def test_a_constant_reward_is_told_and_nothing_follows_from_it(rules):
     assert rules(lambda params: 1.0) == ["constant"]
 
 
-def test_pay_for_speed_alone_cancels_out(rules, tried_of):
+def test_pay_for_speed_alone_cancels_out_unless_later_steps_count_less(tried_of):
     tried = tried_of(lambda params: params["speed"] if on_the_road(params) else 0.0)
-    found = report_of([tried]).warnings
+    whole, discounted = report_of([tried], 1.0), report_of([tried], DISCOUNT)
 
-    assert [problem.rule for problem in found] == ["cancels-out"]
-    assert "12.1 s" in found[0].message
+    assert [problem.rule for problem in whole.warnings] == ["cancels-out"]
+    assert "12.1 s" in whole.warnings[0].message
+    assert discounted.warnings == []
+    [note] = discounted.notes
+    assert note.rule == "cancels-out"
+    assert "discount_factor 0.99" in note.message
+
+
+def test_several_races_have_one_remark_on_the_sum_of_a_lap(tried_of):
+    tried = [
+        tried_of(lambda params, power=power: on_the_road(params) * (0.1 + params["speed"] ** power))
+        for power in (0.0, 0.1, 1.0)
+    ]
+
+    report = report_of(tried, 1.0)
+
+    assert [problem.rule for problem in report.warnings] == ["standing"]
+
+
+def test_a_reward_that_only_samples_earn_is_not_called_constant(with_result, course):
+    driven = [[1e-3] * len(calls) for calls in course.sequences]
+    told = [
+        report_of([with_result(SandboxResult(values=[*driven, samples]))], DISCOUNT).warnings
+        for samples in ([1e-3] * 9, [1.0] + [1e-3] * 8)
+    ]
+
+    assert [[problem.rule for problem in found][:1] for found in told] == [
+        ["constant"],
+        ["off-track"],
+    ]
 
 
 def test_pay_by_the_step_is_more_for_a_slow_lap(rules):
@@ -98,7 +127,7 @@ def told(with_result, course, values):
 
     def of(*, text: str = "", **found):
         result = SandboxResult(values=values, **{"calls": CALLS, **found})
-        report = report_of([with_result(result, text)])
+        report = report_of([with_result(result, text)], DISCOUNT)
         return {problem.rule: problem for problem in (*report.errors, *report.warnings)}
 
     return of

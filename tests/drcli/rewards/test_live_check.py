@@ -18,7 +18,7 @@ def settings(settings_of):
 @pytest.fixture
 def live(settings, course):
     live = LiveCheck()
-    live._courses[live_check._key(settings.race)] = course  # driven once for all tests
+    live._courses[live_check._key(settings.race, None)] = course  # driven once for all tests
     return live
 
 
@@ -42,7 +42,7 @@ def test_the_picture_has_a_reward_for_each_place(live, settings):
 
 
 def test_a_course_that_is_known_is_not_sent_again(live, settings):
-    key = live_check._key(settings.race)
+    key = live_check._key(settings.race, None)
 
     found = check(live, settings, b"def reward_function(params):\n    return 1.0\n", known=key)
 

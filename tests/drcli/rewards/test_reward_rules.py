@@ -24,6 +24,6 @@ def test_pyflakes_runs_once(monkeypatch):
 
     assert sorted(item.message for item in found if item.rule == "V-22") == [
         "'math' imported but unused.",
-        "undefined name 'bonus'.",
+        "undefined name 'bonus'. A call that reaches this line fails.",
     ]
     assert len(runs) == 1

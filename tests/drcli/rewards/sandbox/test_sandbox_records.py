@@ -41,7 +41,9 @@ def test_a_result_comes_back_as_it_was(tmp_path):
 
 
 def test_a_request_comes_back_as_it_was(tmp_path):
-    request = SandboxRequest("mine.py", [[{"speed": 1.0}]], [[[0.0, 1.0]], []], 1, None, 0.5)
+    request = SandboxRequest(
+        "mine.py", [[{"speed": 1.0}]], [[[0.0, 1.0]], []], 1, None, True, "{}", 0.5
+    )
     request.write(tmp_path)
 
     assert SandboxRequest.read(tmp_path) == request
