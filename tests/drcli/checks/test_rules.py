@@ -711,6 +711,20 @@ CASES = (
         ("DR_REGULAR_UPLOAD asks for uploads", "DR_UPLOAD_S3_BUCKET"),
     ),
     Case(
+        "V-12",
+        lambda f: f.settings(DR_UPLOAD_S3_BUCKET="uploads"),
+        lambda f: f.settings(DR_UPLOAD_S3_BUCKET="uploads/mine"),
+        "warning",
+        ("DR_UPLOAD_S3_BUCKET=uploads/mine is not the name of a bucket", "with mine/"),
+    ),
+    Case(
+        "V-12",
+        lambda f: f.settings(DR_UPLOAD_S3_BUCKET="uploads", DR_UPLOAD_BEST_MODEL="True"),
+        lambda f: f.settings(DR_UPLOAD_S3_BUCKET="s3://uploads", DR_UPLOAD_BEST_MODEL="True"),
+        "error",
+        ("DR_UPLOAD_S3_BUCKET=s3://uploads is not the name of a bucket", "Write uploads."),
+    ),
+    Case(
         "V-50",
         lambda f: None,
         lambda f: setattr(f.bucket, "put", refuse_put),

@@ -240,6 +240,33 @@ def test_a_rule_for_the_console_is_an_error_only_when_it_shall_take_the_model(fo
     assert [item.severity for item in here + there] == ["warning", "error"]
 
 
+def test_remarks_on_style_are_one_line_unless_the_console_shall_take_the_model(folder):
+    folder.reward("import math\nimport random\ndef reward_function(params):\n return  1.0\n")
+
+    [line] = folder.breaches("V-22")
+    listed = folder.breaches("V-22", console=True)
+
+    assert len(listed) > 2
+    assert line.message.startswith(f"{len(listed)} remarks about style, such as: ")
+    assert line.remedy.endswith("`dr-validate --console-compatible` lists all.")
+    assert {each.severity for each in listed} == {"error"}
+
+
+def test_values_beyond_the_car_are_one_line_unless_the_console_shall_take_the_model(folder):
+    actions = [{"steering_angle": n, "speed": 5, "name": "x"} for n in range(12)]
+    folder.metadata(action_space=actions)
+
+    [line], listed = folder.breaches("V-32"), folder.breaches("V-32", console=True)
+    [unused] = folder.breaches("V-03")
+
+    assert len(listed) == 12
+    assert line.message == (
+        "12 values of action_space are beyond what the car can do, such as: "
+        "action_space[0].speed=5 is more than the car can do (0.1 to 4)."
+    )
+    assert unused.message.startswith("12 keys are not used, such as: action_space[0].name is")
+
+
 def test_the_start_of_a_training_reports_the_same_errors_in_a_line_each(folder, monkeypatch):
     monkeypatch.setattr("drcli.run.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.settings(DR_WORLD_NAME="nowhere")
