@@ -246,7 +246,7 @@ class _Loader:
         entries = [own, *outside, run, system]
         for layer in entries:
             _drop_empty(layer)
-        self._problems += rename_old(entries)
+        self._problems += [*rename_old(entries), *leave_out_slashes(entries)]
         layers, values = self._resolve(entries)
         self._serve_azure_here(layers, values)
         others, problems = unknown_names(layers, entries)
@@ -384,12 +384,9 @@ class _Loader:
             elif text is not None and (text.strip() or setting.kind == "text"):
                 texts[name] = text.strip()
                 try:
-                    value = values[setting.field] = self._value(setting, texts[name])
+                    values[setting.field] = self._value(setting, texts[name])
                 except BadValue as error:
                     bad[name] = error
-                else:
-                    if setting.check is object_key and value != texts[name]:
-                        self._warn_of_slashes(layers.find(name), value)
         for name, fault in bad.items():
             entry = layers.find(name)
             place = Place("default") if entry is None else entry.place
@@ -402,14 +399,6 @@ class _Loader:
             problem = setting_problem(name, place, f"{what}.", fault.remedy)
             self._blame(name, problem, dropped)
         return values, dropped
-
-    def _warn_of_slashes(self, entry: Entry | None, value: str) -> None:
-        written = "" if entry is None else entry.value.strip()
-        if entry is not None and without_slashes(written) != written:
-            what = f"{entry.name}={shown(written)} is read as {value}, without the extra slashes."
-            remedy = "Write names without / at the start or the end."
-            problem = setting_problem(entry.name, entry.place, what, remedy, severity="warning")
-            self._add([problem])
 
     def _value(self, setting: Setting, text: str) -> Any:
         value = setting.read(text)
@@ -436,6 +425,20 @@ class _Loader:
             problem = replace(problem, severity="warning", message=message)
             dropped.add(name)
         self._add([problem])
+
+
+def leave_out_slashes(layers: Iterable[dict[str, Entry]]) -> Iterator[Problem]:
+    """Shorten names in the bucket before others refer to them, with a warning about each."""
+    keys = [name for name, setting in catalogue().items() if setting.check is object_key]
+    for layer in layers:
+        for name in keys:
+            written = layer[name].value.strip() if name in layer else ""
+            plain = without_slashes(written)
+            if plain not in (written, ""):
+                layer[name] = replace(layer[name], value=plain)
+                what = f"{name}={shown(written)} is read as {plain}, without the extra slashes."
+                remedy = "Write names without / at the start or the end."
+                yield setting_problem(name, layer[name].place, what, remedy, severity="warning")
 
 
 def is_of_worker(name: str) -> bool:
