@@ -3,7 +3,7 @@
 import difflib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, NamedTuple
 
 
@@ -134,6 +134,7 @@ Severity = Literal["error", "warning", "note"]
 """Only errors prevent a start; `dr-start-training` asks about notes."""
 
 MOST_SHOWN = 40
+LISTED = "`dr-validate --console-compatible` lists all."
 LONGEST_SHOWN = 80
 
 
@@ -154,6 +155,8 @@ class Problem:
     Attributes:
         file: As in `Place`; empty if there is none.
         key: The setting or key; empty if there is none.
+        several: What to call more of this kind in a file, after their number; empty if each
+            stands for itself.
     """
 
     rule: str
@@ -163,6 +166,7 @@ class Problem:
     message: str
     remedy: str
     key: str = ""
+    several: str = ""
 
     JSON_KEYS: ClassVar[Mapping[str, str]] = {
         "rule": "Number of the violated rule, such as `V-41`.",
@@ -222,10 +226,28 @@ def of_severity(problems: Iterable[Problem], severity: Severity) -> tuple[Proble
     return tuple(sorted(distinct, key=lambda p: (p.rule, p.file, p.line or 0)))
 
 
+def grouped(problems: Iterable[Problem]) -> list[Problem]:
+    """Warnings of one kind in a file become one, with the first as an example."""
+    kinds: dict[object, list[Problem]] = {}
+    for each in problems:
+        alike = each.several and each.severity == "warning"
+        kind = (each.rule, each.file, each.several) if alike else each
+        kinds.setdefault(kind, []).append(each)
+    found = []
+    for first, *others in kinds.values():
+        if others and first.several:
+            message = f"{len(others) + 1} {first.several}, such as: {first.message}"
+            first = replace(first, message=message, remedy=f"{first.remedy} {LISTED}")
+        found.append(first)
+    return found
+
+
 def refuse(problems: Iterable[Problem]) -> None:
-    errors = of_severity(problems, "error")
+    """Raises ProblemsError with all of them, errors first, if there is an error."""
+    found = tuple(problems)
+    errors = of_severity(found, "error")
     if errors:
-        raise ProblemsError(errors)
+        raise ProblemsError([*errors, *(each for each in found if each.severity != "error")])
 
 
 def few(sentences: Iterable[str]) -> list[str]:

@@ -1,5 +1,6 @@
 """Writes files completely or not at all; our own records even on a full disk."""
 
+import codecs
 import errno
 import json
 import os
@@ -332,6 +333,13 @@ def decode(data: bytes, name: str, rule: str, *, largest_bytes: int, remedy: str
         size = f"{len(data):,} bytes long; at most {largest_bytes:,} are allowed."
         what = f"The file is {size}"
         raise ProblemsError([Problem(rule, "error", name, None, what, remedy)])
+    zeros = [not byte for byte in data[:16]]  # every other one in Latin letters
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or (
+        len(zeros) > 1 and zeros in ([n % 2 == k for n in range(len(zeros))] for k in (0, 1))
+    ):
+        what = "The file is UTF-16 text, as PowerShell writes it, and not UTF-8."
+        how = f"Save it as UTF-8, as with `iconv -f UTF-16 -t UTF-8 {PurePosixPath(name).name}`."
+        raise ProblemsError([Problem(rule, "error", name, None, what, how)])
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as e:

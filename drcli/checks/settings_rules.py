@@ -5,10 +5,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.errors import Problem, ProblemsError
+from drcli.base.errors import BadValue, Problem, ProblemsError, Severity, shown
 from drcli.checks.machine_rules import review_access
+from drcli.config.fields import setting_problem
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings, catalogue
+from drcli.config.value_types import upload_bucket
 from drcli.transfer.transfer_buckets import UNDEFINED
 
 MOST_REPAIRS = 5
@@ -58,13 +60,21 @@ def _judged(settings: Settings) -> list[Problem]:
 
 
 def upload_problems(settings: Settings) -> list[Problem]:
-    """V-12: uploads have a bucket to go to."""
+    """V-12: uploads have a bucket to go to; one that cannot be one is an error only for them."""
     wanted = {
         "DR_REGULAR_UPLOAD": settings.regular_upload > 0,
         "DR_UPLOAD_BEST_MODEL": settings.upload_best_model,
         "DR_UPLOAD_MODEL_ON_COMPLETION": settings.upload_model_on_completion,
     }
-    if settings.upload_s3_bucket not in ("", UNDEFINED):
+    name, bucket = "DR_UPLOAD_S3_BUCKET", settings.upload_s3_bucket
+    if bucket not in ("", UNDEFINED):
+        try:
+            upload_bucket(bucket)
+        except BadValue as bad:
+            severity: Severity = "error" if any(wanted.values()) else "warning"
+            what = f"{name}={shown(bucket)} {bad.reason}, so nothing can be uploaded."
+            place = settings.place(name)
+            return [setting_problem(name, place, what, bad.remedy, severity=severity)]
         return []
     remedy = "Set DR_UPLOAD_S3_BUCKET in system.env, or switch these uploads off."
     return [

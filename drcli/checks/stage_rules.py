@@ -277,7 +277,7 @@ class _Reviewer:
             key = "hyperparameters.term_cond_max_episodes"
             self.found.append(read.problem(index, key, what, remedy))
         try:
-            alone = Hyperparameters.from_bytes(json.dumps(changes).encode())
+            alone = Hyperparameters.from_bytes(json.dumps(changes).encode(), chosen=changes)
             problems: tuple[Problem, ...] = alone.problems
         except ProblemsError as error:
             problems = error.problems

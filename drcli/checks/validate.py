@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from drcli.base.errors import Problem, ProblemsError, StorageError, of_severity
+from drcli.base.errors import Problem, ProblemsError, StorageError, grouped, of_severity
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.before_start import Examined, Plans, examine_stages
@@ -53,11 +53,12 @@ def validate(
     else:
         validation.try_everything(reviewed.settings, whole=reviewed.whole)
     found = [_relative(each, directory) for each in validation.found]
+    warnings = of_severity(found, "warning")
     return Report(
         str(directory),
         console_compatible,
         of_severity(found, "error"),
-        of_severity(found, "warning"),
+        warnings if console_compatible else tuple(grouped(warnings)),
         tuple(validation.skipped),
         of_severity(found, "note"),
     )
@@ -96,7 +97,7 @@ class _Validation:
         if self.console:
             self.found = [
                 replace(each, severity="error")
-                if each.rule == "V-32" or is_undefined_name(each)
+                if each.rule in ("V-32", "V-41") or is_undefined_name(each)
                 else each
                 for each in self.found
             ]

@@ -3,11 +3,11 @@
 import inspect
 import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import wraps
 from importlib import import_module
-from itertools import groupby
+from itertools import groupby, islice
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from drcli import __version__
 from drcli.base.errors import shown
 from drcli.cli import completion, terminal
-from drcli.cli.command_table import COMMANDS, Command
+from drcli.cli.command_table import COMMANDS, OF_REFERENCE, Command
 from drcli.cli.terminal import NARROWEST
 
 EPILOG = """Every command is also a program: dr-status is dr status. Begin with `dr init`.
@@ -81,7 +81,7 @@ def application(arguments: Sequence[str]) -> typer.Typer:
         else:
             app.command(
                 command.name,
-                cls=_Command,
+                cls=_OfReference if f"dr-{command.name}" in OF_REFERENCE else _Command,
                 short_help=command.help,
                 hidden=command.hidden,
                 context_settings=TAKES_ANY if command.takes_any else None,
@@ -160,6 +160,77 @@ def _read(parameter: Any) -> Any:
 class _Command(TyperCommand):
     def get_params(self, ctx: Any) -> Any:
         return [_read(parameter) for parameter in super().get_params(ctx)]
+
+
+class _OfReference(_Command):
+    """Ignores words that it does not know, with one warning, so that old scripts go on.
+
+    There, most of these commands read none of their words, and earlier versions had other options.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        kept, ignored = _known_words(self.get_params(ctx), args)
+        rest = super().parse_args(ctx, kept)
+        if ignored and not ctx.resilient_parsing:
+            terminal.warn(f"`dr {self.name}` ignores {shown(' '.join(ignored))}.")
+        return rest
+
+
+def _known_words(parameters: Sequence[Any], words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The words that these parameters take, and the others.
+
+    The first has misspelt options too, for the parser to refuse them.
+    """
+    options = {name: each for each in parameters for name in (*each.opts, *each.secondary_opts)}
+    arguments = [each for each in parameters if each.param_type_name == "argument"]
+    kept: list[str] = []
+    ignored: list[str] = []
+    coming = iter(words)
+    for word in coming:
+        if word == "--":
+            kept += [word, *coming]
+        elif not word.startswith("-") or word == "-":
+            taken = arguments and (arguments[0].type_descriptor.annotation is str or word.isdigit())
+            if taken and arguments[0].nargs == 1:
+                arguments.pop(0)
+            (kept if taken else ignored).append(word)
+        else:
+            known, unknown, last = _split_options(word, options)
+            kept += known
+            ignored += unknown
+            if last is not None and not last.is_flag:
+                kept += islice(coming, 1)
+    return kept, ignored
+
+
+def _split_options(
+    word: str, options: Mapping[str, Any]
+) -> tuple[list[str], list[str], Any | None]:
+    """What is known of an option or of letters behind one dash; who takes the next word."""
+    name, equals, _ = word.partition("=")
+    known = unknown = ""
+    last = None
+    if word.startswith("--"):
+        if name in options:
+            return [word], [], None if equals else options[name]
+        unknown = word
+    else:
+        for place, letter in enumerate(word[1:], 1):
+            option = options.get(f"-{letter}")
+            if option is None:
+                unknown = f"{unknown or '-'}{letter}"
+                continue
+            known = f"{known or '-'}{letter}"
+            if not option.is_flag:
+                known += word[place + 1 :]
+                last = option if place + 1 == len(word) else None
+                break
+    meant = f"--{name.lstrip('-')}"
+    if unknown and len(meant) > 4:  # shorter ones are letters, such as -bf
+        begun = [each for each in options if each.startswith(meant)]
+        if begun or get_close_matches(meant, options, cutoff=0.8):
+            return [word], [], None
+    return [known] * bool(known), [unknown] * bool(unknown), last
 
 
 class _Group(TyperGroup):

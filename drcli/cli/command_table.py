@@ -168,6 +168,23 @@ COMMANDS: tuple[Command, ...] = (
 )
 
 
+OF_REFERENCE = frozenset(
+    f"dr-{name}"
+    for name in (
+        *("reload", "update", "update-env", "summary", "view-stream", "list-aws-models"),
+        *("start-training", "stop-training", "increment-training", "stop-all"),
+        *("start-evaluation", "stop-evaluation", "start-tournament"),
+        *("start-loganalysis", "stop-loganalysis", "logs-loganalysis", "url-loganalysis"),
+        *("logs-sagemaker", "logs-robomaker", "find-sagemaker", "find-robomaker"),
+        *("get-robomaker-stats", "start-viewer", "stop-viewer", "update-viewer"),
+        *("start-metrics", "stop-metrics", "upload-custom-files", "download-custom-files"),
+        *("upload-model", "download-model", "upload-car-zip"),
+        *("set-upload-model", "increment-upload-model"),
+    )
+)
+"""Programs that scripts for DeepRacer-for-Cloud call, also with options that we do not have."""
+
+
 def program_names() -> dict[str, str]:
     programs = {
         name if (name := command.name).startswith("droa-") else f"dr-{name}": command.name

@@ -56,6 +56,7 @@ class Setting:
         kind: text, flag, whole, number, choice, path or list.
         shape: What a text may be.
         check: Returns the value of a text of that kind.
+        hints: Remedies for words that are often written instead of a choice, in capitals.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Setting:
     choices: tuple[str, ...] = ()
     shape: str = ""
     check: Callable[[str], Any] | None = None
+    hints: Mapping[str, str] | None = None
 
     @property
     def default_text(self) -> str:
@@ -117,7 +119,8 @@ class Setting:
             words = {word.casefold(): word for word in self.choices}
             if text.casefold() not in words:
                 reason = f"is not one of {', '.join(self.choices)}"
-                raise BadValue(reason, one_of(self.choices, text))
+                hint = (self.hints or {}).get(text.upper())
+                raise BadValue(reason, hint or one_of(self.choices, text))
             return words[text.casefold()]
         if self.kind not in _UNREADABLE:
             return Path(text) if self.kind == "path" else text
@@ -148,6 +151,7 @@ def setting(
     file: FileName | None = None,
     cosmetic: bool = False,
     choices: tuple[str, ...] = (),
+    hints: Mapping[str, str] | None = None,
 ) -> T:
     """Declare a field of a group: see `Setting`. Texts of defaults may hold `$NAME`.
 
@@ -157,7 +161,7 @@ def setting(
     reason = planned or ignored
     low, high = between or (low, None)
     given = name, default, meaning, low, high, old_names, effect, reason, file, cosmetic
-    return cast(T, Setting(*given, choices=choices))
+    return cast(T, Setting(*given, choices=choices, hints=hints))
 
 
 @cache

@@ -17,7 +17,14 @@ from drcli.config.settings import Override, Settings, catalogue
 from drcli.config.settings_files import EXPERIMENT, Entry, Layers, SettingsFiles, given, references
 from drcli.config.track_names import track_problem
 from drcli.config.unused_names import effect_warnings, old_names, rename_old, unknown_names
-from drcli.config.value_types import BUCKET_RULE, LOOPBACK_HOSTS, RUN_FOLDERS, follows_s3
+from drcli.config.value_types import (
+    BUCKET_RULE,
+    LOOPBACK_HOSTS,
+    RUN_FOLDERS,
+    follows_s3,
+    object_key,
+    without_slashes,
+)
 
 # Checks whether the values of settings fit each other.
 
@@ -38,7 +45,7 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             "Write 0, or 2 or more, for a training on the reference.",
             severity="warning",
         )
-    if settings.cloud in ("remote", "azure") and not settings.remote_minio_url:
+    if settings.cloud == "remote" and not settings.remote_minio_url:
         yield problem(
             ("DR_CLOUD",),
             f"DR_CLOUD={settings.cloud} needs an address, but DR_REMOTE_MINIO_URL is empty.",
@@ -239,8 +246,9 @@ class _Loader:
         entries = [own, *outside, run, system]
         for layer in entries:
             _drop_empty(layer)
-        self._problems += rename_old(entries)
+        self._problems += [*rename_old(entries), *leave_out_slashes(entries)]
         layers, values = self._resolve(entries)
+        self._serve_azure_here(layers, values)
         others, problems = unknown_names(layers, entries)
         self._problems += problems
 
@@ -302,11 +310,13 @@ class _Loader:
             self._problems.append(setting_problem("DR_WORKERS", Place(name), what, remedy))
             return {}
         entries = self._files.read(name)
-        for key in [key for key in entries if not is_of_worker(key)]:
-            place = entries.pop(key).place
-            what = f"{shown(key)} is the same for all workers and is ignored here."
-            remedy = "Move the line to run.env, or remove it."
-            self._problems.append(setting_problem(key, place, what, remedy, severity="warning"))
+        idle = {key: entries.pop(key) for key in list(entries) if not is_of_worker(key)}
+        if idle:
+            first = next(iter(idle.values())).place
+            names, are = shown(", ".join(idle)), "are" if len(idle) > 1 else "is"
+            what = f"{len(idle)} of the settings {are} the same for all workers: {names}."
+            remedy = "They are ignored in this file: move the lines to run.env, or remove them."
+            self._problems.append(file_problem(first, what, remedy, severity="warning"))
         return entries
 
     def _overrides(
@@ -334,6 +344,20 @@ class _Loader:
             what = f"{EXPERIMENT}={shown(entry.value)} is set in the run.env that it should choose."
             remedy = "Move the line to system.env."
             self._problems.append(setting_problem(EXPERIMENT, entry.place, what, remedy))
+
+    def _serve_azure_here(self, layers: Layers, values: dict[str, Any]) -> None:
+        """As the reference, which keeps the bucket on this machine with `azure`."""
+        entry = layers.find("DR_CLOUD")
+        if values.get("cloud") != "azure" or values.get("remote_minio_url") or entry is None:
+            return
+        values["cloud"] = "local"
+        what = "DR_CLOUD=azure without DR_REMOTE_MINIO_URL is read as DR_CLOUD=local."
+        remedy = (
+            "Write DR_CLOUD=local, or set DR_REMOTE_MINIO_URL to the address of an S3 server, such "
+            "as http://localhost:9000."
+        )
+        problem = setting_problem("DR_CLOUD", entry.place, what, remedy, severity="warning")
+        self._add([problem])
 
     def _resolve(self, entries: list[dict[str, Entry]]) -> tuple[Layers, dict[str, Any]]:
         # Other values refer to defaults, and some defaults refer to other names.
@@ -401,6 +425,20 @@ class _Loader:
             problem = replace(problem, severity="warning", message=message)
             dropped.add(name)
         self._add([problem])
+
+
+def leave_out_slashes(layers: Iterable[dict[str, Entry]]) -> Iterator[Problem]:
+    """Shorten names in the bucket before others refer to them, with a warning about each."""
+    keys = [name for name, setting in catalogue().items() if setting.check is object_key]
+    for layer in layers:
+        for name in keys:
+            written = layer[name].value.strip() if name in layer else ""
+            plain = without_slashes(written)
+            if plain not in (written, ""):
+                layer[name] = replace(layer[name], value=plain)
+                what = f"{name}={shown(written)} is read as {plain}, without the extra slashes."
+                remedy = "Write names without / at the start or the end."
+                yield setting_problem(name, layer[name].place, what, remedy, severity="warning")
 
 
 def is_of_worker(name: str) -> bool:

@@ -8,6 +8,12 @@ from typing import Literal
 RaceKind = Literal["TIME_TRIAL", "OBJECT_AVOIDANCE", "HEAD_TO_BOT", "HEAD_TO_MODEL"]
 
 
+OTHER_HEAD_TO_HEAD = ("HEAD_TO_HEAD", "HEAD_TO_HEAD_RACING", "HEAD2HEAD", "H2H", "HEAD_TO_CAR")
+HEAD_TO_HEAD_HINT = (
+    "Write HEAD_TO_BOT to train against bots, or HEAD_TO_MODEL to evaluate against another model."
+)
+
+
 @dataclass(frozen=True)
 class RaceType:
     """What the program knows of a kind of race.

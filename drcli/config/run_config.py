@@ -171,7 +171,7 @@ class DriveConfig(
             "DR_RACE_TYPE",
             self.place("DR_RACE_TYPE"),
             "DR_RACE_TYPE=HEAD_TO_MODEL races two trained models; it is for evaluations only.",
-            "Choose another DR_RACE_TYPE, or use `dr-evaluate`.",
+            "Write DR_RACE_TYPE=HEAD_TO_BOT to train against bots, or use `dr-evaluate`.",
         )
 
     def to_json(self) -> dict[str, Any]:

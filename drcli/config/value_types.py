@@ -8,7 +8,7 @@ from math import isfinite
 from typing import Annotated, Any, Literal, get_args
 from urllib.parse import urlsplit
 
-from drcli.base.errors import BadValue, closest
+from drcli.base.errors import BadValue, closest, shown
 
 CarName = Literal["release-6", "low-grip", "2022"]
 """Sets of `drsim.car.car_parameters`."""
@@ -53,7 +53,18 @@ def follows_s3(bucket: str) -> bool:
     return bool(names) and not address
 
 
-def _object_key(value: str) -> str:
+def without_slashes(value: str) -> str:
+    """A name in the bucket without empty parts."""
+    return "/".join(filter(None, value.split("/")))
+
+
+def object_key(written: str) -> str:
+    """A name in the bucket; slashes at its ends and double ones are left out.
+
+    Raises:
+        BadValue: It cannot be one.
+    """
+    value = without_slashes(written)
     if not value:
         raise BadValue("is empty", "Write a name such as rl-deepracer-1.")
     bad = re.search(r"[^A-Za-z0-9._/-]", value)
@@ -67,11 +78,8 @@ def _object_key(value: str) -> str:
             "is too long for servers and disks",
             f"Write at most {LONGEST_PART} characters between slashes, and {LONGEST_KEY} in all.",
         )
-    if any(part in ("", ".", "..") for part in value.split("/")):
-        raise BadValue(
-            "has an empty part, . or .. between its slashes",
-            "Write folders as in team/model-1, without / at the start or the end.",
-        )
+    if any(part in (".", "..") for part in value.split("/")):
+        raise BadValue("has . or .. between its slashes", "Write folders as in team/model-1.")
     return value
 
 
@@ -109,6 +117,19 @@ _gpus = _matching(
     "is not a list of GPUs",
     "Write numbers as nvidia-smi counts them, such as 0 or 0,1, or -1 for none.",
 )
+
+
+def upload_bucket(name: str) -> str:
+    """The name of the bucket for uploads.
+
+    Raises:
+        BadValue: It is none, as if it has a folder.
+    """
+    bucket, slash, folder = name.removeprefix("s3://").strip("/").partition("/")
+    if bucket != name:
+        rest = f", and begin DR_UPLOAD_S3_PREFIX with {folder}/" if slash else ""
+        raise BadValue("is not the name of a bucket", f"Write {shown(bucket)}{rest}.")
+    return _bucket(name)
 
 
 def is_address(value: str, *schemes: str) -> bool:
@@ -232,7 +253,7 @@ def _log_stream_prefix(text: str) -> str:
 _COLOURS = ("Black", "Grey", "Blue", "Red", "Orange", "White", "Purple")
 
 ObjectKey = Annotated[
-    str, Check(_object_key), Shape("a name in the bucket: letters, digits and . _ - /")
+    str, Check(object_key), Shape("a name in the bucket: letters, digits and . _ - /")
 ]
 WorldName = Annotated[str, Check(_world), Shape("the name of a track, or the path of a .npy file")]
 """`drcli.config.track_names` knows whether it is installed."""
@@ -245,11 +266,8 @@ BucketName = Annotated[
     ),
 ]
 """Whether `follows_s3` must hold depends on DR_CLOUD."""
-UploadBucket = Annotated[
-    str,
-    Check(lambda name: _bucket(name) if name else name),
-    Shape("the name of a bucket, or not-defined"),
-]
+UploadBucket = Annotated[str, Shape("the name of a bucket, or not-defined")]
+"""Checked when something is to be uploaded: templates of the reference hold other texts."""
 Address = Annotated[str, Check(_address), Shape("an http or https address, or nothing")]
 CarHost = Annotated[str, Check(_car_address), Shape("a host, host:port, or nothing")]
 Region = Annotated[str, Check(lambda name: _region(name) or HOME_REGION), Shape("an AWS region")]

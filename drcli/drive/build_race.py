@@ -1,7 +1,7 @@
 """Builds track, race, simulation and reward function; loads torch only to choose a GPU."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -26,10 +26,11 @@ from drsim.car.car import CONTROL_HZ
 from drsim.car.car_parameters import MIN_SPEED_MPS, CarParameters, car_of
 from drsim.car.conditions import Realism
 from drsim.episode.episode_rules import EpisodeRules
+from drsim.episode.placing import Placing
 from drsim.episode.reward import RewardFunction, RewardHost
 from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError, TrackError
-from drsim.race.objects import closed_at_m
+from drsim.race.objects import WAY_M, closed_at_m
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.race.traffic import Traffic
 from drsim.sensing.observations import Randomize
@@ -112,6 +113,8 @@ def load_race(config: DriveConfig, track: Track) -> Race:
 
 
 DRAWS = 20
+LEAST_ADVANCE = 0.01
+"""Of starts that are tried, as a fraction of the lap."""
 
 
 def race_warnings(config: DriveConfig, track: Track, race: Race) -> list[Problem]:
@@ -133,20 +136,44 @@ def race_warnings(config: DriveConfig, track: Track, race: Race) -> list[Problem
         if where in known:
             found.append(f"two obstacles stand in the same place, {fraction:g},{lane:g}")
         known.add(where)
+        if lane not in (1, -1):
+            found.append(f"lane {lane:g} of {fraction:g},{lane:g} is neither 1 nor -1; 1 is taken")
     traffic = Traffic(Ways([track], DRAWS if drawn else 1), race)
     cars = np.arange(len(traffic.xy))
     traffic.begin(cars, np.zeros(len(cars)), np.arange(len(cars), dtype=np.uint64))
     closed_m = closed_at_m(track, traffic.objects())
     closed_m = closed_m[~np.isnan(closed_m)]
     what = "obstacles" if is_obstacle else "bots"
+    needs = f"; a car needs a gap of {WAY_M:.2f} m"
     if drawn and len(closed_m):
         often = f"in {len(closed_m)} of {DRAWS} drawn episodes"
-        found.append(f"nobody can pass some {what} {often}, because they close both lanes")
+        found.append(f"nobody can pass some {what} {often}, because they close both lanes{needs}")
     elif len(closed_m):
         fraction = round(closed_m[0] / track.length_m, 3) % 1.0
-        found.append(f"nobody can pass the {what} at {fraction:.3f} of the lap")
+        found.append(f"nobody can pass the {what} at {fraction:.3f} of the lap{needs}")
+    if is_obstacle and not drawn:
+        found += _blocked_starts(config, track, race)
     place = config.place(name)
     return [Problem("V-07", "warning", *place, f"{name}: {text}.", remedy, name) for text in found]
+
+
+def _blocked_starts(config: DriveConfig, track: Track, race: Race) -> Iterator[str]:
+    """Starts of training episodes at which the car touches an obstacle."""
+    advance = config.train_round_robin_advance_dist
+    moves = config.train_change_start_position and advance > 0.0
+    fractions = np.arange(0.0, 1.0, max(advance, LEAST_ADVANCE)) if moves else np.zeros(1)
+    cars = np.arange(len(fractions))
+    ways = Ways([track], len(cars))
+    traffic = Traffic(ways, race)
+    traffic.begin(cars, fractions, np.zeros(len(cars), np.uint64))
+    poses = Placing(ways).on_each(cars, fractions, traffic.start_lane(cars))
+    active = np.ones(len(cars), np.bool_)
+    at_m = fractions * track.length_m
+    crashed = traffic.contacts(active, poses[:, :2], poses[:, 2], at_m).crashed
+    if crashed.any():
+        often = f"{crashed.sum()} of {len(cars)} places" if moves else "the place"
+        first = f"{fractions[crashed][0]:.3f} of the lap"
+        yield f"at {often} where episodes start the car touches an obstacle, such as {first}"
 
 
 def realism_of(config: DriveConfig, job: Literal["training", "evaluation"]) -> Realism:

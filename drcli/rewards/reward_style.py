@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pycodestyle
 
@@ -23,13 +24,19 @@ MOST_LINES = 5
 
 
 def review_style(source: Source, *, console: bool) -> list[Problem]:
-    """V-20, V-22 and V-23; errors if the console shall take the model."""
+    """V-20, V-22 and V-23; errors if the console shall take the model.
+
+    Remarks about style are of one kind, see `grouped`.
+    """
     severity: Severity = "error" if console else "warning"
-    found = [
-        *_signature(source, severity),
+    remarks = (
         *_flakes(source, severity),
         *_style(source, severity),
         *_late_imports(source, severity),
+    )
+    found = [
+        *_signature(source, severity),
+        *(replace(each, several="remarks about style") for each in remarks),
     ]
     return [*found, *_imports(source), *_calls(source)] if console else found
 

@@ -159,11 +159,11 @@ def _parameters(base: InputFile, texts: Sequence[str]) -> bytes:
     if not isinstance(values, dict):
         Hyperparameters.from_bytes(base.data, base.origin)  # says what is wrong with it
         values = {}
-    for key, text in _pairs(texts, "--hyperparameter", "lr=0.0001"):
-        values[key] = _value(text)
+    changes = {key: _value(text) for key, text in _pairs(texts, "--hyperparameter", "lr=0.0001")}
+    values |= changes
     data = (json.dumps(values, indent=2) + "\n").encode()
     try:
-        Hyperparameters.from_bytes(data, "--hyperparameter")
+        Hyperparameters.from_bytes(data, "--hyperparameter", chosen=changes)
     except ProblemsError:
         # What was wrong in the file before is told with its own name.
         Hyperparameters.from_bytes(base.data, base.origin)

@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import Any
 
 from drcli.base import errors
-from drcli.base.errors import SettingsError, of_severity, refuse
+from drcli.base.errors import SettingsError, grouped, of_severity, refuse
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.before_start import Plans, examine_stages
 from drcli.checks.start_rules import probe, refuse_start, review_prefix
@@ -265,7 +265,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     if keys.HYPERPARAMETERS_FILE in found_files:  # the racer's file keeps what it says
         inputs = replace(inputs, hyperparameters=found_files[keys.HYPERPARAMETERS_FILE])
-    noticed = of_severity([*clock, *examined.problems], "warning")
+    noticed = grouped(of_severity([*clock, *examined.problems], "warning"))
     warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, noticed)]
     if taught:
         kept = not options.method and files != found_files

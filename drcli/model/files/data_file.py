@@ -43,14 +43,20 @@ class JsonFile:
     lines: Mapping[KeyPath, int]
 
     def problem(
-        self, rule: str, path: KeyPath, message: str, remedy: str, severity: Severity = "error"
+        self,
+        rule: str,
+        path: KeyPath,
+        message: str,
+        remedy: str,
+        severity: Severity = "error",
+        several: str = "",
     ) -> Problem:
         """In the line of the value, or of the closest thing around."""
         key = dotted(path)
         while path and path not in self.lines:
             path = path[:-1]
         line = self.lines[path] if path else None
-        return Problem(rule, severity, self.name, line, message, remedy, key)
+        return Problem(rule, severity, self.name, line, message, remedy, key, several)
 
 
 def read_json_object(data: bytes, name: str, rule: str) -> JsonFile:

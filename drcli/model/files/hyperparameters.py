@@ -2,15 +2,24 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from drcli.base.errors import Problem, ProblemsError, SettingsError, closest, refuse, shown
+from drcli.base.errors import (
+    Problem,
+    ProblemsError,
+    SettingsError,
+    Severity,
+    closest,
+    one_of,
+    refuse,
+    shown,
+)
 from drcli.bucket.bucket import ObjectMissing
 from drcli.config.new_folder import FolderPlan
 from drcli.learn.algorithms import ALGORITHMS, Algorithm, algorithm_named
@@ -35,14 +44,18 @@ Schedule = Literal["constant", "linear"]
 Critic = Literal["camera", "state"]
 TrainingMethod = Literal["camera", "teacher"]
 
+_OTHER_LOSSES = dict.fromkeys(("mean_squared_error", "mse"), "mean squared error")
+_LOSSES = (*get_args(Loss), *_OTHER_LOSSES)
 _Exploration = Annotated[Exploration, choice(Exploration, {"e_greedy": "e-greedy"})]
-_Loss = Annotated[
-    Loss, choice(Loss, dict.fromkeys(("mean_squared_error", "mse"), "mean squared error"))
-]
+_Loss = Annotated[Loss, choice(Loss, _OTHER_LOSSES)]
 _Schedule = Annotated[Schedule, choice(Schedule)]
 
-USUAL_SCORES = (350.0, 100_000.0)
-"""Of `term_cond_avg_score` in example files: nobody expects an effect."""
+USUAL_SCORE, HIGH_SCORE = 350.0, 10_000.0
+"""`term_cond_avg_score` of the reference's example, and one from which nobody expects an end."""
+
+CONSOLE_LR = 1e-3
+CONSOLE_EPISODES = 100
+"""At most, for `lr` and `num_episodes_between_training`. Source: the console's limits."""
 
 FEW_ITERATIONS = 100
 """A lower `term_cond_max_episodes` probably means episodes."""
@@ -57,6 +70,34 @@ PASSED_THROUGH = (
     "profiler_s3_prefix",
 )
 """Only for the reference's trainer process."""
+
+SYNONYMS = {
+    "lr": ("learning_rate", "learningrate", "initial_lr", "step_size"),
+    "beta_entropy": (
+        *("entropy", "entropy_beta", "beta", "ent_coef", "entropy_coef", "entropy_coeff"),
+        *("entropy_coefficient", "entropy_weight", "entropy_bonus", "entropy_regularization"),
+    ),
+    "clip_range": (
+        *("clip", "cliprange", "clip_epsilon", "clip_eps", "clip_param", "clip_ratio", "epsilon"),
+        *("clipping", "clipping_epsilon", "ppo_clip", "ppo_epsilon", "eps_clip"),
+    ),
+    "discount_factor": ("gamma", "discount", "discount_rate", "discounting"),
+    "gae_lambda": ("lambda", "lam", "gae"),
+    "batch_size": ("minibatch", "minibatch_size", "mini_batch_size", "batch"),
+    "num_epochs": ("epochs", "epoch", "n_epochs", "number_of_epochs"),
+    "num_episodes_between_training": (
+        *("episodes", "num_episodes", "episodes_per_iteration", "experience_episodes"),
+        *("number_of_experience_episodes", "episodes_between_training"),
+    ),
+    "loss_type": ("loss", "loss_function"),
+    "exploration_type": ("exploration",),
+    "e_greedy_value": ("e_greedy", "epsilon_greedy"),
+    "term_cond_max_episodes": ("max_episodes", "max_iterations"),
+    "max_grad_norm": ("grad_clip", "gradient_clip", "clip_norm", "max_norm"),
+    "target_kl": ("kl_target", "kl"),
+    "stack_size": ("frame_stack", "num_frames"),
+}
+"""Names in other programs and papers."""
 
 RULES = {
     "batch_size": "V-40",
@@ -102,13 +143,13 @@ class Hyperparameters(BaseModel):
         Number,
         Text(
             "Learning rate: how far each change of the weights goes.",
-            "Converges faster, but the reward may zigzag or collapse. The largest allowed value is "
-            "0.001.",
+            "Converges faster, but the reward may zigzag or collapse. The console takes 0.001 at "
+            "most.",
             "Stabler, but slow; much too low, the car never gets anywhere.",
             "The shipped 0.001 reaches the first lap soonest. Divide it by three when the reward "
             "zigzags or falls, or let it fall by itself with lr_schedule.",
         ),
-    ] = Field(0.0003, ge=1e-8, le=1e-3)
+    ] = Field(0.0003, ge=1e-8, le=1)
     discount_factor: Annotated[
         Number,
         Text(
@@ -193,7 +234,7 @@ class Hyperparameters(BaseModel):
             "Reacts fast, and zigzags. Below 5, an update sees too little of the track.",
             "20; 40 with several workers, or when the curve zigzags.",
         ),
-    ] = Field(20, ge=1, le=100)
+    ] = Field(20, ge=1, le=10_000)
     stack_size: Annotated[
         Whole,
         Text(
@@ -414,9 +455,17 @@ class Hyperparameters(BaseModel):
     problems: tuple[Problem, ...] = Field(default=(), exclude=True)
 
     @staticmethod
-    def from_bytes(data: bytes, name: str = "hyperparameters.json") -> "Hyperparameters":
-        """Raises ProblemsError for an unknown key or a wrong value."""
-        return _read(read_json_object(data, name, "V-04"))
+    def from_bytes(
+        data: bytes, name: str = "hyperparameters.json", *, chosen: Container[str] = ()
+    ) -> "Hyperparameters":
+        """Read a file; unknown keys are warnings, as the reference ignores them.
+
+        Those that were `chosen` by an option or a file of ours are errors.
+
+        Raises:
+            ProblemsError: A value is wrong, or a chosen key unknown.
+        """
+        return _read(read_json_object(data, name, "V-04"), chosen)
 
     @property
     def huber(self) -> bool:
@@ -463,11 +512,19 @@ TEXTS: Mapping[str, Text] = {
 EXAMPLES = Hyperparameters.model_validate({}).model_dump(exclude_none=True)
 
 
-def _read(file: JsonFile) -> Hyperparameters:
+def _read(file: JsonFile, chosen: Container[str]) -> Hyperparameters:
     known = {key: written for key, written in file.values.items() if key in KEYS}
     problems = [
-        _unknown(file, key, written) for key, written in file.values.items() if key not in KEYS
+        _unknown(file, key, written, "error" if key in chosen else "warning")
+        for key, written in file.values.items()
+        if key not in KEYS
     ]
+    loss = known.get("loss_type")
+    if isinstance(loss, str) and loss.strip().casefold() not in _LOSSES:
+        known["loss_type"] = "mean squared error"
+        what = f"loss_type={as_written(loss)} is read as mean squared error, as in the reference."
+        remedy = one_of(("huber", "mean squared error"), loss)
+        problems.append(file.problem("V-43", ("loss_type",), what, remedy, "warning"))
     try:
         read = Hyperparameters.model_validate(known)
     except ValidationError as error:
@@ -486,14 +543,18 @@ def _rule_of(path: KeyPath) -> str:
     return RULES.get(str(path[0]), "V-46")
 
 
-def _unknown(file: JsonFile, key: str, written: Any) -> Problem:
+def _unknown(file: JsonFile, key: str, written: Any, severity: Severity) -> Problem:
     if key in PASSED_THROUGH:
         what = f"{key} is for the reference's trainer and does nothing here."
         return file.problem("V-04", (key,), what, "Keep or remove the line.", "warning")
-    meant = closest(key, KEYS)
-    remedy = f"Did you mean {meant}? Correct the key" if meant is not None else "Remove the line"
-    what = f"{shown(key)}={as_written(written)} is not a hyperparameter."
-    return file.problem("V-04", (key,), what, f"{remedy}; the keys are {', '.join(KEYS)}.")
+    folded = re.sub(r"[\s-]+", "_", key.strip().casefold())
+    meant = next((name for name, others in SYNONYMS.items() if folded in others), None)
+    meant = meant or closest(folded, KEYS, cutoff=0.8)
+    remedy = f"Remove the line; the keys are {', '.join(KEYS)}."
+    if meant is not None:
+        remedy = f"Did you mean {meant}? Correct the key, or remove the line."
+    what = f"{shown(key)}={as_written(written)} is not a hyperparameter and has no effect."
+    return file.problem("V-04", (key,), what, remedy, severity)
 
 
 def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
@@ -505,13 +566,21 @@ def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
     if not 3 <= v.num_epochs <= 10:
         remedy = "Write 3 to 10 if you have no reason for another."
         yield "num_epochs", "is unusual; common are 3 to 10", remedy
+    if v.lr > CONSOLE_LR:
+        yield "lr", f"is above {CONSOLE_LR:g}, the most that the console takes", "Write 0.001."
+    if v.num_episodes_between_training > CONSOLE_EPISODES:
+        yield (
+            "num_episodes_between_training",
+            f"is above {CONSOLE_EPISODES}, the most that the console takes",
+            "Write 100 or less if you want to train the model there.",
+        )
     if v.num_episodes_between_training < 5:
         yield (
             "num_episodes_between_training",
             "gives the trainer little to learn from; 10, 20 or 40 are usual",
             "Write 20.",
         )
-    if v.term_cond_avg_score not in USUAL_SCORES:
+    if v.term_cond_avg_score != USUAL_SCORE and v.term_cond_avg_score < HIGH_SCORE:
         yield (
             "term_cond_avg_score",
             "has no effect, as in other trainers",

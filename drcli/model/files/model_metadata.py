@@ -232,8 +232,8 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
             continue
         meant = closest(key, RULES, cutoff=0.75)
         if meant is None:
-            what, remedy = f"{shown(key)} is not used.", "Keep or remove the line."
-            yield file.problem("V-03", (key,), what, remedy, "warning")
+            what, remedy = f"{shown(key)} is not used.", "Keep or remove it."
+            yield file.problem("V-03", (key,), what, remedy, "warning", "keys are not used")
         else:
             what = f"{shown(key)}={as_written(written)} is not a known key."
             yield file.problem("V-03", (key,), what, f"Did you mean {meant}?")
@@ -246,6 +246,7 @@ def _unused_keys(file: JsonFile, value: Any, path: KeyPath) -> Iterator[Problem]
     if isinstance(value, BaseModel):
         for key in value.model_extra or {}:
             what, remedy = f"{dotted((*path, key))} is not used.", "Keep or remove it."
-            yield file.problem("V-03", (*path, key), what, remedy, "warning")
+            several = "keys are not used"
+            yield file.problem("V-03", (*path, key), what, remedy, "warning", several)
         for key in type(value).model_fields:
             yield from _unused_keys(file, getattr(value, key), (*path, key))

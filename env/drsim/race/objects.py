@@ -127,16 +127,19 @@ _CAR_M = SHAPES["race_car"].footprint_m
 _STEP_M, _WIDEST_M = 0.02, 3.0
 """Of ways beside the centre line: spacing and the farthest."""
 
+WAY_M = _CAR_M[1] + 0.1
+"""Width that a car needs: nobody drives to the millimetre."""
+
 
 def closed_at_m(track: Track, objects: Objects) -> Floats:
     """Where along the lap objects first leave a car no way, metres; NaN for nowhere.
 
-    A way is straight ahead, as wide as the car, with its middle on the road.
+    A way is straight ahead and `WAY_M` wide, with its middle on the road.
     """
     ways_m = np.arange(-_WIDEST_M, _WIDEST_M + _STEP_M, _STEP_M)
     found = np.full(len(objects.distance_m), np.nan)
     side_m = np.where(objects.left_of_center, 1.0, -1.0) * objects.from_center_m
-    apart_m = (objects.footprint_m[:, 1] + _CAR_M[1]) / 2
+    apart_m = (objects.footprint_m[:, 1] + WAY_M) / 2
     for car, places_m in enumerate(objects.distance_m):
         x, y, yaw_rad = track.pose_at(places_m).T[:, :, None]
         points = np.stack([x - np.sin(yaw_rad) * ways_m, y + np.cos(yaw_rad) * ways_m], axis=-1)

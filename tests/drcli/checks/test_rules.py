@@ -140,7 +140,7 @@ CASES = (
         "V-04",
         lambda f: f.hyperparameters(batch_size=64),
         lambda f: f.hyperparameters(bach_size=64),
-        "error",
+        "warning",
         ("line 2", "bach_size=64", "Did you mean batch_size?"),
     ),
     Case(
@@ -481,9 +481,9 @@ CASES = (
     Case(
         "V-30",
         lambda f: f.metadata(action_space=[{"steering_angle": 0, "speed": 1, "index": 0}]),
-        lambda f: f.metadata(action_space=[{"steering_angle": 0, "speed": 1, "index": 1}]),
-        "error",
-        ("action_space[0].index=1", "counting from 0"),
+        lambda f: f.metadata(action_space=[action(n, index=n + 1) for n in range(6)]),
+        "warning",
+        ("6 of 6 actions whose index is not their position", "Nothing reads index"),
     ),
     Case(
         "V-30",
@@ -497,7 +497,7 @@ CASES = (
         lambda f: f.metadata(action_space=[action(0, index=0), action(9, index=1)]),
         lambda f: f.metadata(action_space=[action(0, index=1), action(9, index=0)]),
         "warning",
-        ("action_space has its indices in another order", "remove the indices"),
+        ("2 of 2 actions whose index is not their position", "remove the indices"),
     ),
     Case(
         "V-31",
@@ -605,9 +605,24 @@ CASES = (
     Case(
         "V-41",
         lambda f: f.hyperparameters(lr=1e-3, num_epochs=3, discount_factor=0),
-        lambda f: f.hyperparameters(lr=0.5),
+        lambda f: f.hyperparameters(lr=1.5),
         "error",
-        ("line 2", "lr=0.5", "above 0.001"),
+        ("line 2", "lr=1.5", "above 1"),
+    ),
+    Case(
+        "V-41",
+        lambda f: f.hyperparameters(lr=1e-3, num_episodes_between_training=100),
+        lambda f: f.hyperparameters(num_episodes_between_training=200),
+        "error",
+        ("num_episodes_between_training=200", "above 100"),
+        console=True,
+    ),
+    Case(
+        "V-41",
+        lambda f: f.hyperparameters(lr=1e-3),
+        lambda f: f.hyperparameters(lr=1e-2),
+        "warning",
+        ("lr=0.01", "above 0.001"),
     ),
     Case(
         "V-41",
@@ -640,7 +655,7 @@ CASES = (
         "V-43",
         lambda f: f.hyperparameters(loss_type="mean_squared_error"),
         lambda f: f.hyperparameters(loss_type="hubr"),
-        "error",
+        "warning",
         ("loss_type", "Did you mean huber?"),
     ),
     Case(
@@ -694,6 +709,20 @@ CASES = (
         lambda f: f.settings(DR_REGULAR_UPLOAD=60),
         "warning",
         ("DR_REGULAR_UPLOAD asks for uploads", "DR_UPLOAD_S3_BUCKET"),
+    ),
+    Case(
+        "V-12",
+        lambda f: f.settings(DR_UPLOAD_S3_BUCKET="uploads"),
+        lambda f: f.settings(DR_UPLOAD_S3_BUCKET="uploads/mine"),
+        "warning",
+        ("DR_UPLOAD_S3_BUCKET=uploads/mine is not the name of a bucket", "with mine/"),
+    ),
+    Case(
+        "V-12",
+        lambda f: f.settings(DR_UPLOAD_S3_BUCKET="uploads", DR_UPLOAD_BEST_MODEL="True"),
+        lambda f: f.settings(DR_UPLOAD_S3_BUCKET="s3://uploads", DR_UPLOAD_BEST_MODEL="True"),
+        "error",
+        ("DR_UPLOAD_S3_BUCKET=s3://uploads is not the name of a bucket", "Write uploads."),
     ),
     Case(
         "V-50",
@@ -845,7 +874,7 @@ def test_a_start_stops_at_what_is_an_error_and_at_nothing_else(folder, case, mon
 def test_a_folder_whose_stages_hide_what_is_wrong_does_not_start_either(folder, monkeypatch):
     monkeypatch.setattr("drcli.run.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.settings(DR_CURRICULUM_FILE="stages.yaml", DR_RACE_TYPE="HEAD_TO_MODEL")
-    folder.hyperparameters(lr=1)
+    folder.hyperparameters(lr=2)
     stages = "stages:\n- {name: one, hyperparameters: {lr: 0.001}, goal: {iterations: 3}, "
     stages += "settings: {DR_RACE_TYPE: TIME_TRIAL}}\n- {name: two, hyperparameters: {lr: 0.001}, "
     stages += "settings: {DR_RACE_TYPE: TIME_TRIAL}}\n"

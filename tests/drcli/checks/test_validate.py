@@ -47,7 +47,7 @@ def test_the_files_that_the_reference_ships_have_no_errors(folder):
 
 def test_findings_of_all_files_come_at_once(folder):
     folder.settings(DR_WORLD_NAME="nowhere", DR_EVAL_MAX_RESETS="many")
-    folder.hyperparameters(lr=1, loss_type="hubr")
+    folder.hyperparameters(lr=2, loss_type=3)
     folder.metadata(sensor=["EYES"], action_space=[])
     folder.reward("def reward_function(params):\n    return params['sped'] + bonus\n")
 
@@ -60,7 +60,7 @@ def test_findings_of_all_files_come_at_once(folder):
 
 @pytest.mark.parametrize("missing", ["reward_function.py", "model_metadata.json"])
 def test_where_a_file_is_missing_the_others_are_looked_at(folder, missing):
-    folder.hyperparameters(lr=1)
+    folder.hyperparameters(lr=2)
     folder.remove(missing)
 
     report = folder.report()
@@ -73,7 +73,7 @@ def test_where_a_file_is_missing_the_others_are_looked_at(folder, missing):
 
 def test_a_model_to_start_from_is_looked_for_even_if_the_new_one_is_wrong(folder):
     folder.settings(DR_LOCAL_S3_PRETRAINED=True, DR_LOCAL_S3_PRETRAINED_PREFIX="old")
-    folder.hyperparameters(lr=1)
+    folder.hyperparameters(lr=2)
 
     report = folder.report()
 
@@ -82,7 +82,7 @@ def test_a_model_to_start_from_is_looked_for_even_if_the_new_one_is_wrong(folder
 
 def test_with_a_broken_bucket_all_other_rules_are_tried(folder, monkeypatch):
     monkeypatch.setattr("drcli.checks.validate.open_bucket", broken)
-    folder.hyperparameters(lr=1)
+    folder.hyperparameters(lr=2)
     folder.settings(DR_WORLD_NAME="nowhere")
 
     report = folder.report()
@@ -112,7 +112,7 @@ def test_a_bucket_that_fails_in_the_middle_is_reported(folder, monkeypatch):
 
 def test_without_any_settings_the_three_files_are_looked_at(folder):
     folder.settings(DR_LOCAL_S3_MODEL_PREFIX="$DR_LOCAL_S3_METRICS_PREFIX")
-    folder.hyperparameters(lr=1)
+    folder.hyperparameters(lr=2)
     folder.reward("def reward_function(params):\n    return bonus\n")
 
     report = folder.report()
@@ -178,7 +178,7 @@ def test_without_a_run_env_the_rest_is_tried_with_defaults(folder):
 )
 def test_no_settings_file_is_too_bad_to_report(folder, content):
     (folder.path / "run.env").write_bytes(content)
-    folder.hyperparameters(lr=1)
+    folder.hyperparameters(lr=2)
 
     report = folder.report()
 
@@ -240,10 +240,37 @@ def test_a_rule_for_the_console_is_an_error_only_when_it_shall_take_the_model(fo
     assert [item.severity for item in here + there] == ["warning", "error"]
 
 
+def test_remarks_on_style_are_one_line_unless_the_console_shall_take_the_model(folder):
+    folder.reward("import math\nimport random\ndef reward_function(params):\n return  1.0\n")
+
+    [line] = folder.breaches("V-22")
+    listed = folder.breaches("V-22", console=True)
+
+    assert len(listed) > 2
+    assert line.message.startswith(f"{len(listed)} remarks about style, such as: ")
+    assert line.remedy.endswith("`dr-validate --console-compatible` lists all.")
+    assert {each.severity for each in listed} == {"error"}
+
+
+def test_values_beyond_the_car_are_one_line_unless_the_console_shall_take_the_model(folder):
+    actions = [{"steering_angle": n, "speed": 5, "name": "x"} for n in range(12)]
+    folder.metadata(action_space=actions)
+
+    [line], listed = folder.breaches("V-32"), folder.breaches("V-32", console=True)
+    [unused] = folder.breaches("V-03")
+
+    assert len(listed) == 12
+    assert line.message == (
+        "12 values of action_space are beyond what the car can do, such as: "
+        "action_space[0].speed=5 is more than the car can do (0.1 to 4)."
+    )
+    assert unused.message.startswith("12 keys are not used, such as: action_space[0].name is")
+
+
 def test_the_start_of_a_training_reports_the_same_errors_in_a_line_each(folder, monkeypatch):
     monkeypatch.setattr("drcli.run.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.settings(DR_WORLD_NAME="nowhere")
-    folder.hyperparameters(lr=1, loss_type="hubr")
+    folder.hyperparameters(lr=2, loss_type=3)
     folder.reward("def reward_function(params):\n    return bonus\n")
     expected = folder.report().errors
 
@@ -253,7 +280,7 @@ def test_the_start_of_a_training_reports_the_same_errors_in_a_line_each(folder, 
     said = str(refusal.value).replace(f"{folder.path}{os.sep}", "")
     assert [error.rule for error in expected] == ["V-05", "V-22", "V-41", "V-43"]
     assert said == "\n".join(str(error) for error in expected)
-    assert "Did you mean huber?" in refusal.value.remedy
+    assert "Write one of huber" in refusal.value.remedy
 
 
 def test_the_start_warns_of_what_surprises_and_not_of_style(folder, monkeypatch):
@@ -298,7 +325,7 @@ def test_an_undefined_name_is_reported_once(folder, text):
     ("options", "code"), [([], 3), (["--force"], 0), (["--json"], 3), (["--json", "--force"], 0)]
 )
 def test_with_errors_the_exit_code_is_3_unless_forced(folder, dr, capsys, options, code):
-    folder.hyperparameters(lr=1)
+    folder.hyperparameters(lr=2)
 
     ended = dr("validate", *options)
 
@@ -316,15 +343,15 @@ def test_without_errors_the_exit_code_is_0(folder, dr, capsys):
 
 
 def test_people_read_rule_place_value_and_remedy_of_each_group(folder, dr, capsys):
-    folder.hyperparameters(lr=1, batch_size=34)
+    folder.hyperparameters(lr=2, batch_size=34)
 
     dr("validate")
 
     assert capsys.readouterr().out.splitlines() == [
         "Errors",
         "  V-41  custom_files/hyperparameters.json line 2",
-        "    lr=1 is above 0.001.",
-        '    Try: Write 0.001 or less, as in "lr": 0.0003.',
+        "    lr=2 is above 1.",
+        '    Try: Write 1 or less, as in "lr": 0.0003.',
         "1 error, 0 warnings. A training would not start.",
     ]
 

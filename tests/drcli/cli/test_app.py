@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 import tomllib
+from functools import wraps
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,7 @@ from drcli.base.errors import DrError, SettingsError, StorageError, TrainingFail
 from drcli.base.processes import Stopped
 from drcli.cli.app import main
 from drcli.cli.command_line import application
-from drcli.cli.command_table import COMMANDS, program_names
+from drcli.cli.command_table import COMMANDS, OF_REFERENCE, program_names
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "drsim"}
 """What showing help must not load."""
@@ -468,3 +470,74 @@ def test_a_path_that_no_system_allows_is_refused_in_one_sentence(
     assert "Try: " in said
     assert "Internal error" not in said
     assert not list(working_folder.rglob("crash-*"))
+
+
+@pytest.fixture
+def words_of(monkeypatch):
+    """What a command is called with, without doing it."""
+
+    def call(*arguments):
+        module, name = next(each for each in COMMANDS if each.name == arguments[0]).place
+        called = {}
+        # Typer reads the parameters of the function that stands in.
+        function = getattr(import_module(f"drcli.cli.commands.{module}"), name)
+        stand_in = wraps(function)(lambda **named: called.update(named))
+        monkeypatch.setattr(f"drcli.cli.commands.{module}.{name}", stand_in)
+        with pytest.raises(SystemExit) as end:
+            main(list(arguments))
+        return end.value.code, called
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("line", "ignored", "taken"),
+    [
+        ("stop-training -f", "-f", {}),
+        ("stop-all now", "now", {}),
+        ("upload-custom-files -m my_model", "-m my_model", {}),
+        ("start-training -m my_model -qw", "-m my_model", {"quiet": True, "wipe": True}),
+        ("start-training -w -r 1 -k", "-k", {"worker_log": True, "worker": 1}),
+        ("upload-model -fz", "-z", {"force": True}),
+        ("upload-model -i -c 7", "-i", {"number": "7"}),
+        ("upload-model -I name -b", "-I name", {"best": True}),
+        ("upload-model -1Lp other", "", {"increment": True, "local": True, "prefix": "other"}),
+        ("logs-sagemaker -f -w 15", "-f", {"wait_s": 15.0}),
+        ("logs-robomaker --tail 100", "--tail 100", {"replica": 1}),
+        ("start-viewer --resolution 1280x720 -q 75", "--resolution 1280x720", {}),
+        ("set-upload-model -c -s name", "-c -s", {"prefix": "name"}),
+        ("start-tournament -w -q", "-w", {"race": None, "quiet": True}),
+        ("list-aws-models -c", "-c", {}),
+    ],
+)
+def test_old_commands_ignore_what_they_do_not_know_with_one_warning(
+    words_of, capsys, line, ignored, taken
+):
+    code, called = words_of(*line.split())
+
+    name = line.partition(" ")[0]
+    assert code == 0
+    assert capsys.readouterr().err == f"Warning: `dr {name}` ignores {ignored}.\n" * bool(ignored)
+    assert {key: called[key] for key in taken} == taken
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "upload-model --dryrun",
+        "upload-model --dry",
+        "start-training -wipe",
+        "start-training --until-lap-tme 8",
+        "stop-training --jsn",
+        "evaluate -z",
+        "status now",
+    ],
+)
+def test_misspelt_options_and_commands_of_our_own_are_refused(words_of, line):
+    code, called = words_of(*line.split())
+
+    assert (code, called) == (2, {})
+
+
+def test_every_command_of_the_reference_is_known_as_such():
+    assert program_names().keys() >= OF_REFERENCE

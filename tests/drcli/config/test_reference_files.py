@@ -3,6 +3,7 @@
 import contextlib
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import settings as limits
 from hypothesis import strategies as st
@@ -90,3 +91,36 @@ def test_any_environment_is_accepted_or_refused_and_nothing_else(travelled, envi
         settings = load_settings(root, environ=environ)
 
         assert travelled(settings.run) == settings.run
+
+
+@pytest.mark.parametrize("written", ["team/model-1/", "/team/model-1", "team//model-1//"])
+def test_slashes_that_the_reference_takes_are_left_out_with_one_warning(folder, written):
+    settings = folder.load(
+        f"DR_LOCAL_S3_MODEL_PREFIX={written}\n"
+        "DR_LOCAL_S3_METRICS_PREFIX=$DR_LOCAL_S3_MODEL_PREFIX/metrics\n"
+    )
+
+    assert settings.model_prefix == "team/model-1"
+    assert settings.metrics_prefix == "team/model-1/metrics"
+    assert [text for text in settings.warnings if "slashes" in text] == [
+        f"run.env line 1: DR_LOCAL_S3_MODEL_PREFIX={written} is read as team/model-1, without the "
+        "extra slashes."
+    ]
+
+
+def test_azure_without_an_address_is_served_here_as_in_the_reference(folder):
+    folder.write("system.env", "DR_CLOUD=azure\n")
+
+    settings = folder.load("")
+
+    assert settings.cloud == "local"
+    [warning] = settings.warnings
+    assert warning.startswith("system.env line 1: DR_CLOUD=azure without DR_REMOTE_MINIO_URL")
+
+
+def test_azure_with_an_address_stays(folder):
+    folder.write("system.env", "DR_CLOUD=azure\nDR_REMOTE_MINIO_URL=http://x:9000\n")
+
+    settings = folder.load("")
+
+    assert (settings.cloud, settings.warnings) == ("azure", ())

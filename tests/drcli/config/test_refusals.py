@@ -83,11 +83,24 @@ from drcli.config.loading import load_settings
             id="no-track-name",
         ),
         pytest.param(
-            "DR_LOCAL_S3_MODEL_PREFIX=/model",
-            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=/model has an empty part, . or .. between "
-            "its slashes.",
-            "Write folders as in team/model-1, without / at the start or the end.",
-            id="prefix-with-leading-slash",
+            "DR_LOCAL_S3_MODEL_PREFIX=../model",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=../model has . or .. between its slashes.",
+            "Write folders as in team/model-1.",
+            id="prefix-above-the-bucket",
+        ),
+        pytest.param(
+            "DR_LOCAL_S3_MODEL_PREFIX=/",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=/ is empty.",
+            "Write a name such as rl-deepracer-1.",
+            id="prefix-of-slashes",
+        ),
+        pytest.param(
+            "DR_RACE_TYPE=HEAD_TO_HEAD",
+            "run.env line 2: DR_RACE_TYPE=HEAD_TO_HEAD is not one of TIME_TRIAL, OBJECT_AVOIDANCE, "
+            "HEAD_TO_BOT, HEAD_TO_MODEL.",
+            "Write HEAD_TO_BOT to train against bots, or HEAD_TO_MODEL to evaluate against another "
+            "model.",
+            id="head-to-head",
         ),
         pytest.param(
             "DR_LOCAL_S3_MODEL_PREFIX=my model",

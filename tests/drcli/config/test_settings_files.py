@@ -86,10 +86,14 @@ def test_a_broken_line_is_reported_and_the_others_are_read(line, sentence, remed
     ("data", "sentence"),
     [
         (b"A=1\nB=\xff\xfe\n", "run.env line 2: Byte 0xff is not UTF-8 text."),
-        (
-            "A=1\n".encode("utf-16-le"),
-            "run.env line 1: contains a NUL byte, so it is not a text file.",
+        *(
+            (
+                "A=1\n".encode(code),
+                "run.env: The file is UTF-16 text, as PowerShell writes it, and not UTF-8.",
+            )
+            for code in ("utf-16", "utf-16-le", "utf-16-be")
         ),
+        (b"A=1\n\0\n", "run.env line 2: contains a NUL byte, so it is not a text file."),
         (
             b"#" * (LARGEST_BYTES + 1),
             "run.env: The file is 65,537 bytes long; at most 65,536 are allowed.",

@@ -3,6 +3,8 @@
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.config.loading import is_of_worker
+from drcli.config.settings import catalogue
 
 MULTI = "DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=3\nDR_WORLD_NAME=reinvent_base\n"
 
@@ -79,9 +81,19 @@ def test_what_all_workers_share_is_ignored_there_with_a_warning(folder, files):
 
     assert s.for_worker(1).bucket == s.bucket
     assert (
-        "worker-2.env line 2: DR_LOCAL_S3_BUCKET is the same for all workers and is ignored here."
+        "worker-2.env line 2: 1 of the settings is the same for all workers: DR_LOCAL_S3_BUCKET."
         in s.warnings
     )
+
+
+def test_a_copy_of_the_whole_run_env_gets_one_line(folder, files):
+    names = [name for name in catalogue() if not is_of_worker(name)][:30]
+    files("".join(f"{name}={catalogue()[name].default_text}\n" for name in names))
+
+    [warning] = [text for text in folder.load(MULTI).warnings if text.startswith("worker-2.env")]
+
+    assert warning.startswith("worker-2.env line 1: 30 of the settings are the same for all")
+    assert names[0] in warning
 
 
 def test_a_missing_file_of_a_worker_is_named(folder):

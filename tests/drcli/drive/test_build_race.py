@@ -67,6 +67,24 @@ def settings(tmp_path):
             ),
             ("in the same place, 0.5,1", "nobody can pass the obstacles at 0.250"),
         ),
+        *(
+            (("DR_RACE_TYPE=OBJECT_AVOIDANCE", f"DR_OA_OBJECT_POSITIONS={places}", *more), words)
+            for places, more, words in (
+                (
+                    "0.01,1;0.01,-1",
+                    ("DR_TRAIN_CHANGE_START_POSITION=False",),
+                    ("pass the obstacles at 0.010 of the lap; a car needs", "at the place where"),
+                ),
+                (
+                    "0.01,1;0.01,-1",
+                    (),
+                    ("a car needs a gap of 0.30 m", "at 1 of 20 places where episodes start"),
+                ),
+                ("0.2,-1;0.2,-1", (), ("in the same place, 0.2,-1",)),
+                ("0.5,0", (), ("lane 0 of 0.5,0 is neither 1 nor -1",)),
+                ("0.2,-1;0.5,1", (), ()),
+            )
+        ),
         (("DR_RACE_TYPE=HEAD_TO_BOT",), ()),
         (
             (
@@ -93,9 +111,10 @@ def test_a_wide_road_leaves_a_way_between_two_obstacles(settings):
     narrow = load_track("reinvent_base")
     inner, outer = (2 * border - narrow.center for border in (narrow.inner, narrow.outer))
     wide = replace(narrow, inner=inner, outer=outer)
-    side_by_side = Race(obstacles=ObstacleRules(positions=((0.25, 1), (0.25, -1))))
+    side_by_side = Race(obstacles=ObstacleRules(positions=((0.27, 1), (0.27, -1))))
 
     assert race_warnings(settings(), narrow, side_by_side)
+    assert race_warnings(settings(), load_track("bean"), side_by_side)  # leaves 20 cm
     assert not race_warnings(settings(), wide, side_by_side)
 
 

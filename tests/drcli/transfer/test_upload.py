@@ -294,6 +294,15 @@ def test_without_a_bucket_of_uploads_there_is_none(mover, bucket):
         mover.upload()
 
 
+def test_a_bucket_of_uploads_with_a_folder_is_refused_with_where_to_write_it(mover):
+    (mover.folder / "system.env").write_text("DR_UPLOAD_S3_BUCKET=bucket/folder\n")
+
+    with pytest.raises(SettingsError, match="bucket/folder is not the name of a bucket") as caught:
+        mover.upload()
+
+    assert caught.value.remedy == "Write bucket, and begin DR_UPLOAD_S3_PREFIX with folder/."
+
+
 def test_a_model_is_not_uploaded_onto_itself(mover):
     with pytest.raises(SettingsError, match=r"^Target equals source\. Exiting\.") as caught:
         mover.upload(local=True, prefix="team/model")

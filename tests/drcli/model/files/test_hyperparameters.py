@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
 from drcli.learn.algorithms import ALGORITHMS
-from drcli.model.files.hyperparameters import REFERENCE_KEYS, Hyperparameters
+from drcli.model.files.hyperparameters import KEYS, REFERENCE_KEYS, SYNONYMS, Hyperparameters
 
 ROOT = Path(__file__).resolve().parents[4]
 EXAMPLE = (ROOT / "defaults" / "hyperparameters.json").read_bytes()
@@ -90,29 +90,22 @@ def test_a_whole_number_may_be_written_with_a_point():
         ('"num_epochs": null', "num_epochs=null is not a number", "Write a number without quotes"),
         ('"num_epochs": 0', "num_epochs=0 is below 1", 'Write 1 or more, as in "num_epochs": 10.'),
         ('"stack_size": 1.5', "stack_size=1.5 is not a whole number", "Write a whole number"),
-        ('"lr": 0.01', "lr=0.01 is above 0.001", "Write 0.001 or less"),
+        ('"lr": 1.5', "lr=1.5 is above 1", "Write 1 or less"),
         ('"lr": 0', "lr=0 is below 1e-08", "Write 1e-08 or more"),
         ('"beta_entropy": -0.1', "beta_entropy=-0.1 is below 0", "Write 0 or more"),
         ('"discount_factor": 1.01', "discount_factor=1.01 is above 1", "Write 1 or less"),
         (
-            '"num_episodes_between_training": 101',
-            "num_episodes_between_training=101 is above 100",
-            "Write 100 or less",
+            '"num_episodes_between_training": 10001',
+            "num_episodes_between_training=10001 is above 10000",
+            "Write 10000 or less",
         ),
         ('"epsilon_steps": 1e999', "epsilon_steps=Infinity is far too large", "Write a number"),
-        (
-            '"loss_type": "hubr"',
-            'loss_type="hubr" is not one of huber, mean squared error',
-            "Did you mean huber?",
-        ),
         ('"loss_type": 3', "loss_type=3 is not one of huber, mean squared error", "Write one of"),
         (
             '"exploration_type": "random"',
             'exploration_type="random" is not one of categorical, e-greedy, additive_noise',
             "Write one of categorical, e-greedy, additive_noise.",
         ),
-        ('"batchsize": 64', "batchsize=64 is not a hyperparameter", "Did you mean batch_size?"),
-        ('"xyz": [1]', "xyz=[1] is not a hyperparameter", "Remove the line; the keys are"),
     ],
 )
 def test_a_bad_value_is_named_with_file_line_key_value_and_remedy(line, sentence, remedy):
@@ -187,20 +180,72 @@ def test_broken_json_is_named_with_file_line_and_column(text, sentence):
 
 
 def test_a_value_is_told_in_the_letters_it_was_written_in():
-    with pytest.raises(SettingsError, match='loss_type="größe" is not one of'):
-        Hyperparameters.from_bytes('{"loss_type": "größe"}'.encode())
+    with pytest.raises(SettingsError, match='exploration_type="größe" is not one of'):
+        Hyperparameters.from_bytes('{"exploration_type": "größe"}'.encode())
 
 
 def test_everything_wrong_is_reported_at_once():
     with pytest.raises(SettingsError) as refusal:
-        Hyperparameters.from_bytes(b'{"lr": 1,\n"num_epoch": 3,\n"stack_size": 0}')
+        Hyperparameters.from_bytes(b'{"lr": 2,\n"num_epoch": 3,\n"stack_size": 0}')
 
-    assert len(str(refusal.value).splitlines()) == 3
+    assert len(str(refusal.value).splitlines()) == 2
+    assert [each.key for each in refusal.value.problems] == ["lr", "stack_size", "num_epoch"]
+
+
+@pytest.mark.parametrize(
+    ("key", "meant"),
+    [
+        ("learning_rate", "lr"),
+        ("Learning Rate", "lr"),
+        ("entropy_coefficient", "beta_entropy"),
+        ("epsilon", "clip_range"),
+        ("clip-epsilon", "clip_range"),
+        ("gamma", "discount_factor"),
+        ("minibatch_size", "batch_size"),
+        ("n_epochs", "num_epochs"),
+        ("batchsize", "batch_size"),
+        ("num_epoch", "num_epochs"),
+    ],
+)
+def test_an_unknown_key_is_a_warning_that_names_what_is_meant(key, meant):
+    [problem] = Hyperparameters.from_bytes(json.dumps({key: 0.5}).encode()).problems
+
+    assert (problem.rule, problem.severity) == ("V-04", "warning")
+    assert f"{key}=0.5 is not a hyperparameter" in problem.message
+    assert problem.remedy == f"Did you mean {meant}? Correct the key, or remove the line."
+
+
+def test_a_key_that_resembles_none_gets_no_guess():
+    [problem] = Hyperparameters.from_bytes(b'{"reward_scale": 2}').problems
+
+    assert problem.remedy.startswith("Remove the line; the keys are batch_size, ")
+
+
+def test_a_key_that_a_command_chose_must_be_known():
+    with pytest.raises(SettingsError, match=r"learning_rate=0\.1 is not a hyperparameter"):
+        Hyperparameters.from_bytes(b'{"learning_rate": 0.1}', chosen=["learning_rate"])
+
+
+def test_every_other_name_means_one_hyperparameter():
+    others = [name for names in SYNONYMS.values() for name in names]
+
+    assert len(others) == len(set(others))
+    assert not set(others) & set(KEYS)
+    assert set(SYNONYMS) <= set(KEYS)
 
 
 @pytest.mark.parametrize(
     ("line", "warning"),
     [
+        ('"lr": 0.01', "lr=0.01 is above 0.001, the most that the console takes."),
+        (
+            '"num_episodes_between_training": 200',
+            "num_episodes_between_training=200 is above 100, the most that the console takes.",
+        ),
+        (
+            '"loss_type": "hubr"',
+            'loss_type="hubr" is read as mean squared error, as in the reference.',
+        ),
         ('"batch_size": 34', "batch_size=34 is used as it is; 32 is probably meant."),
         ('"batch_size": 100', "batch_size=100 is unusual; common are 32, 64, 128, 256, 512."),
         ('"num_epochs": 1', "num_epochs=1 is unusual; common are 3 to 10."),

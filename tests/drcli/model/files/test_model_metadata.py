@@ -128,12 +128,6 @@ def test_the_action_space_is_kept_as_written_for_logs():
             id="speed-beyond-reason",
         ),
         pytest.param(
-            {"action_space": [{**ACTIONS[0], "index": 0}, {**ACTIONS[1], "index": 2}]},
-            "action_space[1].index=2 is at position 1",
-            'Write "index": 1 there, counting from 0, or remove all indices.',
-            id="gap-in-indices",
-        ),
-        pytest.param(
             {
                 "action_space_type": "continuous",
                 "action_space": {**RANGES, "speed": {"low": 2, "high": 1}},
