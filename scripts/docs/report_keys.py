@@ -16,7 +16,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
         "action-space from-histogram",
     ),
     "config.presets:PresetReports": ("config preset",),
-    "run.status:RunReport": ("start-training", "status"),
+    "run.status:RunReport": ("start-training", "attach", "status"),
     "run.stopping:StopReport": (
         "stop-training",
         "stop-evaluation",

@@ -232,8 +232,8 @@ class PaperRun:
         return self.running
 
     def inspect(self, config: Any, reader: object = None, *, anywhere: bool = False) -> RunReport:
-        if not self._started and "stop" not in self.asked:
-            return self.before
+        if reader is None and not self._started and "stop" not in self.asked:
+            return self.before  # who follows a training brings a reader
         if len(self.looks) == 1 and self.between is not None:
             self.between()
             self.between = None

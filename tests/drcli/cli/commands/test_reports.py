@@ -73,7 +73,7 @@ CALLS = {
     "spot cost my-run": "at least 1.26 USD",
     "spot stop my-run": "is whole.",
     "spot delete my-run -y": "Removed my-run.",
-    "attach": "iteration",
+    "attach": "",
     "summary": "DR_RUN_ID",
     "version": "mujoco",
     "find-sagemaker": "4243",

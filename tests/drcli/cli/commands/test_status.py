@@ -42,11 +42,8 @@ def test_status_suggests_commands_only_for_the_model_of_the_settings(
 
 @pytest.mark.parametrize("words", [["attach"], ["status", "-f"]])
 def test_a_running_training_is_followed_again_until_its_end(dr, run, make_report, capsys, words):
-    run.launch(None)
-    run.looks = [
-        *[make_report("running", n) for n in (2, 2, 3)],
-        make_report("failed", 4, message="NaN.", exit_code=6),
-    ]
+    run.before = make_report("running", 2)
+    run.looks = [make_report("running", 3), make_report("failed", 4, message="NaN.", exit_code=6)]
 
     code = dr(*words)
 
@@ -57,8 +54,8 @@ def test_a_running_training_is_followed_again_until_its_end(dr, run, make_report
 
 
 def test_leaving_the_display_names_the_way_back(dr, run, make_report, capsys):
-    run.launch(None)
-    run.looks = [make_report("running", 2), make_report("running", 2), KeyboardInterrupt()]
+    run.before = make_report("running", 2)
+    run.looks = [make_report("running", 2), KeyboardInterrupt()]
 
     code = dr("attach")
 
