@@ -94,6 +94,7 @@ COMMANDS: tuple[Command, ...] = (
         "Look",
         _everyday("console", "Open the console, a page in the browser.", "viewer", "app", "open"),
         _everyday("status", "Show state, curves and checkpoints."),
+        Command("attach", "Show the live display of a running training again.", "status"),
         _everyday("logs", "Show logs, or what the reward prints."),
         _everyday("analyze", "Analyse a training: verdict, laps, advice."),
         _everyday("evaluate", "Drive evaluation laps; report the result."),

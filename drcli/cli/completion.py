@@ -195,6 +195,10 @@ def worlds() -> list[str]:
     ]
 
 
+def community_tracks() -> list[str]:
+    return sorted(track_names.COMMUNITY - set(worlds()))
+
+
 def model_prefixes() -> list[str]:
     settings = _settings()
     bucket, configured = _bucket(settings), settings.get("DR_LOCAL_S3_MODEL_PREFIX")

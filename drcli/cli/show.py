@@ -185,21 +185,32 @@ CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
 NONE, SOME, ALL = "·", "◦", "●"
 
 
-def curve(values: Sequence[float], width: int, *, top: float | None = None) -> str:
-    """Numbers as heights, averaged down to `width` characters.
+def curve(
+    values: Sequence[float | None], width: int, *, top: float | None = None, rows: int = 1
+) -> str:
+    """Numbers as heights, averaged down to `width` characters; spaces where none is known.
 
-    From zero, or the least value if that is negative, to `top`, by default the greatest.
+    From zero, or the least value if that is negative, to `top`, by default the greatest. Several
+    `rows` are lines, the highest first.
     """
-    if not values:
-        return ""
-    means = [sum(part) / len(part) for part in _parts(values, width)]
-    low = min(0.0, *means)
-    span = (max(means) if top is None else top) - low
-    if span <= 0:
-        return BLOCKS[0] * len(means)
-    last = len(BLOCKS) - 1
-    heights = (round((mean - low) / span * last) for mean in means)
-    return "".join(BLOCKS[max(0, min(last, height))] for height in heights)
+    known = [[each for each in part if each is not None] for part in _parts(values, width)]
+    means = [sum(part) / len(part) if part else None for part in known]
+    found = [mean for mean in means if mean is not None]
+    if not found:
+        return "\n" * (rows - 1)
+    low = min(0.0, *found)
+    span = ((max(found) if top is None else top) - low) or 1.0
+    last = rows * len(BLOCKS) - 1
+    heights = [
+        -1 if mean is None else max(0, min(last, round((mean - low) / span * last)))
+        for mean in means
+    ]
+    filled = " " + BLOCKS
+    below = [row * len(BLOCKS) for row in reversed(range(rows))]
+    return "\n".join(
+        "".join(filled[max(0, min(len(BLOCKS), height + 1 - low))] for height in heights)
+        for low in below
+    )
 
 
 def marks(completed: Sequence[float | None], width: int) -> str:

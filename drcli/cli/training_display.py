@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
     from drcli.run.plan import EndWorkPlan, RunPlan
     from drcli.run.status import RunReport
 
-LIVE_ROWS = 6
+LEAST_LIVE_ROWS = 2
+ROWS_FOR_A_CURVE_ROW = 6
+"""Three curves get half of the height, the iterations the rest."""
 STATUS_ROWS = 10
 _FIRST, _SILENT = "driving the first iteration", "the bucket does not answer"
 FOOTER = "Ctrl-C leaves this display; dr-stop-training stops the training."
@@ -27,12 +30,12 @@ FOOTER = "Ctrl-C leaves this display; dr-stop-training stops the training."
 
 @fitted
 def live(
-    columns: int, report: "RunReport", now_s: float, *, verbose: bool = False
+    columns: int, report: "RunReport", now_s: float, height: int, *, verbose: bool = False
 ) -> RenderableType:
     """The display that follows a training; `now_s` is in Unix seconds.
 
-    Long lines are cut, and missing ones left empty, so that the height stays the same, but for a
-    teacher's line from its first checkpoint on.
+    Fills a terminal of this `height` except its last line, with as many iterations as fit. Long
+    lines are cut, and missing ones left empty, so that the height stays the same.
     """
     parts: list[RenderableType] = [Text.assemble(*report.state_text()), Text(_pace(report, now_s))]
     if text := report.phase_text():
@@ -46,20 +49,31 @@ def live(
         if report.joined:  # first, because the end of the line may be cut
             activities.insert(0, f"{len(report.joined)} joined")
         parts.append(Text("   ".join(activities), style="dim"))
-    parts += [
-        table(report.history[-LIVE_ROWS:], LIVE_ROWS, columns),
-        *curves(report.history, columns),
-    ]
+    below: list[Text] = []
     # A warning names the best checkpoint too, so it replaces the line about checkpoints.
     warning = Text(f"Warning: {report.warning}", style="bold yellow")
-    parts.append(warning if report.warning else Text(report.checkpoints_text()))
+    below.append(warning if report.warning else Text(report.checkpoints_text()))
     if report.limit:
-        parts.append(Text(f"best lap {report.limit}"))
-    parts.append(Text(FOOTER if report.state in ("starting", "running") else "", style="dim"))
+        below.append(Text(f"best lap {report.limit}"))
+    below.append(Text(_footer(report), style="dim"))
+    free = height - len(parts) - len(below) - 2
+    tall = max(1, free // ROWS_FOR_A_CURVE_ROW)
+    drawn = curves(report.history, columns, columns, tall)
+    rows = max(LEAST_LIVE_ROWS, free - len(drawn))
+    parts += [table(report.history[-rows:], rows, columns), *drawn, *below]
     for part in parts:
         if isinstance(part, Text):
             part.no_wrap, part.overflow = True, "ellipsis"
     return Group(*parts)
+
+
+def _footer(report: "RunReport") -> str:
+    if report.state not in ("starting", "running"):
+        return ""
+    if report.pid is None:
+        host = next((worker.host for worker in report.workers if worker.host), "another machine")
+        return f"Ctrl-C leaves this display; the training runs on {host}."
+    return FOOTER
 
 
 def _second_world(report: "RunReport") -> str:
@@ -78,7 +92,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.history:
         parts += [
             table(report.history[-STATUS_ROWS:], 0, columns),
-            *curves(report.history, columns),
+            *curves(report.history, columns, CURVE_COLUMNS),
         ]
     return Group(*(each for each in [*parts, group(report.after_history())] if each))
 
@@ -172,6 +186,7 @@ LEAST_COLUMNS = {
     "reward": 7,
     "progress": 8,
     "laps": 6,
+    "lap": 7,
     "eval": 9,
     "median": 7,
     "eval 2": 9,
@@ -183,7 +198,7 @@ LEAST_COLUMNS = {
 LONGEST_STAGE = 12
 GAP = 2
 RARE = ("eval 2", "stage", "phase")
-OPTIONAL = ("phase", "losses", "entropy", "steps", "laps", "reward")
+OPTIONAL = ("phase", "losses", "entropy", "steps", "laps", "reward", "lap")
 """Narrow terminals omit them in this order."""
 
 
@@ -230,14 +245,20 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
     return shown
 
 
-def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
-    width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
-    progress = curve([record.mean_progress for record in records], width, top=100.0)
-    reward = curve([record.mean_reward for record in records], width)
+def curves(
+    records: "list[IterationRecord]", columns: int, widest: int, rows: int = 1
+) -> list[Text]:
+    """Lines; all curves but the one of the evaluations have so many `rows`."""
+    width = max(LEAST_CURVE_COLUMNS, min(widest, columns - BESIDE_CURVE))
+    progress = curve([record.mean_progress for record in records], width, top=100.0, rows=rows)
+    reward = curve([record.mean_reward for record in records], width, rows=rows)
     sampled = [record.evaluation for record in records]
     shares = [None if laps is None else laps.clean / laps.driven for laps in sampled]
     newest = next((laps for laps in reversed(sampled) if laps is not None), None)
     last = records[-1] if records else None
+    laps_s = [record.best_lap_s for record in records]
+    fastest_s = min((each for each in laps_s if each is not None), default=None)
+    best = "" if fastest_s is None else f"best {fastest_s:.2f} s"
     lines = (
         ("progress", progress, "green", f"{last.mean_progress:.1f} %" if last else ""),
         (
@@ -247,10 +268,12 @@ def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
             f"{newest.clean} of {newest.driven} clean" if newest is not None else "",
         ),
         ("reward", reward, "cyan", f"{last.mean_reward:.1f}" if last else ""),
+        ("lap", curve(laps_s, width, rows=rows), "yellow", best),
     )
     return [
-        Text.assemble((f"{name:9}", "dim"), (f"{drawn:{width}}", style), "  ", value)
-        for name, drawn, style, value in lines
+        Text.assemble((f"{first:9}", "dim"), (f"{drawn:{width}}", style), "  ", told)
+        for name, high, style, value in lines
+        for first, drawn, told in zip_longest([name], high.split("\n"), [value], fillvalue="")
     ]
 
 
@@ -278,6 +301,7 @@ def _cells(record: "IterationRecord") -> dict[str, str]:
         "reward": f"{record.mean_reward:.1f}",
         "progress": f"{record.mean_progress:.1f} %",
         "laps": f"{record.full_laps}/{record.episodes}",
+        "lap": "" if record.best_lap_s is None else f"{record.best_lap_s:.2f} s",
         "eval": _first(record),
         "median": _median(record.evaluation),
         "eval 2": _evaluated(record.second_progress, second) if second is not None else "",

@@ -3,45 +3,50 @@
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated
 
 from drcli.base.errors import Place, Problem, Severity, closest, shown
 from drcli.base.files import is_left_behind
+from drcli.base.report import Col
 from drcli.config.fields import setting_problem
 from drcli.config.run_config import DriveConfig
 
 ROUTE_FILES = (".npy", ".csv")
 
-_ALL_WAYS = """
-2022_april_open 2022_april_pro 2022_august_open 2022_august_pro 2022_july_pro 2022_june_open
-2022_june_pro 2022_march_open 2022_march_pro 2022_may_open 2022_may_pro 2022_october_open
-2022_october_pro 2022_september_open 2022_september_pro 2022_summit_speedway arctic_open arctic_pro
-dubai_open jyllandsringen_open jyllandsringen_pro penbay_open penbay_pro red_star_pro
-reInvent2019_track reInvent2019_wide thunder_hill_pro
-"""
-_CIRCUITS_ONLY = "2022_reinvent_champ 2024_reinvent_champ"
-_PLAIN_ONLY = """
-2022_july_open 2022_summit_speedway_mini Albert AmericasGeneratedInclStart Aragon Austin AWS_track
-Belille Bowtie_track caecer_gp caecer_loop Canada_Training China_track dubai_pro FS_June2020
-hamption_open hamption_pro July_2020 LGSWide Mexico_track Monaco Monaco_building morgan_open
-morgan_pro New_York_Track Oval_track red_star_open reInvent2019_wide_mirrored reinvent_base
-reinvent_carpet reinvent_concrete reinvent_wood Singapore Singapore_building Singapore_f1
-Spain_track Spain_track_f1 Straight_track thunder_hill_open Tokyo_Training_track Vegas_track
-Virtual_May19_Train_track
-"""
-
 ASKED = "answer yes when a start asks on a terminal"
-COMMUNITY = frozenset(
-    [*_ALL_WAYS.split(), *_PLAIN_ONLY.split()]
-    + [
-        f"{name}_{way}"
-        for name in (*_ALL_WAYS.split(), *_CIRCUITS_ONLY.split())
-        for way in ("cw", "ccw")
-    ]
-)
-"""Worlds of the reference simulator, version 6."""
+
+
+@dataclass(frozen=True)
+class CommunityTrack:
+    """A world of the reference simulator, version 6."""
+
+    name: Annotated[str, "Its name, for DR_WORLD_NAME.", Col("track")]
+    length_m: Annotated[float, "Length of the centre line.", Col("length", "{:.1f} m")]
+    width_m: Annotated[float, "Mean width.", Col("width", "{:.2f} m")]
+    way: Annotated[str, "cw, ccw or open.", Col("way")]
+    console_name: Annotated[str, "Its name in consoles; empty if it has none.", Col("also called")]
+    installed: Annotated[
+        bool, "Whether it can be driven now.", Col("here", lambda here: "yes" if here else "")
+    ] = False
+
+
+@cache
+def community() -> dict[str, CommunityTrack]:
+    """By name."""
+    lines = Path(__file__).with_name("community_tracks.csv").read_text("utf-8").splitlines()[1:]
+    fields = (line.split(";") for line in lines)
+    return {
+        name: CommunityTrack(name, float(length), float(width), way, called)
+        for name, length, width, way, called in fields
+    }
+
+
+COMMUNITY = frozenset(community())
 
 ZOO = re.compile(r"zoo-(?:0|[1-9][0-9]{0,6})")
 """Generated circuits, as `drsim.track.zoo` reads them."""
@@ -165,7 +170,7 @@ def worlds_problems(
             what = f"{setting}: no installed track fits {shown(word)}."
             known = _named_by(word, sorted(COMMUNITY))
             how = f"`dr-tracks fetch {known[0]}` brings one. " if known else ""
-            how += "`dr-tracks list` shows all; correct the pattern or leave it out."
+            how += "`dr-tracks list --all` shows all; correct the pattern or leave it out."
             problems.append(setting_problem(setting, place, what, how))
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
@@ -236,9 +241,26 @@ def remedy(race: DriveConfig) -> str:
             f"Fetch it with `dr-tracks fetch {name}`{asked}, or let a start fetch it with "
             f"DR_TRACKS_FETCH=always. {add}"
         )
-    likely = closest(race.world_name, [*_known(race), *COMMUNITY])
-    hint = f"Did you mean {likely}? " if likely is not None else ""
-    return f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
+    return _hint(race.world_name, race.tracks_folder) + (
+        "`dr-tracks list --all` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
+    )
+
+
+def _hint(name: str, tracks_folder: Path) -> str:
+    called = {each.console_name.casefold(): each.name for each in reversed(community().values())}
+    words = name.replace("_", " ").casefold()
+    console = next((called[each] for each in called if len(words) > 3 and words in each), None)
+    likely = console or closest(name, [*built_in(), *own(tracks_folder), *COMMUNITY])
+    return f"Did you mean {likely}? " if likely is not None else ""
+
+
+def unknown_track(name: str, tracks_folder: Path) -> str | None:
+    """A sentence about a name that is neither installed nor of the community; else None."""
+    plain = re.sub(r"_c?cw\Z", "", name)
+    known = {*built_in(), *own(tracks_folder), *COMMUNITY}
+    if {name, plain} & known or ZOO.fullmatch(plain) or name.endswith(ROUTE_FILES):
+        return None
+    return f"{shown(name)} is not a known track. {_hint(name, tracks_folder)}".strip()
 
 
 def _words(text: str) -> list[str]:

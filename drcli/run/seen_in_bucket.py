@@ -89,6 +89,8 @@ class DistantRun:
     world: str
     host: str | None = None
     heard_s: float | None = None
+    session: str = ""
+    started_at: float = 0.0
     workers: list[DistantWorker] = field(default_factory=list)
 
 
@@ -110,7 +112,17 @@ def distant_run(run: SeenRun) -> DistantRun:
             continue  # just replaced, or damaged: the next look finds it
         workers.append(DistantWorker(name, does.activity, does.since, does.host))
     workers.sort(key=lambda worker: (worker.name != "trainer", len(worker.name), worker.name))
-    return DistantRun(run.prefix, run.world, held.host, max(0.0, held.age_s), workers)
+    outcome = read_outcome(run.model)
+    begun = outcome is not None and outcome.session == held.session
+    return DistantRun(
+        run.prefix,
+        run.world,
+        held.host,
+        max(0.0, held.age_s),
+        held.session,
+        outcome.started_at if outcome is not None and begun else 0.0,
+        workers,
+    )
 
 
 @dataclass(frozen=True)

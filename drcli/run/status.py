@@ -50,7 +50,7 @@ from drcli.records.stage import PHASES, PhaseMark, StageMark
 from drcli.records.training_record import DayBudget, Spending, budget_of
 from drcli.run.cost import RequestReport, money_left, request_report, time_left_s
 from drcli.run.heartbeat_monitor import WorkerHealth
-from drcli.run.seen_in_bucket import ended_elsewhere, trained_by
+from drcli.run.seen_in_bucket import SeenRun, distant_run, ended_elsewhere, trained_by
 from drcli.run.worker_processes import TRAINER
 from drcli.tracks.track_limit import limit_of_race, limit_text
 
@@ -121,6 +121,8 @@ class WorkerReport:
     host: Annotated[str, "Machine on which it works; empty for this one."] = ""
 
     def line(self, *, ending: bool) -> str:
+        if self.pid is None and self.host:
+            return f"{self.name} on {self.host}: {self.activity}"
         if self.pid is None:
             return f"{self.name}: not started, or left out"
         gone = "ended" if ending else "DEAD"
@@ -468,13 +470,26 @@ class RunReport:
         return f"Left: {', '.join(filter(None, parts))}." if any(parts) else ""
 
 
-def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport:
-    """A `reader` saves time if this is repeated."""
+def inspect(
+    config: RunConfig, reader: HistoryReader | None = None, *, anywhere: bool = False
+) -> RunReport:
+    """A `reader` saves time if this is repeated.
+
+    Args:
+        config: Of the folder.
+        reader: Remembers what it has read.
+        anywhere: Whether a training of the model on another machine counts, too.
+    """
     folder = run_folder(config.directory, config.run_id)
     record = RunRecord.read(folder)
     alive = record is not None and record.alive
+    distant: list[WorkerReport] = []
     if not alive:
         record = RunRecord.read(folder)  # a supervisor records the outcome just before it exits
+    if not alive and anywhere:
+        distant, there = _elsewhere(config)
+        if there is not None and (record is None or _replaces(there, record)):
+            record, alive = there, there.state in LIVE_STATES
     if record is None:
         nothing = RunReport(
             run_id=config.run_id,
@@ -566,6 +581,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         )
         for worker in record.workers
     ]
+    workers += distant
     spending = Spending.read(folder)
     if spending is not None and spending.session != record.session:
         spending = None  # of an earlier start; this one has not counted yet
@@ -580,7 +596,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         message=record.message,
         remedy=record.remedy,
         exit_code=record.exit_code,
-        started_at=record.started_at,
+        started_at=record.started_at or None,
         elapsed_s=history[-1].elapsed_s if history else 0.0,
         pid=record.pid or None,
         ending=record.ending,
@@ -620,6 +636,40 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         priority=record.priority,
         threads=record.threads,
         joined=joined,
+    )
+
+
+def _replaces(found: RunRecord, record: RunRecord) -> bool:
+    other = found.session != record.session
+    return other and (found.state in LIVE_STATES or found.started_at > record.started_at)
+
+
+def _elsewhere(config: RunConfig) -> tuple[list[WorkerReport], RunRecord | None]:
+    """The workers of a training on another machine, and its record, also after its end."""
+    prefix, world = config.model.prefix, config.race().world_name
+    try:
+        bucket = open_running_bucket(config.storage)
+        if bucket is None:
+            return [], None
+        found = distant_run(SeenRun(ModelStore(bucket, prefix), prefix, world, alive=False))
+        if not found.host:
+            return [], ended_elsewhere(config, bucket)
+    except StorageError:
+        return [], None  # said below
+    workers = [
+        WorkerReport(each.name, None, True, 0, each.activity, "", host=each.host or found.host)
+        for each in found.workers
+    ]
+    return workers, RunRecord(
+        run_id=config.run_id,
+        session=found.session,
+        bucket=bucket.name,
+        prefix=prefix,
+        world=world,
+        state="running",
+        pid=0,
+        pid_started=0.0,
+        started_at=found.started_at,
     )
 
 

@@ -1,10 +1,11 @@
 """What `dr tracks` shows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from drcli.base.report import Col, View, bold, table
+from drcli.base.report import BLANK, Col, View, bold, table
+from drcli.config.track_names import COMMUNITY, CommunityTrack
 
 _REPEATS = 3
 
@@ -65,6 +66,9 @@ class TrackList:
     folder: Annotated[str, "The racer's folder of tracks."]
     tracks: Annotated[list[TrackFacts], "By name."]
     unreadable: Annotated[list[str], "Sentences about files that are not tracks."]
+    community: Annotated[
+        list[CommunityTrack], "With --all: the tracks that `dr-tracks fetch` brings."
+    ] = field(default_factory=list)
 
     def view(self) -> View:
         own, here = Path(self.folder), Path.cwd()
@@ -73,4 +77,9 @@ class TrackList:
             table(self.tracks),
             f"{len(self.tracks)} tracks; your own are in {place}/.",
             "And generated circuits: zoo-0, zoo-1 and so on, to zoo-9999999.",
+            BLANK if self.community else "",
+            self.community and table(self.community),
+            f"{len(self.community)} tracks of the community; `dr-tracks fetch NAME` brings one."
+            if self.community
+            else f"`dr-tracks list --all` also shows the {len(COMMUNITY)} of the community.",
         ]

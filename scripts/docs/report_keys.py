@@ -16,7 +16,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
         "action-space from-histogram",
     ),
     "config.presets:PresetReports": ("config preset",),
-    "run.status:RunReport": ("start-training", "status"),
+    "run.status:RunReport": ("start-training", "attach", "status"),
     "run.stopping:StopReport": (
         "stop-training",
         "stop-evaluation",
@@ -142,7 +142,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "cli.commands.validate:Checked": ("update",),
     "run.summary:Addresses": ("url",),
     "cli.completion:Installed": ("completion install",),
-    "tracks.track_facts:TrackList": ("tracks list",),
+    "tracks.track_facts:TrackList": ("tracks list", "tracks fetch --all"),
     "tracks.tracks_folder:TrackView": ("tracks show",),
     "drive.racer_limit:FastestLine": ("tracks line", "tracks limit"),
     "tracks.track_facts:TrackFacts": ("tracks add", "tracks generate", "tracks fetch"),

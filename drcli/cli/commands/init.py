@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from drcli.transfer.ready_made import ReadyMadeModel
 
 with lazy_imports():
-    from drcli.config import new_folder, presets, settings
+    from drcli.config import new_folder, presets, settings, track_names
     from drcli.model.files import hyperparameters
     from drcli.transfer import ready_made as transfer_ready_made
 
@@ -164,7 +164,8 @@ def init(
             )
         else:
             if prompts.may_ask() and not force:
-                values = with_answers(values, prompts.ask, terminal.warn)
+                tracks = Path(folder or current_folder()) / "tracks"
+                values = with_answers(values, prompts.ask, terminal.warn, tracks)
                 if teacher is None and ready_made is None and preset != "sac":
                     teacher = wants_teacher(prompts.ask, usually=_is_taught(preset, values))
             plan = new_folder.plan_folder(Path(folder or current_folder()), values, chosen, files)
@@ -233,6 +234,7 @@ def with_answers(
     given: Mapping[str, str],
     ask: Callable[[str, str, Sequence[str]], str],
     warn: Callable[[str], None],
+    tracks_folder: Path = Path("tracks"),
 ) -> dict[str, str]:
     """The settings that were given, and the answers to all other questions.
 
@@ -240,12 +242,19 @@ def with_answers(
         given: Texts by DR_ name; these questions are not asked.
         ask: Takes a question, a default and the allowed words, and returns the answer.
         warn: Prints what is wrong with an answer, before the question is asked again.
+        tracks_folder: With the racer's own tracks.
     """
     values = dict(given)
 
     def ask_for(name: str, question: str, default: str, choices: Sequence[str] = ()) -> None:
+        unsure = ""
         while name not in values:
             answer = ask(question, default, choices)
+            odd = name == "DR_WORLD_NAME" and track_names.unknown_track(answer, tracks_folder)
+            if odd and answer != unsure:
+                unsure = answer
+                warn(f"{odd} To add a track of this name later, give it again.")
+                continue
             try:
                 settings.catalogue()[name].read(answer)
             except BadValue as bad:
@@ -254,7 +263,7 @@ def with_answers(
                 values[name] = answer
 
     clouds = completion.clouds()
-    ask_for("DR_WORLD_NAME", "Track (`dr-tracks list` shows them)", "reinvent_base")
+    ask_for("DR_WORLD_NAME", "Track (`dr-tracks list --all` shows them)", "reinvent_base")
     ask_for("DR_RACE_TYPE", "Race", _TRAINABLE[0], _TRAINABLE)
     ask_for("DR_LOCAL_S3_MODEL_PREFIX", "Name of the model", "rl-deepracer-sagemaker")
     ask_for("DR_CLOUD", "Where the bucket is", clouds[0], clouds)

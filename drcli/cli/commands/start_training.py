@@ -1,22 +1,16 @@
 """`dr start-training`."""
 
 import math
-import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.live import Live
 
 from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
-from drcli.cli import prompts, terminal, training_display
+from drcli.cli import follow_training, prompts, terminal, training_display
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.cli.log_tail import Tail
 from drcli.cli.options import (
     Force,
     checkpoint_option,
@@ -29,140 +23,17 @@ from drcli.model.model_store import ModelStore
 from drcli.train.goals import OPTIONS
 
 if TYPE_CHECKING:
-    from drcli.config.run_config import RunConfig
     from drcli.config.settings import Settings
-    from drcli.records.iteration import IterationRecord
     from drcli.run.plan import EndWorkPlan, RunPlan, StartOptions
-    from drcli.run.status import RunReport
 
 with lazy_imports():
     from drcli.bucket import connect
-    from drcli.model import history, lease, model_prefix
+    from drcli.model import lease, model_prefix
     from drcli.model.files import hyperparameters
     from drcli.records import run_record
     from drcli.run import early_training, plan, status, training
     from drcli.run import resume_or_start as run_resume_or_start
     from drcli.transfer import transfer_buckets
-
-
-# Shows a running training: live, as lines, or by its logs.
-
-
-POLL_S = 1.0
-NEXT = [
-    ("dr-logs trainer -f", "follow the trainer's log"),
-    ("dr-status", "show the progress"),
-    ("dr-stop-training", "stop; what was learned is kept"),
-]
-
-Show = Callable[["RunReport"], None]
-Display = AbstractContextManager[Show]
-
-
-def until_the_end(config: "RunConfig", display: Display) -> "RunReport | None":
-    """Watch a training; None after Ctrl-C or a closed pipe."""
-    try:
-        with display as show:
-            for report in _reports(config):
-                show(report)
-                if terminal.reader_has_left():
-                    return None
-        return report
-    except KeyboardInterrupt:
-        return None
-
-
-@contextmanager
-def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
-    """Watch from a thread while the training runs in this process."""
-    stop = threading.Event()
-
-    def watch() -> None:
-        for report in _reports(config, stop):
-            show(report)
-
-    with display as show:
-        watcher = threading.Thread(target=watch, name="watcher", daemon=True)
-        watcher.start()
-        try:
-            yield
-        finally:
-            stop.set()
-            watcher.join(timeout=5.0)
-
-
-@contextmanager
-def live(*, verbose: bool) -> Iterator[Show]:
-    with Live(console=terminal.err, auto_refresh=False) as screen:
-        yield lambda report: screen.update(
-            training_display.live(report, time.time(), verbose=verbose), refresh=True
-        )
-
-
-def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
-    """Every iteration, except those `before`, of earlier starts."""
-    # An iteration that is repeated has the same number and another time.
-    printed = {(record.iteration, record.elapsed_s) for record in before}
-    warned = False
-
-    def show(report: "RunReport") -> None:
-        nonlocal warned
-        # The newest iteration waits for its evaluation, which comes with the next one.
-        ready = report.history if is_over(report) else report.history[:-1]
-        for record in ready:
-            if (record.iteration, record.elapsed_s) not in printed:
-                printed.add((record.iteration, record.elapsed_s))
-                terminal.say(training_display.line(record, verbose=verbose))
-        if report.warning and not warned:
-            terminal.warn(f"{report.warning}.")
-        warned = bool(report.warning)
-
-    return nullcontext(show)
-
-
-def logs(paths: Mapping[str, Path]) -> Display:
-    """New lines of the workers' logs."""
-    tails = {name: Tail(path, last_lines=0) for name, path in paths.items()}
-    for tail in tails.values():
-        tail.read()
-
-    def show(report: "RunReport") -> None:
-        for name, tail in tails.items():
-            for line in tail.read(unfinished=is_over(report)).splitlines():
-                terminal.say(f"{name}: {line}" if len(tails) > 1 else line)
-
-    return nullcontext(show)
-
-
-def nothing() -> Display:
-    return nullcontext(lambda report: None)
-
-
-def is_over(report: "RunReport") -> bool:
-    return report.state not in ("starting", "running")
-
-
-def _reports(config: "RunConfig", stop: threading.Event | None = None) -> "Iterator[RunReport]":
-    reader = history.HistoryReader()
-    clock = stop or threading.Event()
-    last: RunReport | None = None
-    while True:
-        stopped = clock.is_set()
-        report = status.inspect(config, reader)
-        if last is not None and not report.history:  # the bucket did not answer this time
-            report = replace(
-                report,
-                history=last.history,
-                best=last.best,
-                last=last.last,
-                best_laps=last.best_laps,
-                newest_laps=last.newest_laps,
-            )
-        yield report
-        if stopped or (stop is None and is_over(report)):
-            return
-        last = report
-        clock.wait(POLL_S)
 
 
 _LONGEST_MINUTES = 10_000_000
@@ -277,9 +148,9 @@ def start_training(
     Uses reward_function.py, hyperparameters.json and model_metadata.json from custom_files/, or
     from the bucket, or the shipped examples if you have none. Everything is checked first.
 
-    A terminal shows a live display; Ctrl-C leaves it and the training continues. Otherwise, one
-    line is printed for each iteration. The command exits when the training ends, with the same exit
-    code. With -q it returns at once.
+    A terminal shows a live display. Ctrl-C leaves it and the training continues; dr-attach shows it
+    again. Otherwise, one line is printed for each iteration. The command exits when the training
+    ends, with the same exit code. With -q it returns at once.
 
     On a terminal, -w asks before it deletes a model; -f answers yes.
 
@@ -397,21 +268,19 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
             terminal.say(training_display.end_work_text(planned))
 
     if quiet:
-        display = nothing()
+        display = follow_training.nothing()
     elif followed:
-        display = logs(
+        display = follow_training.logs(
             {name: run_record.log_file(folder, loaded.model_prefix, name) for name in followed}
         )
-    elif terminal.is_live() and not foreground:
-        display = live(verbose=verbose)
     else:
-        display = lines(status.inspect(loaded.run).history, verbose=verbose)
+        display = follow_training.suitable(loaded.run, verbose=verbose, screen=not foreground)
 
     if foreground:
-        with meanwhile(loaded.run, display):
+        with follow_training.meanwhile(loaded.run, display):
             ended_with = training.supervise_job(planned.job)
         report = status.inspect(loaded.run)
-        if not is_over(report):
+        if not follow_training.is_over(report):
             report = replace(
                 report,
                 state="failed" if ended_with else "finished",
@@ -419,7 +288,7 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
                 message="The training has ended, but the record of its end could not be written.",
                 remedy="Read how it ended with `dr-logs supervisor`.",
             )
-        code = _end(report, loaded.model_prefix)
+        code = follow_training.end(report, loaded.model_prefix)
     else:
         with terminal.waiting("Starting the workers ...", only_live=True):
             pid = training.launch(planned)
@@ -432,13 +301,9 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
             if terminal.as_json:
                 terminal.emit(status.inspect(loaded.run), None)
             return 0
-        terminal.suggest(NEXT)
-        ended = until_the_end(loaded.run, display)
-        if ended is None:
-            terminal.say("Detached; the training continues.")
-            terminal.suggest(NEXT)
-            return 130
-        code = _end(ended, loaded.model_prefix)
+        if followed or not terminal.is_live():  # else the display has this room
+            terminal.suggest(follow_training.NEXT)
+        code = follow_training.follow(loaded.run, display, loaded.model_prefix)
     return code
 
 
@@ -455,14 +320,3 @@ def _followed(
     if everything:
         return ["trainer", *sims]
     return ["trainer"] * trainer + [f"sim-{worker or 0}"] * sim
-
-
-def _end(report: "RunReport", prefix: str) -> int:
-    terminal.emit(report, None)
-    if report.state in ("stopped", "interrupted") or report.exit_code == 0:
-        terminal.say(report.end_text())
-        if commands := training_display.next_commands(report, prefix):
-            terminal.suggest(commands)
-    else:
-        terminal.fail(report.message, report.remedy)
-    return WorkerDied.code if report.exit_code is None else report.exit_code

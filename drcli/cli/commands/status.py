@@ -1,10 +1,13 @@
 """`dr status` and `dr summary`."""
 
 from dataclasses import replace
+from typing import Annotated
+
+import typer
 
 from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
-from drcli.cli import terminal, training_display
+from drcli.cli import follow_training, terminal, training_display
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
 
@@ -13,16 +16,45 @@ with lazy_imports():
     from drcli.run import summary as run_summary
 
 
-def status() -> None:
+_Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Show more numbers.")]
+
+
+def attach(verbose: _Verbose = False) -> None:
+    """Show the live display of the running training again.
+
+    Works in every shell, and on every machine that reaches the bucket of the training. Ctrl-C
+    leaves the display and the training continues. Like dr-start-training, exits with the training,
+    with the same code; away from a terminal, prints a line for each iteration from now on.
+
+    Example: dr-attach
+    """
+    status(follow=True, verbose=verbose)
+
+
+def status(
+    follow: Annotated[
+        bool,
+        typer.Option("-f", "--follow", help="Show the live display until it ends (dr-attach)."),
+    ] = False,
+    verbose: Annotated[
+        bool, typer.Option("-v", "--verbose", help="With -f: more numbers.")
+    ] = False,
+) -> None:
     """Show whether the training is running and how well the car drives.
 
-    Exits 5 when a worker has died, so that a script can react.
+    Also tells of a training of this model on another machine. Exits 5 when a worker has died, so
+    that a script can react.
 
     Example: dr-status --json
     """
     loaded = settings()
     config = loaded.run
-    report = run_status.inspect(config)
+    report = run_status.inspect(config, anywhere=True)
+    if follow and not follow_training.is_over(report):
+        display = follow_training.suitable(config, verbose=verbose)
+        raise typer.Exit(follow_training.follow(config, display, loaded.model_prefix))
+    if follow:
+        terminal.say("No training is running.")
     report = replace(report, notes=run_status.notes_of_run(config, report))
     terminal.warn(*report.damaged)
     terminal.emit(report, training_display.run(report))

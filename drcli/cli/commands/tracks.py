@@ -15,6 +15,7 @@ from drcli.cli.options import Replace
 from drcli.cli.show import show as present
 from drcli.cli.working_folder import settings, working_folder
 from drcli.config.value_types import CarName
+from drcli.tracks.track_facts import TrackList
 from drcli.tracks.track_list import list_tracks
 
 if TYPE_CHECKING:
@@ -47,7 +48,11 @@ _Force = Annotated[bool, typer.Option("-f", "--force", help="Replace a track of 
 
 
 @app.command("list")
-def list_all() -> None:
+def list_all(
+    everything: Annotated[
+        bool, typer.Option("--all", help="Also those of the community that can be fetched.")
+    ] = False,
+) -> None:
     """List all tracks: the built-in ones and those in the folder DR_TRACKS_DIR.
 
     The generated circuits, zoo-0 to zoo-9999999, are only mentioned.
@@ -58,6 +63,10 @@ def list_all() -> None:
     found = list_tracks(settings().tracks_folder, memory)
     for sentence in found.unreadable:
         terminal.warn(sentence)
+    if everything:
+        here = {track.name for track in found.tracks}
+        known = [replace(each, installed=each.name in here) for each in _community()]
+        found = replace(found, community=known)
     present(found)
 
 
@@ -188,12 +197,20 @@ def generate(
 @app.command()
 def fetch(
     name: Annotated[
-        str, typer.Argument(metavar="NAME", help="Name of a world, such as Oval_track.")
-    ],
+        str | None,
+        typer.Argument(
+            metavar="NAME",
+            help="Name of a world, such as Oval_track.",
+            autocompletion=completion.community_tracks,
+        ),
+    ] = None,
     url: Annotated[
         str | None, typer.Option("--from", help="Folder on the web; DR_TRACKS_URL if left out.")
     ] = None,
     called: Annotated[str | None, typer.Option("--name", help="Its name here.")] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="All of the community that are not there yet.")
+    ] = False,
     force: _Force = False,
 ) -> None:
     """Download a community track into the folder DR_TRACKS_DIR.
@@ -201,11 +218,32 @@ def fetch(
     Example: dr-tracks fetch Oval_track
     """
     s = settings()
+    if everything:
+        if name is not None or called is not None:
+            raise typer.BadParameter("--all fetches every track; leave NAME and --name out.")
+        present(_fetch_all(url or s.tracks_url, s.tracks_folder, again=force))
+        return
+    if name is None:
+        raise typer.BadParameter("Name a track, or add --all. `dr-tracks list --all` shows them.")
     facts = community.fetch_track(
         name, url or s.tracks_url, s.tracks_folder, called=called, replace=force
     )
     _warn_if_built_in(facts.name)
     present(facts)
+
+
+def _fetch_all(url: str, folder: Path, *, again: bool) -> TrackList:
+    there = set() if again else {*track_names.own(folder), *track_names.built_in()}
+    names = [each.name for each in _community() if each.name not in there]
+    fetched = []
+    for number, name in enumerate(names, start=1):
+        terminal.say(f"{number} of {len(names)}: {name}")
+        fetched.append(community.fetch_track(name, url, folder, replace=again))
+    return TrackList(str(folder), fetched, [])
+
+
+def _community() -> "list[track_names.CommunityTrack]":
+    return sorted(track_names.community().values(), key=lambda each: each.name.casefold())
 
 
 def _warn_if_built_in(name: str) -> None:

@@ -204,6 +204,8 @@ def _unknown(world: str, tracks_dir: Path | None) -> str:
 
 def _build(name: str, definition: dict[str, Any]) -> Track:
     """Some waypoints are uneven: racers write their numbers into reward functions."""
+    if "ends_m" in definition:
+        return _straight(name, definition)
     spline = ClosedSpline(np.array(definition["control_points_m"], dtype=np.float64))
     distance_m = np.linspace(0.0, spline.length_m, definition["waypoints"], endpoint=False)
     for waypoint, shift_m in definition.get("shifted_waypoints_m", {}).items():
@@ -217,6 +219,14 @@ def _build(name: str, definition: dict[str, Any]) -> Track:
     if track.is_ccw:  # then the inside of the loop lies to the left, as built
         return track
     return Track(name, center, right, left, closed=True)
+
+
+def _straight(name: str, definition: dict[str, Any]) -> Track:
+    first, last = np.array(definition["ends_m"], dtype=np.float64)
+    center = np.linspace(first, last, definition["waypoints"])
+    along = (last - first) / np.hypot(*(last - first))
+    to_left = np.array([-along[1], along[0]]) * definition["width_m"] / 2
+    return Track(name, center, center + to_left, center - to_left, closed=False)
 
 
 _STEPS_PER_PIECE = 200

@@ -17,6 +17,7 @@ from drcli.records.training_record import DayBudget
 from drcli.run.status import CheckpointLaps, JoinedReport, PhaseReport
 
 NOW_S = 1_000_000.0 + 75.0
+ROWS = 24
 
 
 def screen(rendered):
@@ -45,7 +46,7 @@ def test_a_checkpoint_is_told_in_fewer_words_in_the_list_than_on_the_page():
 
 
 def test_the_live_display_of_a_training_under_way(make_report):
-    shown = screen(training_display.live(make_report("running", 9), NOW_S))
+    shown = screen(training_display.live(make_report("running", 9), NOW_S, ROWS))
 
     assert shown == UNDER_WAY
 
@@ -78,19 +79,19 @@ def test_workers_of_other_machines_have_a_line_with_their_part(make_report):
     page = screen(training_display.run(report))
     assert "  sim-1 on attic: drives iteration 9 (4 episodes)" in page
     assert "  sim-2 on cellar: drives iteration 4 (no episodes now, silent)" in page
-    assert "2 joined   trainer waits" in screen(training_display.live(report, NOW_S))
-    assert "sim-2 on cellar" in screen(training_display.live(report, NOW_S, verbose=True))
+    assert "2 joined   trainer waits" in screen(training_display.live(report, NOW_S, ROWS))
+    assert "sim-2 on cellar" in screen(training_display.live(report, NOW_S, ROWS, verbose=True))
 
 
 def test_the_live_display_before_the_first_iteration(make_report):
-    shown = screen(training_display.live(make_report("running"), NOW_S))
+    shown = screen(training_display.live(make_report("running"), NOW_S, ROWS))
 
     assert shown == BEFORE_THE_FIRST
 
 
 def test_the_verbose_display_has_a_line_for_each_worker_and_for_the_time(make_report):
     lines = screen(
-        training_display.live(make_report("running", 9), NOW_S, verbose=True)
+        training_display.live(make_report("running", 9), NOW_S, ROWS, verbose=True)
     ).splitlines()
 
     assert lines[2:5] == [
@@ -109,16 +110,38 @@ def test_the_height_of_the_live_display_never_changes(make_report, verbose):
         make_report("finished", 300),
     ]
 
-    screens = [screen(training_display.live(look, NOW_S, verbose=verbose)) for look in looks]
+    screens = [screen(training_display.live(look, NOW_S, ROWS, verbose=verbose)) for look in looks]
 
-    heights = {len(shown.split("\n")) for shown in screens}
-    assert len(heights) == 1
-    assert heights.pop() < 24
+    assert {len(shown.split("\n")) for shown in screens} == {ROWS - 1}
     assert max(len(line) for shown in screens for line in shown.split("\n")) <= 80
 
 
+@pytest.mark.parametrize(("rows", "iterations"), [(16, 5), (24, 10), (40, 17)])
+def test_the_live_display_fills_the_window_with_iterations_and_curves(
+    make_report, make_record, rows, iterations
+):
+    history = [make_record(n, best_lap_s=14.25) for n in range(60)]
+
+    shown = screen(training_display.live(make_report("running", history=history), NOW_S, rows))
+
+    lines = shown.splitlines()
+    assert sum("14.25 s" in line and "best" not in line for line in lines) == iterations
+    assert any(line.startswith("lap ") and line.endswith("best 14.25 s") for line in lines)
+    assert len(lines) == rows - 1
+
+
+def test_the_display_of_a_training_elsewhere_names_its_machine(make_report):
+    report = make_report("running", 3, pid=None)
+    report = replace(report, workers=[replace(w, host="attic", pid=None) for w in report.workers])
+
+    shown = screen(training_display.live(report, NOW_S, ROWS))
+
+    assert shown.endswith("Ctrl-C leaves this display; the training runs on attic.")
+    assert "  sim-0 on attic: drives" in screen(training_display.run(report))
+
+
 def test_a_display_that_has_ended_no_longer_speaks_of_ctrl_c(make_report):
-    shown = screen(training_display.live(make_report("finished", 9), NOW_S))
+    shown = screen(training_display.live(make_report("finished", 9), NOW_S, ROWS))
 
     assert "Ctrl-C" not in shown
     assert shown.startswith("finished")
@@ -151,7 +174,7 @@ def test_every_number_of_the_best_checkpoint_has_its_unit(make_report, score, la
     told = ("", 0) if laps is None else (str(laps), laps.clean)
     report = make_report("finished", 9, best=CheckpointEntry("8_Step-4000.ckpt", 1.0, score, *told))
 
-    assert said in screen(training_display.live(report, NOW_S))
+    assert said in screen(training_display.live(report, NOW_S, ROWS))
     assert said.partition("   last")[0] in screen(training_display.run(report))
     assert said.partition("   last")[0].removeprefix("best ") in report.end_text()
 
@@ -240,16 +263,24 @@ UNDER_WAY = """\
 running  s3://bucket/model  on reinvent_base
 1:15   iteration 9   4,500 steps   370 steps/s   25 x real time
 trainer waits for rollouts of iteration 9   sim-0 drives iteration 9
-iter      steps   reward  progress    laps       eval   median  entropy
-   3      2,000     22.0    19.0 %    3/20   40 % 0/3              2.35
-   4      2,500     26.0    22.0 %    4/20   40 % 0/3              2.30
-   5      3,000     30.0    25.0 %    5/20   40 % 0/3              2.25
-   6      3,500     34.0    28.0 %    6/20   60 % 1/3  14.50 s     2.20
-   7      4,000     38.0    31.0 %    7/20   80 % 2/3  14.50 s     2.15
-   8      4,500     42.0    34.0 %    8/20        ...              2.10
-progress ▂▂▂▂▃▃▃▃▃                                               34.0 %
+iter      steps   reward  progress    laps      lap       eval   median  entropy
+   0        500     10.0    10.0 %    0/20            40 % 0/3              2.50
+   1      1,000     14.0    13.0 %    1/20  14.25 s   40 % 0/3              2.45
+   2      1,500     18.0    16.0 %    2/20  14.25 s   40 % 0/3              2.40
+   3      2,000     22.0    19.0 %    3/20  14.25 s   40 % 0/3              2.35
+   4      2,500     26.0    22.0 %    4/20  14.25 s   40 % 0/3              2.30
+   5      3,000     30.0    25.0 %    5/20  14.25 s   40 % 0/3              2.25
+   6      3,500     34.0    28.0 %    6/20  14.25 s   60 % 1/3  14.50 s     2.20
+   7      4,000     38.0    31.0 %    7/20  14.25 s   80 % 2/3  14.50 s     2.15
+   8      4,500     42.0    34.0 %    8/20  14.25 s        ...              2.10
+
+progress                                                         34.0 %
+         ▃▃▃▄▄▅▅▆▆
 eval     ······◦◦                                                2 of 3 clean
-reward   ▃▃▄▅▅▆▇▇█                                               42.0
+reward      ▁▂▄▅▇█                                               42.0
+         ▅▆▇██████
+lap       ████████                                               best 14.25 s
+          ████████
 best 8: 18 of 20 laps clean, median 14.85 s, slowest 15.70 s   last 9
 Ctrl-C leaves this display; dr-stop-training stops the training."""
 
@@ -257,7 +288,11 @@ BEFORE_THE_FIRST = """\
 running  s3://bucket/model  on reinvent_base
 1:15   driving the first iteration
 trainer waits for rollouts of iteration 0   sim-0 drives iteration 0
-iter      steps   reward  progress    laps       eval   median  entropy
+iter      steps   reward  progress    laps      lap       eval   median  entropy
+
+
+
+
 
 
 
@@ -265,8 +300,12 @@ iter      steps   reward  progress    laps       eval   median  entropy
 
 
 progress
+
 eval
 reward
+
+lap
+
 No checkpoint yet.
 Ctrl-C leaves this display; dr-stop-training stops the training."""
 
@@ -274,19 +313,20 @@ STATUS = """\
 Run 0: running  s3://bucket/model  on reinvent_base
   trainer (alive, process 4243): waits for rollouts of iteration 9
   sim-0 (alive, process 4243): drives iteration 9
-iter      steps   reward  progress    laps       eval   median  entropy
-   0        500     10.0    10.0 %    0/20   40 % 0/3              2.50
-   1      1,000     14.0    13.0 %    1/20   40 % 0/3              2.45
-   2      1,500     18.0    16.0 %    2/20   40 % 0/3              2.40
-   3      2,000     22.0    19.0 %    3/20   40 % 0/3              2.35
-   4      2,500     26.0    22.0 %    4/20   40 % 0/3              2.30
-   5      3,000     30.0    25.0 %    5/20   40 % 0/3              2.25
-   6      3,500     34.0    28.0 %    6/20   60 % 1/3  14.50 s     2.20
-   7      4,000     38.0    31.0 %    7/20   80 % 2/3  14.50 s     2.15
-   8      4,500     42.0    34.0 %    8/20        ...              2.10
+iter      steps   reward  progress    laps      lap       eval   median  entropy
+   0        500     10.0    10.0 %    0/20            40 % 0/3              2.50
+   1      1,000     14.0    13.0 %    1/20  14.25 s   40 % 0/3              2.45
+   2      1,500     18.0    16.0 %    2/20  14.25 s   40 % 0/3              2.40
+   3      2,000     22.0    19.0 %    3/20  14.25 s   40 % 0/3              2.35
+   4      2,500     26.0    22.0 %    4/20  14.25 s   40 % 0/3              2.30
+   5      3,000     30.0    25.0 %    5/20  14.25 s   40 % 0/3              2.25
+   6      3,500     34.0    28.0 %    6/20  14.25 s   60 % 1/3  14.50 s     2.20
+   7      4,000     38.0    31.0 %    7/20  14.25 s   80 % 2/3  14.50 s     2.15
+   8      4,500     42.0    34.0 %    8/20  14.25 s        ...              2.10
 progress ▂▂▂▂▃▃▃▃▃                                               34.0 %
 eval     ······◦◦                                                2 of 3 clean
 reward   ▃▃▄▅▅▆▇▇█                                               42.0
+lap       ████████                                               best 14.25 s
 4,500 steps in 0:12, 370 steps/s, 25 x real time.
 36 of 180 training episodes completed a lap.
 newest evaluation 7: 9 of 20 laps clean, median 14.40 s, slowest 14.80 s
@@ -335,14 +375,14 @@ def test_a_collapse_is_told_in_every_display(make_report):
     collapsed = make_report("running", 9, warning=told.removeprefix("Warning: "))
 
     assert told in screen(training_display.run(collapsed))
-    assert told in screen(training_display.live(collapsed, NOW_S))
+    assert told in screen(training_display.live(collapsed, NOW_S, ROWS))
 
 
 @pytest.mark.parametrize("columns", [1, 10, 24, 40])
 def test_curves_are_drawn_in_any_window(make_record, columns):
-    drawn = training_display.curves([make_record(1), make_record(2)], columns)
+    drawn = training_display.curves([make_record(1), make_record(2)], columns, 54)
 
-    assert [line.plain.split()[0] for line in drawn] == ["progress", "eval", "reward"]
+    assert [line.plain.split()[0] for line in drawn] == ["progress", "eval", "reward", "lap"]
 
 
 def test_the_phase_of_a_training_with_a_teacher_fits_into_one_line(make_report, make_record):
@@ -354,7 +394,7 @@ def test_the_phase_of_a_training_with_a_teacher_fits_into_one_line(make_report, 
         make_report("stopped", history=history), phase=phase, best=best, last=best, best_laps=None
     )
 
-    lines = screen(training_display.live(report, NOW_S)).splitlines()
+    lines = screen(training_display.live(report, NOW_S, ROWS)).splitlines()
 
     assert "Phase 1 of 3, teacher (sees the track, no camera): 64 of 64 laps, best 15.87 s" in lines
     assert len(lines) <= 24

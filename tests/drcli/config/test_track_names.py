@@ -76,6 +76,24 @@ def test_every_world_of_the_community_is_known_by_name():
     assert {"reinvent_carpet", "reinvent_concrete", "reinvent_wood"} < track_names.COMMUNITY
 
 
+def test_the_page_about_tracks_has_every_track_of_the_community():
+    page = (Path(__file__).parents[3] / "docs" / "tracks.md").read_text("utf-8")
+
+    for each in track_names.community().values():
+        words = (f"`{each.name}`", f"{each.length_m} m", f"{each.width_m:.2f} m", each.way)
+        assert f"| {' | '.join([*words, each.console_name])} |" in page
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [("shanghai", "China_track"), ("Smile_Speedway", "reInvent2019_track"), ("boul", "Bowtie")],
+)
+def test_a_track_is_found_by_its_name_in_consoles(folder, typed, meant):
+    (problem,) = track_names.track_problems(folder.load(f"DR_WORLD_NAME={typed}\n").races)
+
+    assert (f"Did you mean {meant}?" in problem.remedy) is (typed != "boul")
+
+
 @pytest.mark.skipif(not ROUTES.is_dir(), reason="the community's routes are not beside the project")
 def test_the_names_of_the_community_are_those_of_its_files():
     assert {path.stem for path in ROUTES.rglob("*.npy")} == track_names.COMMUNITY
@@ -159,10 +177,10 @@ PLACE = Place("run.env", 2)
         (
             "mine*",
             "DR_LISTED: no installed track fits mine*.",
-            "`dr-tracks list` shows all",
+            "`dr-tracks list --all` shows all",
         ),
         ("ben", "DR_LISTED: ben is not a known track.", "Did you mean bean?"),
-        ("zoo-01", "DR_LISTED: zoo-01 is not a known track.", "`dr-tracks list`"),
+        ("zoo-01", "DR_LISTED: zoo-01 is not a known track.", "`dr-tracks list --all`"),
         (
             "Oval_track",
             "DR_LISTED: Oval_track is a community track",

@@ -15,7 +15,14 @@ from drcli.records import run_record
 from drcli.records.checkpoint import Counters
 from drcli.records.heartbeat import WatchRecord, open_heartbeat_file
 from drcli.records.iteration import encode_history
-from drcli.records.run_record import Lease, StorageRecord, WorkerRecord, run_folder
+from drcli.records.run_record import (
+    ActivityRecord,
+    Lease,
+    RunRecord,
+    StorageRecord,
+    WorkerRecord,
+    run_folder,
+)
 from drcli.records.scores import EvaluationResult, SecondEvaluation
 from drcli.records.stage import RangesMark
 from drcli.records.training_record import RunOutcome
@@ -180,7 +187,7 @@ def elsewhere(racer):
         outcome = RunOutcome("s", "a-spot-machine", 1.0, 2.0, **changes)
         config = racer.settings().storage
         path = config.data_dir / config.bucket / keys.outcome("model-1")
-        path.parent.mkdir(parents=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(outcome.encode())
         return inspect(racer.settings().run)
 
@@ -209,6 +216,32 @@ def test_a_training_on_another_machine_is_said_where_nothing_was_started(elsewhe
 
     assert report.state == "none"
     assert "s3://bucket/model-1 is being trained by process 77 on elsewhere" in report.elsewhere
+
+
+def test_a_training_on_another_machine_is_followed_to_its_end(elsewhere, racer):
+    elsewhere()
+    config = racer.settings()
+    folder = config.storage.data_dir / config.storage.bucket
+    theirs = Lease("s", "attic", 77, time.time(), machine="another", term=3)
+    does = ActivityRecord("drives iteration 4", time.time(), 8, "attic")
+    for key, record in ((keys.lease("model-1"), theirs), (keys.status("model-1", "sim-0"), does)):
+        (folder / key).parent.mkdir(parents=True, exist_ok=True)
+        (folder / key).write_bytes(record.encode())
+    before = RunRecord(0, "ours", "bucket", "model-1", "bean", "finished", 1, 1.0, 0.5)
+    before.write(run_folder(racer.folder, 0))
+
+    during = inspect(config.run, anywhere=True)
+    elsewhere(state="finished", code=0, message="All laps.")
+    (folder / keys.lease("model-1")).unlink()
+    after = inspect(config.run, anywhere=True)
+
+    assert (during.state, during.pid, during.started_at) == ("running", None, 2.0)
+    assert [worker.line(ending=False) for worker in during.workers] == [
+        "sim-0 on attic: drives iteration 4"
+    ]
+    assert during.dead == []
+    assert (after.state, after.message) == ("finished", "On a-spot-machine: All laps.")
+    assert inspect(config.run).message == ""
 
 
 def test_laps_of_the_best_are_of_the_training_track_whichever_track_chose_it(

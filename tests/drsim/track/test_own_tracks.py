@@ -15,7 +15,7 @@ from drsim.track.worlds import ClosedSpline, describe, load_track
 DEFINITIONS = [
     file
     for file in sorted((Path(drsim.__file__).parent / "track" / "definitions").glob("*.json"))
-    if "same_route_as" not in file.read_text(encoding="utf-8")
+    if '"control_points_m"' in file.read_text(encoding="utf-8")
 ]
 OWN = [file.stem for file in DEFINITIONS]
 

@@ -420,7 +420,7 @@ def test_a_written_track_is_read_back_the_same(tmp_path, world):
     copy = read_route(tmp_path / f"{world}.npy")
 
     assert np.load(tmp_path / f"{world}.npy").dtype == np.float64
-    assert (copy.name, copy.closed, copy.is_ccw) == (track.name, True, track.is_ccw)
+    assert (copy.name, copy.closed, copy.is_ccw) == (track.name, track.closed, track.is_ccw)
     for line in ("center", "inner", "outer"):
         np.testing.assert_array_equal(getattr(copy, line), getattr(track, line))
 

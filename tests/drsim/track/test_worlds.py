@@ -60,6 +60,15 @@ def test_an_array_wins_over_a_table_of_its_name(tmp_path):
     assert load_track("mine", tmp_path).length_m == 32.0
 
 
+@needs_routes
+def test_the_straight_track_is_that_of_the_community_to_a_micrometre():
+    track = load_track("Straight_track")
+
+    lines = np.concatenate([track.center, track.inner, track.outer], axis=1)
+    np.testing.assert_allclose(lines, np.load(ROUTES / "Straight_track.npy"), atol=1e-6)
+    assert not track.closed
+
+
 def test_all_known_worlds_load_under_their_names():
     assert {"reinvent_base", "reinvent_wood", "bean", "switchback"} <= set(known_worlds())
     assert [load_track(name).name for name in known_worlds()] == known_worlds()

@@ -231,9 +231,9 @@ class PaperRun:
     def is_running(self, config: Any) -> bool:
         return self.running
 
-    def inspect(self, config: Any, reader: object = None) -> RunReport:
-        if not self._started and "stop" not in self.asked:
-            return self.before
+    def inspect(self, config: Any, reader: object = None, *, anywhere: bool = False) -> RunReport:
+        if reader is None and not self._started and "stop" not in self.asked:
+            return self.before  # who follows a training brings a reader
         if len(self.looks) == 1 and self.between is not None:
             self.between()
             self.between = None
@@ -255,7 +255,7 @@ def run(
     for name in ("stop", "is_running"):
         monkeypatch.setattr(f"drcli.run.stopping.{name}", getattr(paper, name))
     monkeypatch.setattr("drcli.run.status.inspect", paper.inspect)
-    monkeypatch.setattr("drcli.cli.commands.start_training.POLL_S", 0.0)
+    monkeypatch.setattr("drcli.cli.follow_training.POLL_S", 0.0)
     return paper
 
 

@@ -23,15 +23,15 @@ def test_a_start_says_what_is_trained_from_which_files(dr, run, make_report, cap
     assert "\nEnds some day.\n" in said
 
 
-def test_after_a_launch_the_next_three_commands_stand_ready_to_paste(dr, run, make_report, capsys):
+def test_after_a_launch_the_next_commands_stand_ready_to_paste(dr, run, make_report, capsys):
     run.looks = [make_report("finished", 1)]
 
     dr("start-training")
 
     lines = capsys.readouterr().err.splitlines()
     at = lines.index("Next:")
-    commands = [line.strip() for line in lines[at + 2 : at + 7 : 2]]
-    assert commands == ["dr-logs trainer -f", "dr-status", "dr-stop-training"]
+    commands = [line.strip() for line in lines[at + 2 : at + 9 : 2]]
+    assert commands == ["dr-attach", "dr-logs trainer -f", "dr-status", "dr-stop-training"]
 
 
 def test_away_from_a_terminal_every_iteration_becomes_one_line(dr, run, make_report, capsys):

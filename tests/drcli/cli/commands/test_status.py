@@ -40,6 +40,42 @@ def test_status_suggests_commands_only_for_the_model_of_the_settings(
     assert ("Next:" in capsys.readouterr().err) is suggested
 
 
+@pytest.mark.parametrize("words", [["attach"], ["status", "-f"]])
+def test_a_running_training_is_followed_again_until_its_end(dr, run, make_report, capsys, words):
+    run.before = make_report("running", 2)
+    run.looks = [make_report("running", 3), make_report("failed", 4, message="NaN.", exit_code=6)]
+
+    code = dr(*words)
+
+    printed = capsys.readouterr()
+    assert code == 6
+    assert [line.split()[2] for line in printed.err.splitlines() if " iter " in line] == ["2", "3"]
+    assert "Error: NaN." in printed.err
+
+
+def test_leaving_the_display_names_the_way_back(dr, run, make_report, capsys):
+    run.before = make_report("running", 2)
+    run.looks = [make_report("running", 2), KeyboardInterrupt()]
+
+    code = dr("attach")
+
+    said = capsys.readouterr().err
+    assert code == 130
+    assert "Detached; the training continues." in said
+    assert "    dr-attach\n" in said
+
+
+def test_attach_says_that_nothing_runs_and_shows_the_state(dr, run, make_report, capsys):
+    run.before = make_report("finished", 4)
+
+    code = dr("attach")
+
+    printed = capsys.readouterr()
+    assert code == 0
+    assert "No training is running." in printed.err
+    assert printed.out.startswith("Run 0: finished")
+
+
 def test_status_of_a_dead_worker_names_it_and_exits_5(dr, run, make_report, capsys):
     run.before = _with_dead_worker(make_report("running", 4))
 

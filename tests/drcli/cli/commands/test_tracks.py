@@ -14,6 +14,7 @@ import pytest
 from drcli.base.errors import Aborted, StorageError
 from drcli.cli.app import main
 from drcli.cli.fetch_tracks import bring_tracks
+from drcli.config import track_names
 from drcli.config.loading import load_settings
 from drcli.tracks import community, tracks_folder
 from drsim.errors import TrackError
@@ -228,8 +229,8 @@ def test_a_full_disk_is_told_in_a_sentence(route, working_folder, capsys, monkey
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["show", "nowhere"], "Try: `dr-tracks list` shows all, `dr-tracks fetch`"),
-        (["show", "reinvent_bsae"], "Did you mean reinvent_base? `dr-tracks list` shows all"),
+        (["show", "nowhere"], "Try: `dr-tracks list --all` shows all, `dr-tracks fetch`"),
+        (["show", "reinvent_bsae"], "Did you mean reinvent_base? `dr-tracks list --all` shows all"),
         (["show", "nowhere.npy"], "nowhere.npy"),
         (["add", "loop.csv", "--length", "0"], "give --length"),
         (["add", "nothing.npy"], "nothing.npy"),
@@ -273,6 +274,37 @@ def test_a_route_is_fetched_checked_and_found_by_its_name(web, route, working_fo
     assert code == 0
     assert report(out)["source"] == str(working_folder / "tracks" / "Far_track.npy")
     assert load_track("Far_track", working_folder / "tracks").length_m > 10
+
+
+def test_all_tracks_of_the_community_are_listed_and_fetched(
+    web, route, working_folder, capsys, monkeypatch
+):
+    offers, address = web
+    run(capsys, "add", str(route), "--name", "Oval_track")
+    content = (working_folder / "tracks" / "Oval_track.npy").read_bytes()
+    offers.update({f"/routes/{name}.npy": content for name in ("China_track", "Albert")})
+    few = {name: track_names.community()[name] for name in ("China_track", "Oval_track", "Albert")}
+    monkeypatch.setattr(track_names, "community", lambda: few)
+
+    _, before, _ = run(capsys, "list", "--all", "--json")
+    code, out, _ = run(capsys, "fetch", "--all", "--from", address, "--json")
+    _, after, _ = run(capsys, "list", "--all")
+
+    assert [
+        (t["name"], t["console_name"], t["installed"]) for t in report(before)["community"]
+    ] == [
+        ("Albert", "Yun Speedway", False),
+        ("China_track", "Shanghai Sudu", False),
+        ("Oval_track", "Oval Track", True),
+    ]
+    assert code == 0
+    assert [each["name"] for each in report(out)["tracks"]] == ["Albert", "China_track"]
+    assert after.count("  yes\n") == 3
+
+
+@pytest.mark.parametrize("words", [["fetch"], ["fetch", "--all", "Albert"]])
+def test_fetch_wants_one_name_or_all(working_folder, capsys, words):
+    assert run(capsys, *words)[0] == 2
 
 
 @pytest.mark.parametrize(
