@@ -147,6 +147,17 @@ def _address(value: str) -> str:
     return value
 
 
+def _endpoint(value: str) -> str:
+    parts = urlsplit(_address(value))
+    for what, part, mark in (("query", parts.query, "?"), ("fragment", parts.fragment, "#")):
+        if part:
+            raise BadValue(
+                f"has a {what}, which the address of an S3 server cannot have",
+                f"Leave out everything from {mark} on.",
+            )
+    return value
+
+
 def car_host_and_port(value: str) -> tuple[str, int]:
     """From HOST, HOST:PORT or an https address.
 
@@ -269,6 +280,9 @@ BucketName = Annotated[
 UploadBucket = Annotated[str, Shape("the name of a bucket, or not-defined")]
 """Checked when something is to be uploaded: templates of the reference hold other texts."""
 Address = Annotated[str, Check(_address), Shape("an http or https address, or nothing")]
+Endpoint = Annotated[
+    str, Check(_endpoint), Shape("the http or https address of an S3 server, or nothing")
+]
 CarHost = Annotated[str, Check(_car_address), Shape("a host, host:port, or nothing")]
 Region = Annotated[str, Check(lambda name: _region(name) or HOME_REGION), Shape("an AWS region")]
 Colour = Annotated[

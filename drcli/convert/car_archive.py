@@ -10,8 +10,10 @@ from pathlib import PurePath
 
 import numpy as np
 
+from drcli.base import errors
 from drcli.base.archive import unpack_archive
 from drcli.base.errors import Problem, SettingsError, few, shown
+from drcli.base.files import is_left_behind
 from drcli.convert.car_rules import (
     GRAPH,
     CarAction,
@@ -274,12 +276,32 @@ def car_archive(graph: bytes, metadata: ModelMetadata) -> bytes:
 
     `graph` is frozen, with the reference's node names.
     """
+    return _packed({METADATA: car_metadata(metadata), GRAPH: graph})
+
+
+def without_leftovers(data: bytes, name: str) -> bytes:
+    """An archive without what programs leave behind, which the car would take for a model.
+
+    One that has nothing of this kind, or cannot be read, stays as it is.
+    """
+    try:
+        files = unpack_archive(io.BytesIO(data), name, wanted=lambda _: True)
+    except SettingsError:
+        return data
+    left = [member for member in files if is_left_behind(member)]
+    if not left:
+        return data
+    errors.show(f"{name}: without {', '.join(few(map(shown, left)))}, which a program left there.")
+    return _packed({member: files[member] for member in files if member not in left})
+
+
+def _packed(files: Mapping[str, bytes]) -> bytes:
     packed = io.BytesIO()
     with (
         gzip.GzipFile("", "wb", _LEVEL, packed, mtime=0) as file,
         tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as archive,
     ):
-        for name, data in ((METADATA, car_metadata(metadata)), (GRAPH, graph)):
+        for name, data in files.items():
             member = tarfile.TarInfo(name)
             member.size = len(data)
             archive.addfile(member, io.BytesIO(data))

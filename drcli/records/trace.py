@@ -102,8 +102,8 @@ class TraceRows:
 def read_rows(data: bytes) -> TraceRows:
     """Leaves out lines with any damage."""
     text = _text(data)
-    lines = text.splitlines()
     in_log = LOG_MARK in text
+    lines = text.splitlines() if in_log else _with_commas(text.splitlines())
     found = TraceRows()
     if in_log:
         found.names = COLUMNS
@@ -127,6 +127,14 @@ def _text(data: bytes) -> str:
     """Windows' shells write logs in UTF-16."""
     utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     return data.decode("utf-16" if utf_16 else "utf-8-sig", "replace").replace("\0", "")
+
+
+def _with_commas(lines: list[str]) -> list[str]:
+    """Tables as spreadsheets save them: with ; or tabs, maybe with decimal commas."""
+    separator = next((mark for mark in ";\t" if lines and mark in lines[0]), "")
+    if not separator or "," in lines[0]:
+        return lines
+    return [line.replace(",", ".").replace(separator, ",") for line in lines]
 
 
 def _in_log(lines: Sequence[str], unfinished: int) -> Iterator[tuple[int, list[str] | None]]:

@@ -18,7 +18,7 @@ from drcli.config.presets import model_file
 from drcli.config.run_config import StorageConfig
 from drcli.config.settings import Settings, catalogue
 from drcli.config.track_names import track_problem
-from drcli.config.value_types import CheckpointChoice, parse_checkpoint
+from drcli.config.value_types import CheckpointChoice, parse_checkpoint, without_slashes
 from drcli.model import keys, lease
 from drcli.model.files.custom_files import InputFile, find
 from drcli.model.files.hyperparameters import Hyperparameters
@@ -275,7 +275,8 @@ def plan_increment(
     refuse_stronger_values(settings, (MODEL, PRETRAINED, PRETRAINED_PREFIX))
     before = settings.model_prefix
     now = settings.written.get(MODEL) or before
-    text, after = (prefix, prefix) if prefix is not None else raised(now, before, delimiter)
+    plain = None if prefix is None else without_slashes(prefix)
+    text, after = (plain, plain) if plain is not None else raised(now, before, delimiter)
     _refuse_nested(before, after)
     described = settings.written.get(DESCRIPTION, "")
     others = changed_settings(overrides, (MODEL, METRICS, PRETRAINED, PRETRAINED_PREFIX), described)

@@ -8,6 +8,7 @@ from drcli.base.report import BLANK, Col, View, bold, table
 from drcli.config.track_names import COMMUNITY, CommunityTrack
 
 _REPEATS = 3
+LEAST_GAP_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,9 @@ class TrackFacts:
     ]
     difficulty: Annotated[str | None, '"easy", "medium" or "hard"; None if unknown.']
     about: Annotated[str, "A line about it."]
+    joined_m: Annotated[
+        float, "Gap between the ends of the file that was closed to make a loop."
+    ] = 0.0
 
     def made_of(self) -> str:
         return self.origin() if self.source == "own" else f"{Path(self.source).suffix} file"
@@ -56,6 +60,9 @@ class TrackFacts:
             f"{self.waypoints} waypoints, {self.spacing_m:.2f} m apart"
             f"{repeats}{f' and {more} more' if more > 0 else ''}",
             f"the white line {road}; {self.origin()}",
+            self.joined_m >= LEAST_GAP_M
+            and f"Its ends were {self.joined_m:.2f} m apart, less than the road is wide, and are "
+            "joined to a loop.",
         ]
 
 

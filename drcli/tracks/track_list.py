@@ -16,7 +16,7 @@ from drcli.tracks.track_facts import TrackFacts, TrackList
 with lazy_imports():
     from drcli.tracks import tracks_folder
 
-_MEASURED = 2
+_MEASURED = 3
 """2: repeated rows count as waypoints."""
 
 

@@ -1,6 +1,7 @@
 """Measures, shows and adds tracks."""
 
 import contextlib
+import dataclasses
 import os
 import re
 from collections.abc import Sequence
@@ -145,7 +146,8 @@ def _kept(track: Track, target: Path) -> TrackFacts:
     finally:
         with contextlib.suppress(OSError):  # it only exists if something went wrong
             unfinished.unlink()
-    return _facts(describe(str(target)))
+    facts = _facts(describe(str(target)))
+    return dataclasses.replace(facts, joined_m=round(track.joined_m, 3))
 
 
 def target_of(name: str, folder: Path, *, replace: bool) -> Path:
@@ -180,6 +182,7 @@ def _facts(info: WorldInfo) -> TrackFacts:
         source=info.source,
         difficulty=info.difficulty,
         about=info.about,
+        joined_m=round(info.joined_m, 3),
     )
 
 

@@ -15,7 +15,7 @@ from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.config.editing import RunEnvEdit, plan_edit, raised
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings, catalogue
-from drcli.config.value_types import CheckpointChoice, retention_rules
+from drcli.config.value_types import CheckpointChoice, retention_rules, without_slashes
 from drcli.convert.car_rules import END
 from drcli.model import keys
 from drcli.model.checkpoint_choice import (
@@ -92,7 +92,8 @@ def plan_upload_increment(
     text = settings.written.get(PREFIX) or (
         default if settings.source(PREFIX) == "default" else before
     )
-    text, after = (prefix, prefix) if prefix is not None else raised(text, before, delimiter)
+    plain = None if prefix is None else without_slashes(prefix)
+    text, after = (plain, plain) if plain is not None else raised(text, before, delimiter)
     if before == after:
         raise SettingsError(f"{PREFIX} is already {after}.", remedy="Choose another name with -p.")
     edit = plan_edit(settings, {PREFIX: text})

@@ -7,10 +7,10 @@ from drcli.config.fields import Group, setting
 from drcli.config.value_types import (
     HOME_REGION,
     THIS_MACHINE,
-    Address,
     BucketName,
     CarHost,
     CheckpointText,
+    Endpoint,
     FolderName,
     ListenHost,
     LogGroup,
@@ -33,7 +33,7 @@ class BucketSettings(Group, title="Bucket", file="system.env"):
         "AWS profile with the access keys; if empty, the AWS library searches for them.",
     )
     aws_app_region: Region = setting("DR_AWS_APP_REGION", HOME_REGION, "AWS region.")
-    remote_minio_url: Address = setting(
+    remote_minio_url: Endpoint = setting(
         "DR_REMOTE_MINIO_URL", "", "Address of the S3 server for DR_CLOUD=remote and azure."
     )
     local_s3_engine: Literal["rclone", "minio", "moto"] = setting(
@@ -114,7 +114,7 @@ class KeySettings(Group, title="Places in the bucket"):
         "AWS profile with the access keys of the upload bucket.",
         file="system.env",
     )
-    upload_s3_endpoint_url: Address = setting(
+    upload_s3_endpoint_url: Endpoint = setting(
         "DR_UPLOAD_S3_ENDPOINT_URL",
         "",
         "Address of that bucket's S3 server; if empty, the profile decides, else Amazon.",

@@ -10,7 +10,7 @@ from urllib.parse import quote
 from drcli.base.archive import read_packed
 from drcli.base.errors import SettingsError, closest, refuse, shown
 from drcli.base.report import Col, View, table
-from drcli.convert.car_archive import check_car_archive
+from drcli.convert.car_archive import check_car_archive, without_leftovers
 from drcli.convert.car_rules import END
 from drcli.outside.car.car_address import CarError, CarRefused, CarSilent
 from drcli.outside.car.car_web import CarWeb
@@ -25,13 +25,15 @@ class CarFile:
     path: Path
     name: str
     sensors: tuple[str, ...]
+    content: bytes
 
 
 def check_file(path: Path) -> CarFile:
     """Read an archive; SettingsError if the car would not take it."""
-    check = check_car_archive(read_packed(path), str(path))
+    content = without_leftovers(read_packed(path), str(path))
+    check = check_car_archive(content, str(path))
     refuse(check.problems)
-    return CarFile(path, path.name.removesuffix(END), check.sensors)
+    return CarFile(path, path.name.removesuffix(END), check.sensors, content)
 
 
 POLL_S = 1.0
@@ -136,19 +138,12 @@ def upload_model(car: CarWeb, file: CarFile, *, say: Callable[[str], None]) -> C
     """Send an archive and wait for it; replaces a model.
 
     Raises:
-        SettingsError: The file cannot be read.
         CarError: The car did not install it.
     """
-    try:
-        content = file.path.read_bytes()
-    except OSError as e:
-        raise SettingsError(
-            f"{file.path}: cannot be read ({e.strerror or e}).", remedy="Check the file."
-        ) from e
     refusal: CarError | None = None
     try:
         path, action = "/api/uploadModels", f"install {file.name}"
-        car.upload(path, file.path.name, content, action=action, timeout_s=UPLOAD_TIMEOUT_S)
+        car.upload(path, file.path.name, file.content, action=action, timeout_s=UPLOAD_TIMEOUT_S)
     except (CarRefused, CarSilent) as e:
         refusal = e  # the car may have gone on installing
         say("The car has not confirmed the installation; waiting whether it lists the model ...")
@@ -156,7 +151,7 @@ def upload_model(car: CarWeb, file: CarFile, *, say: Callable[[str], None]) -> C
     if found is None:
         raise _not_installed(car, file, refusal)
     place = car.address.place
-    return CarUpload(place, file.name, len(content), found.usable, found.why)
+    return CarUpload(place, file.name, len(file.content), found.usable, found.why)
 
 
 def load_model(car: CarWeb, name: str) -> CarLoad:

@@ -141,7 +141,7 @@ def _read(file: Path) -> tuple[list[_Step], int]:
     # A number that was cut off still looks like a number, so an unfinished line is not trusted.
     unfinished = len(lines) > 1 and not text.endswith("\n")
     whole = (_ACTION.sub(r"[\1 \2]", line) for line in (lines[:-1] if unfinished else lines))
-    reader = csv.DictReader(whole, skipinitialspace=True)
+    reader = csv.DictReader(_with_commas(list(whole)), skipinitialspace=True)
     try:
         _check_columns(file, reader.fieldnames or ())
         rows = [_step(row, line) for line, row in enumerate(reader)]
@@ -151,6 +151,14 @@ def _read(file: Path) -> tuple[list[_Step], int]:
         ) from None
     steps = [row for row in rows if row is not None]
     return steps, len(rows) - len(steps) + unfinished
+
+
+def _with_commas(lines: list[str]) -> list[str]:
+    """Tables as spreadsheets save them: with ; or tabs, maybe with decimal commas."""
+    separator = next((mark for mark in ";\t" if lines and mark in lines[0]), "")
+    if not separator or "," in lines[0]:
+        return lines
+    return [line.replace(",", ".").replace(separator, ",") for line in lines]
 
 
 def _check_columns(file: Path, names: Sequence[str]) -> None:

@@ -1,5 +1,6 @@
 """Route files: the user's tracks as .npy, .csv or .svg."""
 
+import re
 from io import BytesIO
 from pathlib import Path
 
@@ -85,7 +86,7 @@ def _read(file: Path, name: str, width_m: float | None, length_m: float | None) 
     if width_m is not None:
         widths_m = np.full(len(rows), float(width_m))
     elif rows.shape[1] == 3:
-        widths_m = rows[:, 2]
+        widths_m = _widths_of_road(rows[:, 2])
     else:
         widths_m = np.full(len(rows), DEFAULT_WIDTH_M)
     return road_along(name, rows[:, :2], widths_m, length_m)
@@ -157,6 +158,7 @@ def _table(text: str) -> Floats:
             row = [float(field) for field in fields]
         except ValueError as error:
             if k == 0:  # headings
+                _refuse_speeds(fields)
                 continue
             raise TrackError(f"line {number}: {error}. Correct or remove that line.") from None
         if rows and len(row) != len(rows[0]):
@@ -166,6 +168,15 @@ def _table(text: str) -> Floats:
             )
         rows.append(row)
     return np.array(rows, dtype=np.float64)
+
+
+def _refuse_speeds(headings: list[str]) -> None:
+    if len(headings) == 3 and re.match(r"\W*(speed|velocity|v\b|throttle)", headings[2].lower()):
+        raise TrackError(
+            f"the third column is called {headings[2].strip()[:40]}, but there a route has the "
+            "width of the road. Remove that column, and give width_m if the road is not "
+            f"{DEFAULT_WIDTH_M} m wide."
+        )
 
 
 def _checked(array: NDArray[np.generic]) -> Floats:
@@ -195,20 +206,55 @@ def _checked(array: NDArray[np.generic]) -> Floats:
     return rows
 
 
+def _widths_of_road(column: Floats) -> Floats:
+    """The third column, which racing lines use for speeds."""
+    narrowest_m, widest_m = WIDTHS_OF_FILES_M
+    least, greatest = column.min(), column.max()
+    if not (narrowest_m <= least and greatest <= min(widest_m, _MOST_UNEVEN * least)):
+        raise TrackError(
+            f"the third column has values from {least:g} to {greatest:g}, but there it is the "
+            f"width of the road, {narrowest_m:g} to {widest_m:g} m and much the same everywhere. A "
+            "racing line with speeds is no track; if its points are the middle of the road, give "
+            "width_m."
+        )
+    return column
+
+
 def _bordered(name: str, rows: Floats, length_m: float | None) -> Track:
     if length_m is not None:
         rows = rows * (checked_length(length_m) / np.hypot(*np.diff(rows[:, :2], axis=0).T).sum())
-    closed = bool(np.abs(rows[0] - rows[-1]).max() <= SAME_M)
-    if closed:
-        rows[-1] = rows[0]
+    rows, closed, joined_m = _joined(rows)
     center, inner, outer = (rows[:, k : k + 2].copy() for k in (0, 2, 4))
-    track = Track(name, center, inner, outer, closed)
+    track = Track(name, center, inner, outer, closed, joined_m=joined_m)
     if np.mean(track.on_road(track.center[1:-1])) < 0.5:  # a stray point or two is the user's road
         raise TrackError(
             "most centre points do not lie between the borders. Columns are centre x y, "
             "inner x y, outer x y, and inner is the border inside the loop. Export the route again."
         )
     return track
+
+
+_SLIP_M = 0.01
+"""Closer ends are the same point, written with few digits."""
+
+
+def _joined(rows: Floats) -> tuple[Floats, bool, float]:
+    """A loop ends with its first row; a gap narrower than the road is closed, and returned."""
+    first, _ = vertices(rows[:, :2])
+    gap = rows[0, :2] - rows[-1, :2]
+    gap_m = float(np.hypot(*gap))
+    width_m = float(np.hypot(*(rows[0, 4:] - rows[0, 2:4])))
+    length_m = float(np.hypot(*np.diff(rows[:, :2], axis=0).T).sum())
+    if gap_m > SAME_M and (gap_m >= width_m or length_m < 3 * width_m):
+        return rows, False, 0.0
+    if gap_m <= _SLIP_M:
+        return np.concatenate([rows[:-1], rows[:1]]), True, 0.0
+    if gap @ (rows[first[-1], :2] - rows[first[-2], :2]) < 0:
+        raise TrackError(
+            f"its last row lies {gap_m:.2f} m behind its first one, closer than the road is wide. "
+            "Remove the rows at the end that run past the first one."
+        )
+    return np.concatenate([rows, rows[:1]]), True, gap_m
 
 
 SPACING_M = 0.2
@@ -218,6 +264,10 @@ LENGTHS_M = (2.0, 1000.0)
 """The longest of the reference simulator is 89 m."""
 
 WIDTHS_M = (0.25, 20.0)
+WIDTHS_OF_FILES_M = (0.3, 3.0)
+_MOST_UNEVEN = 2.0
+"""Widest by narrowest road; speeds along a racing line differ more."""
+
 _BEND_WIDTHS = 4.0
 _PARALLEL_M2 = 1e-12
 """Less is rounding."""
@@ -241,13 +291,14 @@ def road_along(name: str, center: Floats, width_m: Floats, length_m: float | Non
         )
     if length_m is not None:
         center = center * (checked_length(length_m) / _length(center))
+    gap_m = float(np.hypot(*(center[-1] - center[0])))
     center, width_m, closed = _closed(center, width_m)
     center, width_m = _resampled(center, width_m, closed)
     if length_m is not None:  # chords between waypoints are a little shorter than the line was
         center *= length_m / _length(center)
     left, right = (_beside(center, side * width_m / 2, closed) for side in (1, -1))
     inner, outer = (left, right) if (not closed or _area(center) > 0) else (right, left)
-    track = Track(name, center, inner, outer, closed)
+    track = Track(name, center, inner, outer, closed, joined_m=gap_m if closed else 0.0)
     _check_apart(track)
     return track
 

@@ -29,6 +29,7 @@ class Track:
         closed: Whether it is a loop.
         reverse: Driven against its definition.
         turned: The same road the other way round, for what must be equal to the last bit.
+        joined_m: Gap between the ends of a file that was closed to make a loop.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Track:
     closed: bool
     reverse: bool = False
     turned: "Track | None" = field(default=None, repr=False)
+    joined_m: float = 0.0
 
     def __post_init__(self) -> None:
         """All cars share the arrays, so make them read-only."""

@@ -41,6 +41,7 @@ class WorldInfo:
         spacing_m: On average, without these.
         line_family: "in" when the white line belongs to the road, else "out".
         source: "own", or the path of the route file.
+        joined_m: As of the track.
     """
 
     name: str
@@ -54,6 +55,7 @@ class WorldInfo:
     source: str
     difficulty: Literal["easy", "medium", "hard"] | None
     about: str
+    joined_m: float = 0.0
 
 
 def load_track(world: str, tracks_dir: Path | None = None) -> Track:
@@ -99,6 +101,7 @@ def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
         source="own" if own else str(file),
         difficulty=definition.get("difficulty"),
         about=definition.get("about", ""),
+        joined_m=track.joined_m,
     )
 
 

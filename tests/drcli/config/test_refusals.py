@@ -177,6 +177,20 @@ from drcli.config.loading import load_settings
             id="gpus",
         ),
         pytest.param(
+            "DR_REMOTE_MINIO_URL=http://host:9000/x?y=1",
+            "run.env line 2: DR_REMOTE_MINIO_URL=http://host:9000/x?(hidden) has a query, which "
+            "the address of an S3 server cannot have.",
+            "Leave out everything from ? on.",
+            id="address-with-a-query",
+        ),
+        pytest.param(
+            "DR_UPLOAD_S3_ENDPOINT_URL=http://host:9000/#top",
+            "run.env line 2: DR_UPLOAD_S3_ENDPOINT_URL=http://host:9000/#top has a fragment, which "
+            "the address of an S3 server cannot have.",
+            "Leave out everything from # on.",
+            id="address-with-a-fragment",
+        ),
+        pytest.param(
             "DR_REMOTE_MINIO_URL=mynas:9000",
             "run.env line 2: DR_REMOTE_MINIO_URL=mynas:9000 is not a web address.",
             "Write it as in http://192.168.1.5:9000.",

@@ -1,11 +1,13 @@
 """The car's rules for archives, before anything is sent; the rules themselves have other tests."""
 
 import gzip
+import io
 import os
 import tarfile
 
 import pytest
 
+from drcli.base.archive import read_archive, unpack_archive
 from drcli.base.errors import SettingsError
 from drcli.outside.car.car_models import check_file
 from fake_car import archive, graph
@@ -23,6 +25,16 @@ def test_folders_text_files_and_a_dot_before_names_are_no_matter(tmp_path):
     assert check_file(archive(tmp_path / "m.tar.gz", files=files)).name == "m"
 
 
+def test_files_that_macos_adds_are_not_sent_to_the_car(tmp_path):
+    files = {"agent/._model.pb": b"\0\5\x16\7", ".DS_Store": b"Bud1"}
+
+    found = check_file(archive(tmp_path / "m.tar.gz", files=files))
+
+    sent = unpack_archive(io.BytesIO(found.content), "sent", wanted=lambda _: True)
+    assert sent == read_archive(tmp_path / "m.tar.gz")  # which leaves them out
+    assert sent.keys() == {"agent/model.pb", "model_metadata.json"}
+
+
 @pytest.mark.parametrize(
     "name", ["model.zip", "model.tar", "my model.tar.gz", "v1.2.tar.gz", ".tar.gz"]
 )
@@ -35,7 +47,7 @@ def test_a_name_that_the_car_would_change_is_refused(tmp_path, name):
     ("files", "sentence"),
     [
         ({"agent/model.pb": None}, "contains 0 files that end in .pb"),
-        ({"._model.pb": b"x"}, "contains 2 files that end in .pb"),
+        ({"old/model.pb": b"x"}, "contains 2 files that end in .pb"),
         ({"agent/model.pb": b""}, "agent/model.pb"),
         ({"model/.coach_checkpoint": b"x"}, "takes model/.coach_checkpoint for a second model"),
         ({"model_metadata.json": None}, "no model_metadata.json"),

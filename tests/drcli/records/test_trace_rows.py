@@ -112,6 +112,12 @@ WAYS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "a list in quotes": ("0-iteration.csv", lambda: table(with_pair('"[{}, {}]"'))),
     "all in quotes": ("0-iteration.csv", quoted),
     "of Excel": ("0-iteration.csv", lambda: b"\xef\xbb\xbf" + table(end="\r\n")),
+    "of a spreadsheet": ("0-iteration.csv", lambda: table().replace(b",", b";")),
+    "of a German spreadsheet": (
+        "0-iteration.csv",
+        lambda: table(with_pair("[{} {}]"), end="\r\n").replace(b",", b";").replace(b".", b","),
+    ),
+    "with tabs": ("0-iteration.csv", lambda: table().replace(b",", b"\t")),
     "columns in another order": ("0-iteration.csv", lambda: table(names=COLUMNS[::-1])),
     "blanks and small flags": (
         "0-iteration.csv",
@@ -139,7 +145,6 @@ WAYS: dict[str, tuple[str, Callable[[], bytes]]] = {
 
 NO_TRACES = {
     "a picture": b"\x89PNG\r\n\x1a\n" + bytes(range(256)),
-    "semicolons": table().replace(b",", b";"),
     "no names": table().partition(b"\n")[2],
     "names in small letters": table().replace(b"X,Y", b"x,y").replace(b"steer", b"angle"),
     "names alone": table([]),

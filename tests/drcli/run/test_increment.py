@@ -133,7 +133,7 @@ def test_a_name_of_ones_own_is_taken_as_it_is(trained, increment):
     assert trained.settings().model_prefix == "team/fast"
 
 
-@pytest.mark.parametrize("name", ["fast car", "$DR_WORLD_NAME-1", "/fast", ""])
+@pytest.mark.parametrize("name", ["fast car", "$DR_WORLD_NAME-1", "../fast", "/", ""])
 def test_a_name_that_cannot_stand_in_the_bucket_is_refused(trained, increment, name):
     before = (trained.folder / "run.env").read_bytes()
 

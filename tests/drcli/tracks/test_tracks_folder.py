@@ -28,3 +28,15 @@ def test_a_parameter_is_told_as_its_option(tmp_path):
 
     told = f"{refusal.value} {refusal.value.remedy}"
     assert "--length" in told.partition(": ")[2]
+
+
+def test_a_ring_whose_ends_were_joined_says_so(tmp_path):
+    file = tmp_path / "ring.npy"
+    middle = np.array(RING)[:-1]
+    np.save(file, np.concatenate([middle, 0.9 * middle, 1.1 * middle], axis=1))
+
+    facts = add_track(file, tmp_path / "tracks")
+
+    assert facts.closed
+    told = [str(line) for line in facts.view()]
+    assert f"Its ends were {facts.joined_m:.2f} m apart, less than the road is wide, " in told[-1]

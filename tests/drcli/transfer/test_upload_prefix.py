@@ -59,13 +59,14 @@ def test_a_name_from_system_env_is_raised_in_run_env(mover, increment):
     assert mover.settings().upload_s3_prefix == "up/8"
 
 
-def test_a_name_of_ones_own_is_taken(mover, increment):
-    increment(prefix="team/fast")
+@pytest.mark.parametrize("name", ["team/fast", "/team/fast/"])
+def test_a_name_of_ones_own_is_taken(mover, increment, name):
+    increment(prefix=name)
 
     assert mover.settings().upload_s3_prefix == "team/fast"
 
 
-@pytest.mark.parametrize("name", ["fast car", "/fast", "", "a/../b"])
+@pytest.mark.parametrize("name", ["fast car", "../fast", "", "a/../b"])
 def test_a_name_that_cannot_stand_in_the_bucket_is_refused(mover, increment, name):
     before = (mover.folder / "run.env").read_bytes()
 

@@ -108,6 +108,44 @@ def test_a_loop_that_closes_up_to_rounding_is_closed_exactly(tmp_path):
     assert track.waypoints[0] == track.waypoints[-1]
 
 
+@pytest.mark.parametrize("off_m", [1e-7, 1e-3])
+def test_a_loop_written_with_few_digits_is_closed_exactly(tmp_path, off_m):
+    rows = square_rows()
+    rows[-1] += off_m
+
+    track = read(saved(tmp_path, rows))
+
+    assert (track.closed, track.joined_m) == (True, 0.0)
+    assert track.waypoints[0] == track.waypoints[-1]
+    assert len(track.waypoints) == len(rows)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_ring_without_its_first_row_repeated_is_joined(tmp_path, turned):
+    angle = np.linspace(0, 2 * np.pi, 41)[:-1]
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rows = np.concatenate([3 * ring, 2.5 * ring, 3.5 * ring], axis=1)
+    if turned:
+        rows = rows[::-1]
+
+    track = read(saved(tmp_path, rows))
+
+    assert track.closed
+    assert len(track.waypoints) == len(rows) + 1
+    assert track.waypoints[-1] == track.waypoints[0]
+    assert track.joined_m == pytest.approx(6 * np.sin(np.pi / 40))
+
+
+def test_a_ring_that_runs_past_its_start_is_refused(tmp_path):
+    angle = np.linspace(0, 2 * np.pi, 41)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ring = np.concatenate([ring[:-1], ring[:1], ring[1:2] * 1.01])
+    rows = np.concatenate([3 * ring, 2.5 * ring, 3.5 * ring], axis=1)
+
+    with pytest.raises(TrackError, match="Remove the rows at the end that run past the first one"):
+        read(saved(tmp_path, rows))
+
+
 def test_a_route_whose_ends_differ_is_an_open_track(tmp_path):
     x = np.arange(5.0)
     rows = np.stack([x, 0 * x, x, 0 * x + 1, x, 0 * x - 1], axis=1)
@@ -370,8 +408,12 @@ def test_a_drawing_needs_a_length(tmp_path):
         ("0,0\n6,6\n6,0\n0,6\n0,0\n", "borders of the road cross"),
         ("0,0\n6,0\n6,0.4\n0,0.4\n0,0\n", "overlaps itself"),
         ("0,0\n6,0\n2,0\n2,6\n0,6\n0,0", "turns back on itself"),
-        ("0,0,0.1\n6,0,0.1\n6,6,0.1\n0,6,0.1\n", "0.1 m wide at point 0"),
-        ("0,0,1\n6,0,-1\n6,6,1\n0,6,1\n", "-1 m wide at point 1"),
+        ("0,0,0.1\n6,0,0.1\n6,6,0.1\n0,6,0.1\n", "values from 0.1 to 0.1, but there it is the"),
+        ("0,0,1\n6,0,-1\n6,6,1\n0,6,1\n", "values from -1 to 1, but there it is the width"),
+        ("0,0,2.5\n6,0,4\n6,6,4\n0,6,2.5\n", "A racing line with speeds is no track"),
+        ("0,0,1.1\n6,0,2.6\n6,6,2.6\n0,6,1.1\n", "values from 1.1 to 2.6"),
+        ("x,y,speed\n0,0,1\n6,0,1\n6,6,1\n0,6,1\n", "third column is called speed"),
+        ("x;y;v (m/s)\n0;0;1\n6;0;1\n6;6;1\n0;6;1\n", "third column is called v (m/s)"),
     ],
 )
 def test_a_table_that_makes_no_track_is_refused_with_the_reason(tmp_path, text, problem):
