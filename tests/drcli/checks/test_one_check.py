@@ -92,7 +92,7 @@ def told(folder, drive_once, monkeypatch):
             ["V-22"],
             ("`sped`, which is not a parameter", "Did you mean `speed`?"),
         ),
-        (function("return speed * 1.0"), ["V-22"], ("undefined name 'speed'", "Correct the name")),
+        (function("return speed * 1.0"), ["V-22"], ("NameError: name 'speed'", "Correct the name")),
         (function("return 1.0 +"), ["V-02"], ("not valid Python", "Correct that line")),
         (function("if params['x']:", "    pass", "else if 1:"), ["V-24"], ("`elif`",)),
         (function("return 1.0", before="import no_such"), ["V-02"], ("pip install no_such",)),

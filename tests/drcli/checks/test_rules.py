@@ -378,9 +378,16 @@ CASES = (
     Case(
         "V-21",
         lambda f: f.reward(reward("return 1.0 / (1.0 + params['progress'])")),
-        lambda f: f.reward(reward("return 1.0 / params['progress']")),
+        lambda f: f.reward(reward("return 1.0 / (params['steps'] - 2)")),
         "error",
-        ("line 2", "failed on the start line (step 2", "ZeroDivisionError", "return 1.0 / params"),
+        ("line 2", "failed on the start line (step 2", "ZeroDivisionError", "return 1.0 / (params"),
+    ),
+    Case(
+        "V-22",
+        lambda f: f.reward(reward("if params['steps'] > 900:", "    return 2.0", "return 1.0")),
+        lambda f: f.reward(reward("if params['steps'] > 900:", "    return bonus", "return 1.0")),
+        "warning",
+        ("line 3", "undefined name 'bonus'"),
     ),
     Case(
         "V-22",
@@ -388,6 +395,14 @@ CASES = (
         lambda f: f.reward(reward("if params['steps'] > 900:", "    return bonus", "return 1.0")),
         "error",
         ("line 3", "undefined name 'bonus'"),
+        console=True,
+    ),
+    Case(
+        "V-22",
+        lambda f: f.reward(reward("if params['steps'] > 9:", "    return 2.0", "return 1.0")),
+        lambda f: f.reward(reward("if params['steps'] > 9:", "    return bonus", "return 1.0")),
+        "error",
+        ("line 3", "NameError: name 'bonus'"),
     ),
     Case(
         "V-22",
