@@ -45,7 +45,7 @@ def without_trial(
 _DRIVES: dict[str, Drive] = {}
 
 
-def _driven_once(own: DriveConfig, actions: Actions | None) -> Drive:
+def driven_once(own: DriveConfig, actions: Actions | None) -> Drive:
     """As many tests try other functions on the same track."""
     elsewhere = {"sources", "directory", "tracks_dir"}
     values = {name: value for name, value in own.to_json().items() if name not in elsewhere}
@@ -74,7 +74,7 @@ class SandboxHere:
 
     def result(self, _given_up: Event | None = None) -> SandboxResult:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sandbox_process, "drive", _driven_once)
+            patch.setattr(sandbox_process, "drive", driven_once)
             calls = calls_of(self._request)
         if self._content is None:
             return SandboxResult(problems=calls.problems)
