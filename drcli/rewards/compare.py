@@ -68,7 +68,7 @@ class ComparisonReport:
     first_prefers_fast: Annotated[
         bool | None,
         "Whether the first gives more for a fast lap than for a slow one; None if a lap "
-        "was not completed.",
+        "was not completed, or both take as long.",
     ]
     second_prefers_fast: Annotated[bool | None, "The same for the second."]
     picture: Annotated[str | None, "File of the picture, if requested."]

@@ -28,6 +28,7 @@ from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, RewardParams
 from drsim.episode.simulation import Simulation
 from drsim.race.race import TIME_TRIAL, Race
+from drsim.sensing.scene import blank_scene
 from drsim.track.track import Track
 
 # Scripted drivers: steering and speed.
@@ -330,6 +331,8 @@ def _trips(
         num_cars=len(drivers),
         reward_function=[_recorder(own) for own in calls],
         rules=replace(EpisodeRules(), max_resets=_FORGIVEN, max_steps=max_steps),
+        num_threads=1,  # a second one costs more than it saves for so few cars
+        scene=blank_scene(track),
         car_parameters=parameters,
         race=race,
     )

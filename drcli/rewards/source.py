@@ -8,12 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from drcli.base.errors import Problem, ProblemsError, SettingsError, refuse
+from drcli.base.installation import lazy_imports
 from drcli.config.presets import model_file
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import FILE_RULES, InputFile, local_file
-from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.keys import HYPERPARAMETERS_FILE, REWARD_FUNCTION_FILE
 from drcli.records.job import WorkerExit
+
+with lazy_imports():
+    from drcli.model.files import hyperparameters
 
 
 def read_racers_file(settings: Settings, file: Path | None, directory: Path) -> InputFile:
@@ -47,8 +50,8 @@ def discount_of(settings: Settings) -> float:
     file = own_file(settings, HYPERPARAMETERS_FILE)
     with suppress(ProblemsError):
         if file is not None:
-            return Hyperparameters.from_bytes(file.data).discount_factor
-    default: float = Hyperparameters.model_fields["discount_factor"].default
+            return hyperparameters.Hyperparameters.from_bytes(file.data).discount_factor
+    default: float = hyperparameters.Hyperparameters.model_fields["discount_factor"].default
     return default
 
 

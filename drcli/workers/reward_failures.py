@@ -106,12 +106,12 @@ class RewardFailures:
             self._failed_at.popleft()
         share = self._settings.reward_max_error_share
         if len(self._failed_at) > share * WINDOW_CALLS:
-            message, name = message_of(error), file_of(error)
+            message, cure = message_of(error), _cure(error)
             raise RewardErrorsExceeded(
                 f"{len(self._failed_at):,} of the last {WINDOW_CALLS:,} calls of the reward "
                 f"function failed, and DR_REWARD_MAX_ERROR_SHARE is {share:g}. The newest failure: "
                 f"{message}",
-                remedy=f"{_cure(error) or f'Correct {name}.'} Continue with "
+                remedy=f"{cure} Continue with "
                 "`dr-start-training --resume-or-start`. "
                 "DR_REWARD_MAX_ERROR_SHARE is the limit.",
             )
@@ -163,10 +163,10 @@ def _without_path(text: str, error: RewardError) -> str:
 
 def reward_failure(error: RewardError) -> SettingsError:
     """The failure of a reward function for the person who runs a command."""
-    text, name = message_of(error), file_of(error)
+    text, cure = message_of(error), _cure(error)
     return SettingsError(
         f"Reward function error: {text}",
-        remedy=f"{_cure(error) or f'Correct {name}.'} Then run the command again; a training "
+        remedy=f"{cure} Then run the command again; a training "
         "continues with `dr-start-training --resume-or-start`.",
     )
 
@@ -186,4 +186,5 @@ def cure_of(reason: str, missing: str) -> str:
 
 def _cure(error: RewardError) -> str:
     cause = error.__cause__
-    return cure_of(error.reason, (isinstance(cause, ImportError) and cause.name) or "")
+    known = cure_of(error.reason, (isinstance(cause, ImportError) and cause.name) or "")
+    return known or f"Correct {file_of(error)}."

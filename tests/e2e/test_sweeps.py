@@ -77,7 +77,7 @@ def _interrupt_and_continue(workspace, sweep=SWEEP):
     assert sorted(states.values()) == ["failed", "failed", "finished", "stopped early"]
     assert (states["pace-03"], states["pace-04"]) == ("failed", "failed")
     assert report["best"] in ("pace-01", "pace-02")
-    assert "undefined name" in next(
+    assert "is not defined" in next(
         t["message"] for t in report["trials"] if t["name"] == "pace-03"
     )
     shown = workspace.run("sweep", "show", "pace")

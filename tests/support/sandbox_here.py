@@ -1,5 +1,6 @@
 """The sandbox of reward functions in this process, which is much quicker than one of its own."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,9 +9,12 @@ from typing import ClassVar, TextIO
 
 import pytest
 
+from drcli.config.run_config import DriveConfig
 from drcli.rewards.sandbox import sandbox_process
 from drcli.rewards.sandbox.run_sandbox import SandboxRequest, SandboxResult
 from drcli.rewards.sandbox.sandbox_process import Calls, calls_of, try_function
+from drcli.rewards.scripted_drive import Drive, drive
+from drsim.car.actions import Actions
 
 
 class NothingShared:
@@ -38,6 +42,21 @@ def without_trial(
         return try_function(request, file, calls, faults)
 
 
+_DRIVES: dict[str, Drive] = {}
+
+
+def driven_once(own: DriveConfig, actions: Actions | None) -> Drive:
+    """As many tests try other functions on the same track."""
+    elsewhere = {"sources", "directory", "tracks_dir"}
+    values = {name: value for name, value in own.to_json().items() if name not in elsewhere}
+    key = f"{json.dumps(values, sort_keys=True)} {actions}"
+    if any(own.tracks_folder.glob(f"{own.world_name}.*")):
+        return drive(own, actions)
+    if key not in _DRIVES:
+        _DRIVES[key] = drive(own, actions)
+    return _DRIVES[key]
+
+
 class SandboxHere:
     """The sandbox in this process; `options` change its requests."""
 
@@ -54,7 +73,9 @@ class SandboxHere:
         pass
 
     def result(self, _given_up: Event | None = None) -> SandboxResult:
-        calls = calls_of(self._request)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sandbox_process, "drive", driven_once)
+            calls = calls_of(self._request)
         if self._content is None:
             return SandboxResult(problems=calls.problems)
         with TemporaryDirectory() as scratch:

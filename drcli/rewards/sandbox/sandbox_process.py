@@ -83,7 +83,7 @@ def calls_of(request: SandboxRequest) -> Calls:
 
 
 def _driven(races: Sequence[DriveConfig], actions: Actions | None) -> Iterator[list[RewardParams]]:
-    for own in each_race(races):
+    for own in each_race([each for each in races if each.untrainable is None]):
         with contextlib.suppress(ProblemsError):  # the samples tell what is wrong with the race
             driven = drive(own, actions)
             ways = driven.waypoints()
@@ -294,9 +294,9 @@ class _Passes:
         )
 
     def _is_unusual(self, where: CallIndex, kind: FailureKind) -> bool:
-        """Rewards of samples also depend on the way between places, which the drive shows."""
+        """Rewards of places also depend on the way there, which the drive shows."""
         if where.sequence < self._driven:
-            return False
+            return len(self._request.sequences) > where.sequence >= self._request.repeated
         if kind == "range" and self._driven:
             return True
         return is_sudden(where.index, len(self._calls[where.sequence]))

@@ -112,12 +112,23 @@ def build_scene(track: Track, look: Look | None = None) -> Scene:
     pairs = np.zeros(used + 1, np.uint16)
     for (first, pitch, _, rows), picture in zip(levels, pictures, strict=True):
         _pack(picture, pairs[first : first + pitch * rows].reshape(rows, pitch))
+    return _scene(track, look, _words(pairs), levels, grid)
+
+
+def blank_scene(track: Track) -> Scene:
+    """Without the ground, in no time; for simulations that never draw."""
+    grid = Grid(0.0, 0.0, 1.0, 0, 0)
+    levels = np.zeros((_LEVELS, 4), np.int32)
+    return _scene(track, look_of(track.name), np.zeros(1, np.uint32), levels, grid)
+
+
+def _scene(track: Track, look: Look, texels: Words, levels: Ints32, grid: Grid) -> Scene:
     return Scene(
-        texels=_words(pairs),
+        texels=texels,
         levels=levels,
         x_m=grid.x_m,
         y_m=grid.y_m,
-        texel_m=texel_m,
+        texel_m=grid.texel_m,
         walls_m=np.array(look.walls.around(track.bounds), np.float32),
         wall_height_m=look.walls.height_m,
         wall_greys=np.array(look.walls.greys, np.float32),

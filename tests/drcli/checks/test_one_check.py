@@ -5,6 +5,7 @@ from threading import Event
 
 import pytest
 
+import sandbox_here
 from drcli.checks.before_start import examine
 from drcli.config.loading import load_settings
 from drcli.model.files.custom_files import find
@@ -26,9 +27,9 @@ def drive_once():
     """Drives the first race that it is given, and gives the begin of that drive for all others."""
     driven = []
 
-    def once(own):
+    def once(own, actions):
         if not driven:
-            whole = drive(own)
+            whole = drive(own, actions)
             trips = [replace(trip, calls=trip.calls[:20]) for trip in whole.trips]
             driven.append(replace(whole, trips=trips))
         return driven[0]
@@ -41,6 +42,7 @@ def told(folder, drive_once, monkeypatch):
     """The problems of a reward function by check: rule, severity, line, message and remedy."""
     monkeypatch.setattr("drcli.rewards.course.Sandbox", SandboxHere)
     monkeypatch.setattr("drcli.rewards.course._MOST_ALONG", 20)
+    monkeypatch.setattr(sandbox_here, "driven_once", drive_once)
     for module in (check, live_check):
         monkeypatch.setattr(module, "drive", drive_once)
 
@@ -80,7 +82,7 @@ def told(folder, drive_once, monkeypatch):
         (
             function("return 1.0 * params['all_wheels_on_trak'] * params['speed']"),
             ["V-21"],
-            ("KeyError", "{'speed': 1.0}", "Did you mean `all_wheels_on_track`?"),
+            ("KeyError", "{'speed': 2.0}", "Did you mean `all_wheels_on_track`?"),
         ),
         (
             function("return 1.0 + params.get('distance_from_centre', 0.0)"),
@@ -92,7 +94,7 @@ def told(folder, drive_once, monkeypatch):
             ["V-22"],
             ("`sped`, which is not a parameter", "Did you mean `speed`?"),
         ),
-        (function("return speed * 1.0"), ["V-22"], ("undefined name 'speed'", "Correct the name")),
+        (function("return speed * 1.0"), ["V-22"], ("NameError: name 'speed'", "Correct the name")),
         (function("return 1.0 +"), ["V-02"], ("not valid Python", "Correct that line")),
         (function("if params['x']:", "    pass", "else if 1:"), ["V-24"], ("`elif`",)),
         (function("return 1.0", before="import no_such"), ["V-02"], ("pip install no_such",)),

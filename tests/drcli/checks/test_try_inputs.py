@@ -16,7 +16,9 @@ from drcli.model.files.custom_files import InputFile
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.sandbox.run_sandbox import Failure, SandboxRequest, SandboxResult
+from drcli.rewards.sandbox.sandbox_process import calls_of
 from drcli.rewards.try_inputs import races_of, try_inputs
+from sandbox_here import without_trial
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -78,7 +80,7 @@ def test_code_that_ends_or_breaks_its_process_is_named(tried, before, body, word
     ("before", "body"),
     [
         ("import os; os.fork()", "return float(os.fork() > 0)"),
-        ("import os, sys; sys.stderr.close(); os.close(2)", "return 1.0"),
+        ("import os, sys; sys.stderr.close(); os.closerange(2, 3)", "return 1.0"),
         ("import sys", "return float(sys.stderr.write('x' * 100_000) > 0)"),
     ],
 )
@@ -101,7 +103,7 @@ def test_a_sandbox_that_is_given_up_ends_at_once_and_finds_nothing(settings, fol
 
 
 def test_ctrl_c_gives_the_sandbox_up(settings, monkeypatch):
-    def wait(_run, _directory, _source, given_up):
+    def wait(_run, _directory, _source, given_up, _metadata):
         ends.append(given_up.wait(60))
         return []
 
@@ -150,6 +152,91 @@ def test_the_first_call_is_the_first_of_an_episode(settings, try_here):
     found = try_here(settings.run, settings.directory, source_of(KEEPS_STATE), Event())
 
     assert found == []
+
+
+SHARED = "LAST = {}\nVERBOSE = False\nTABLE = [1.0] * 117\n"
+WORKS = {
+    "a bonus for the pace": "return 1e4 * (params['progress'] / params['steps']) ** 3",
+    "progress is above 0": "return 1.0 / params['progress']",
+    "a difference of two steps": """
+    gained = params["progress"] - LAST.get("progress", params["progress"])
+    LAST["progress"] = params["progress"]
+    return 3e4 * max(0.0, gained)
+""",
+    "a lap in few steps": """
+    if params["progress"] == 100 and params["steps"] < 60:
+        return 1e6
+    return 1.0
+""",
+    "a name that nothing reaches": """
+    if VERBOSE:
+        print(speeed)
+    return 1.0
+
+
+def helper(params):
+    return never_defined
+""",
+}
+FAILS = {
+    "past the last waypoint": (
+        """
+    if params["speed"] >= 1.5:
+        return params["waypoints"][params["closest_waypoints"][1] + 2][0]
+    return 1.0
+""",
+        "% len(waypoints)",
+    ),
+    "a table without the last waypoint": (
+        """
+    if abs(params["steering_angle"]) < 20:
+        return TABLE[params["closest_waypoints"][0]]
+    return 1.0
+""",
+        "% len(waypoints)",
+    ),
+    "at step 100": ("return 1.0 if params['steps'] != 100 else 1 / 0", "ends where it fails"),
+    "at the finish": ("return 1.0 if params['progress'] < 100 else bonus", "Correct the name"),
+    "steering and speed": (
+        "return 1.0 if params['steering_angle'] * params['speed'] != 24.0 else None",
+        "Return a number",
+    ),
+    "an unknown package": ("import cv2_contrib\n    return 1.0", "`pip install cv2_contrib`"),
+}
+
+
+@pytest.fixture(scope="module")
+def found_in_start(tmp_path_factory):
+    """What a start finds, with the action space that `dr-init` writes; drives once."""
+    folder = tmp_path_factory.mktemp("racer")
+    (folder / "system.env").write_text("DR_CLOUD=local\n")
+    (folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model\nDR_WORLD_NAME=reinvent_base\n")
+    metadata = (ROOT / "defaults" / "model_metadata.json").read_text("utf-8")
+    races = races_of(load_settings(folder, environ={}).run)
+    request = SandboxRequest("mine.py", races=races, drives=True, metadata=metadata)
+    calls = calls_of(request)
+
+    def find(body: str):
+        text = f"{SHARED}\n\ndef reward_function(params):\n    {body}\n"
+        file = folder / "reward_function.py"
+        file.write_text(text)
+        with (folder / "faults.txt").open("w") as faults:
+            result = without_trial(request, file, calls, faults)
+        return problems_of(source_of(text), result, folder)
+
+    return find
+
+
+@pytest.mark.parametrize("body", WORKS.values(), ids=WORKS)
+def test_what_works_in_every_state_that_a_car_can_reach_starts(found_in_start, body):
+    assert [each for each in found_in_start(body) if each.severity == "error"] == []
+
+
+@pytest.mark.parametrize(("body", "remedy"), FAILS.values(), ids=FAILS)
+def test_what_fails_later_in_a_lap_does_not_start(found_in_start, body, remedy):
+    [error] = [each for each in found_in_start(body) if each.severity == "error"]
+
+    assert remedy in error.remedy
 
 
 @pytest.mark.nightly

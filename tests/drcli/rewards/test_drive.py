@@ -18,7 +18,9 @@ from drcli.rewards.scripted_drive import (
     TURNED,
     WEAVING,
     drive,
+    nearest_action,
 )
+from drsim.car.actions import ContinuousActions, DiscreteActions
 
 ALONG = (STEADY, FAST, WEAVING)
 ALWAYS_THE_SAME = {"track_length"}
@@ -43,6 +45,26 @@ def test_the_drivers_drive_the_car_of_the_settings_and_complete_their_laps(cours
     slower = [drive_.trip(driver).seconds / course.drive.trip(driver).seconds for driver in ALONG]
     assert all(drive_.trip(driver).whole for driver in ALONG)
     assert all(ratio > 1.03 for ratio in slower)
+
+
+@pytest.mark.parametrize(
+    "actions",
+    [
+        DiscreteActions([(-30.0, 1.0), (-10.0, 2.0), (0.0, 3.5), (10.0, 2.0), (30.0, 1.0)]),
+        ContinuousActions((-20.0, 15.0), (0.8, 1.4)),
+    ],
+)
+def test_drivers_ask_for_nothing_but_the_actions_of_the_model(settings_of, actions):
+    drive_ = drive(settings_of().race, actions)
+
+    asked = {
+        (call["steering_angle"], call["speed"]) for trip in drive_.trips for call in trip.calls
+    }
+    assert all(nearest_action(actions, *each) == each for each in asked)
+    fastest = max(speed for _, speed in asked)
+    assert fastest == drive_.trip(FAST).driver.speed_mps
+    assert f"{fastest:g} m/s" in drive_.trip(FAST).driver.about
+    assert drive_.trip(FAST).whole
 
 
 def test_the_driver_that_leaves_ends_off_the_road(course):

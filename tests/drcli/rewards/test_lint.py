@@ -164,6 +164,13 @@ def test_a_name_that_is_not_a_parameter_is_told_with_its_line(told, asks):
     assert problem.remedy == "Did you mean `distance_from_center`?"
 
 
+@pytest.mark.parametrize("looks", ["'fog' in params", "'fog' not in params.keys()"])
+def test_a_name_that_the_file_looks_for_first_is_not_told(told, looks):
+    text = f"def reward_function(params):\n    return params['fog'] if {looks} else params['x']\n"
+
+    assert "V-22" not in told(text=text)
+
+
 def test_names_of_other_dictionaries_are_not_told(told):
     text = "START = {}\ndef reward_function(params):\n    return START['begun'] + params['x']\n"
 

@@ -1,6 +1,7 @@
 """Reward functions that fail, or declare episodes broken, in the middle of a training (001-17)."""
 
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -20,6 +21,7 @@ from drcli.workers.reward_failures import (
     AllEpisodesDiscarded,
     RewardErrorsExceeded,
     RewardFailures,
+    reward_failure,
 )
 from drsim.errors import RewardError
 from memory_bucket import MemoryBucket
@@ -52,6 +54,25 @@ def failure(line: int = 3, kind="raises", cause: Exception | None = None) -> Rew
     )
     error.__cause__ = cause or KeyError("x")
     return error
+
+
+@pytest.mark.parametrize(
+    ("cause", "words"),
+    [
+        (IndexError("list index out of range"), "`waypoints[i % len(waypoints)]`"),
+        (IndexError("index 5 is out of bounds for axis 0 with size 5"), "% len(waypoints)"),
+        (IndexError("pop from empty list"), "Correct mine.py."),
+        (ModuleNotFoundError("none", name="cv2.aruco"), "`pip install opencv-python`"),
+        (ModuleNotFoundError("none", name="networkx"), "`pip install networkx`"),
+        (KeyError("x"), "Correct mine.py."),
+    ],
+)
+def test_the_commonest_failures_have_a_remedy_of_their_own(cause, words):
+    reason = f"{type(cause).__name__}: {cause}"
+    error = RewardError("It failed.", kind="raises", reason=reason, file=Path("mine.py"))
+    error.__cause__ = cause
+
+    assert words in reward_failure(error).remedy
 
 
 def test_a_counted_failure_gives_the_fallback_and_is_described_once():

@@ -891,6 +891,7 @@ def _reward_report() -> RewardReport:
         curve=[k / 200 for k in range(200)],
         errors=[remark],
         warnings=[remark],
+        notes=[remark],
     )
 
 
