@@ -120,6 +120,15 @@ def init(
             autocompletion=completion.ready_made_models,
         ),
     ] = None,
+    example: Annotated[
+        str | None,
+        typer.Option(
+            "--example",
+            metavar="NAME",
+            help="The three files of an example (dr-reward examples), also where a folder exists.",
+            autocompletion=completion.examples,
+        ),
+    ] = None,
     teacher: Annotated[
         bool | None,
         typer.Option(
@@ -153,7 +162,9 @@ def init(
     values = {name: str(value) for name, value in pairs if value is not None}
     chosen = None if preset is None else presets.preset_of(preset)
     ready_made = None if model is None else _ready_made(model)
-    files = None
+    if example is not None and model is not None:
+        raise typer.BadParameter("--example and --model both bring the three files; use only one.")
+    files = None if example is None else presets.example_files(example)
     if ready_made is not None:
         values = transfer_ready_made.values_with(ready_made, values, experiment=experiment)
         files = ready_made.files
@@ -162,6 +173,8 @@ def init(
             plan = new_folder.plan_experiment(
                 Path(folder or working_folder()), experiment, values, chosen, files
             )
+        elif files is not None and (Path(folder or current_folder()) / "run.env").is_file():
+            plan = new_folder.plan_files(Path(folder or current_folder()), files)
         else:
             if prompts.may_ask() and not force:
                 tracks = Path(folder or current_folder()) / "tracks"
@@ -171,7 +184,7 @@ def init(
             plan = new_folder.plan_folder(Path(folder or current_folder()), values, chosen, files)
         if curriculum:
             plan = new_folder.with_curriculum(plan)
-        is_new = experiment is None and ready_made is None
+        is_new = experiment is None and files is None
         if teacher is None and is_new and _is_taught(preset, values):
             teacher = True
         if teacher is not None:
