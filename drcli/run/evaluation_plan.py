@@ -95,9 +95,9 @@ def prepare_evaluation(
         raise ProblemsError([replace(track, severity="error")])
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     if own.file is None:
-        repair_unless_trained(
-            ModelStore.of(settings.model, bucket, settings.model_prefix), missing=True
-        )
+        own_model = ModelStore.of(settings.model, bucket, settings.model_prefix)
+        # The copy of a model in a race has no history.
+        repair_unless_trained(own_model, missing=not own_model.prefix.startswith(race_keys.folder()))
         check_model(ModelStore(bucket, settings.model_prefix), "DR_LOCAL_S3_MODEL_PREFIX")
         on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
     else:

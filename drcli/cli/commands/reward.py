@@ -47,6 +47,8 @@ def check(file: _File = None, world: _World = None) -> None:
     with _on_track(world) as settings, terminal.waiting("Trying the reward function ..."):
         report = rewards_check.check(settings, file, working_folder())
     show(report)
+    if not report.works and terminal.on_screen():
+        raise typer.Exit(SettingsError.code)
     if not report.works:
         first, *more = report.errors
         raise SettingsError(
