@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from drcli.transfer.ready_made import ReadyMadeModel
 
 with lazy_imports():
+    from drcli.checks import compatibility_rules
     from drcli.config import new_folder, presets, settings, track_names
-    from drcli.model.files import hyperparameters
+    from drcli.model import keys
+    from drcli.model.files import hyperparameters, model_metadata
     from drcli.transfer import ready_made as transfer_ready_made
 
 OPTIONS = {
@@ -208,6 +210,7 @@ def init(
         terminal.warn(f"The old files are kept as {', '.join(report.backups)}.")
     terminal.emit(report, None)
     kept = f"; {counted(len(report.unchanged), 'file')} kept" if report.unchanged else ""
+    _say_where_it_goes(plan)
     terminal.say(f"{counted(len(report.written), 'file')} written to {report.folder}{kept}.")
     sourced = new_folder.has_activate_script(plan.folder)
     if ready_made is not None:
@@ -220,6 +223,13 @@ def init(
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     after = _AFTER_FILES if ready_made is None else _AFTER_MODEL
     terminal.suggest([*steps, *after], elsewhere=True)
+
+
+def _say_where_it_goes(plan: "new_folder.FolderPlan") -> None:
+    for file in plan.files:
+        if file.name.endswith(keys.MODEL_METADATA_FILE):
+            metadata = model_metadata.ModelMetadata.from_bytes(file.data, file.name)
+            terminal.say(compatibility_rules.destinations(metadata))
 
 
 def _is_taught(preset: str | None, values: Mapping[str, str]) -> bool:

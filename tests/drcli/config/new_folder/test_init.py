@@ -381,3 +381,12 @@ def test_a_new_folder_gets_the_files_of_an_example(dr, empty):
 def test_an_unknown_example_is_refused_with_the_names(dr, empty, capsys):
     assert dr("init", "--example", "sped") == 3
     assert "Did you mean speed? Write one of speed," in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("preset", ["virtual", "student-league"])
+def test_it_is_said_before_a_training_where_the_model_can_go(dr, empty, capsys, preset):
+    assert dr("init", "--preset", preset, "--world", "bean") == 0
+
+    said = capsys.readouterr().err
+    assert "can go to the physical car, but not to DeepRacer on AWS" in said
+    assert '"neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"' in said
