@@ -28,6 +28,7 @@ class Report:
     warnings: Annotated[tuple[Problem, ...], "Things that work but may surprise you."]
     skipped: Annotated[tuple[Skipped, ...], "Rules that could not be checked."]
     notes: Annotated[tuple[Problem, ...], "What `dr-start-training` will ask."] = ()
+    goes_to: Annotated[str, "Where the trained model can go; empty if that is unknown."] = ""
 
     @property
     def ok(self) -> bool:
@@ -59,4 +60,5 @@ class Report:
                 yield [f"{item.rule}  {item.where}", [item.message, remedy]]
         yield self.skipped and bold("Not tried")
         yield [f"{', '.join(item.rules)}: {item.reason}" for item in self.skipped]
+        yield self.goes_to
         yield Styled(self.sentence(), "bold green" if self.ok else "bold red")

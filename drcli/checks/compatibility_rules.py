@@ -122,6 +122,23 @@ def review_import(settings: Settings, design: Design) -> Iterator[Problem]:
             yield Problem("V-34", "warning", where, None, what, remedy)
 
 
+def destinations(metadata: ModelMetadata) -> str:
+    """Where a model can go after its training, in a sentence or two."""
+    others = "DeepRacer on AWS or DeepRacer-for-Cloud"
+    if not metadata.algorithm.in_reference:
+        return (
+            f"The trained model can go to the physical car, but not to {others}: there, "
+            f"{metadata.training_algorithm} has other networks."
+        )
+    if metadata.neural_network in NETWORKS:
+        return f"The trained model can go to the physical car, and to {others}."
+    return (
+        f"The trained model can go to the physical car, but not to {others}, which have no "
+        f'{metadata.neural_network}: for these, write "neural_network": "{NETWORKS[0]}" into '
+        "model_metadata.json before the training."
+    )
+
+
 def review_balance(
     settings: Settings, parameters: Hyperparameters, origin: str
 ) -> Iterator[Problem]:

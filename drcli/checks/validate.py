@@ -10,7 +10,12 @@ from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.checks.before_start import Examined, Plans, examine_stages
 from drcli.checks.check_report import Report, Skipped
-from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
+from drcli.checks.compatibility_rules import (
+    destinations,
+    review_actions,
+    review_balance,
+    review_names,
+)
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.settings_rules import SettingsReview, review_settings
@@ -61,6 +66,7 @@ def validate(
         warnings if console_compatible else tuple(grouped(warnings)),
         tuple(validation.skipped),
         of_severity(found, "note"),
+        validation.goes_to,
     )
 
 
@@ -72,6 +78,7 @@ class _Validation:
     here: bool
     found: list[Problem]
     skipped: list[Skipped] = field(default_factory=list)
+    goes_to: str = ""
 
     def try_everything(self, settings: Settings, *, whole: bool) -> None:
         trains = self._is_training(settings)
@@ -91,6 +98,7 @@ class _Validation:
         parameters, metadata = examined.review.parameters, examined.review.metadata
         if metadata is not None:
             where = examined.files[keys.MODEL_METADATA_FILE].origin
+            self.goes_to = destinations(metadata)
             self.found += review_actions(
                 metadata, parameters, settings, where, console=self.console
             )

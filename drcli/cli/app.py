@@ -78,7 +78,7 @@ def main(args: list[str] | None = None) -> None:
         SystemExit: Always, with the exit code.
     """
     search_rarely()
-    terminal.quiet = terminal.as_json = False
+    terminal.quiet = terminal.as_json = terminal.emitted = False
     errors.show = terminal.say
     errors.warn = cache(terminal.warn)  # once for each object
     _open_closed_streams()
@@ -99,7 +99,7 @@ def _run(arguments: list[str]) -> None:
         terminal.say(f"{error} {error.remedy}".strip())
         raise SystemExit(error.code) from None
     except DrError as error:  # ours to explain; anything else is a bug
-        terminal.fail(str(error), error.remedy)
+        terminal.fail(str(error), error.remedy, error.code)
         raise SystemExit(error.code) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
@@ -111,10 +111,12 @@ def _run(arguments: list[str]) -> None:
         if isinstance(error, OSError) and error.errno in _NOT_OUR_BUGS and error.filename:
             place = shown(os.fsdecode(error.filename))
             remedy = _NOT_OUR_BUGS[error.errno]
-            terminal.fail(f"{place} cannot be used: {os.strerror(error.errno)}.", remedy)
+            terminal.fail(
+                f"{place} cannot be used: {os.strerror(error.errno)}.", remedy, SettingsError.code
+            )
             raise SystemExit(SettingsError.code) from None
         if broken := installation.installation_error(error):
-            terminal.fail(str(broken), broken.remedy)
+            terminal.fail(str(broken), broken.remedy, broken.code)
             raise SystemExit(broken.code) from None
         _report_bug(error)
         raise SystemExit(1) from None
@@ -157,4 +159,4 @@ def _report_bug(error: Exception) -> None:
         remedy = f"Report it, and add {path}."
     except (OSError, DrError):
         remedy = "Set DR_DEBUG=1 and run the command again to see the traceback."
-    terminal.fail(f"Internal error in drcli: {type(error).__name__}: {error}", remedy)
+    terminal.fail(f"Internal error in drcli: {type(error).__name__}: {error}", remedy, 1)

@@ -59,6 +59,7 @@ COMMANDS: tuple[Command, ...] = (
         _everyday("doctor", "Examine installation, machine and bucket."),
         _everyday("help", "Explain a command. All: dr --help --all.", function="explain_command"),
         Command("validate", "Check everything that a training needs."),
+        Command("docs", "List the pages of the documentation, or show one.", "help"),
         Command("explain", "Explain a hyperparameter, setting, word, exit code or error."),
         Command("update", "Check whether the settings are right.", "validate"),
         Command("bench", "Measure how fast this machine trains."),

@@ -195,6 +195,15 @@ def worlds() -> list[str]:
     ]
 
 
+def examples() -> list[str]:
+    return [each.name for each in config_presets.examples()]
+
+
+def docs_pages() -> list[str]:
+    folder = config_presets.docs_folder()
+    return sorted(str(path.relative_to(folder).with_suffix("")) for path in folder.rglob("*.md"))
+
+
 def community_tracks() -> list[str]:
     return sorted(track_names.COMMUNITY - set(worlds()))
 

@@ -67,6 +67,9 @@ err = fresh(stderr=True)
 quiet, as_json = False, False
 """Options of the command that runs."""
 
+emitted = False
+"""Whether its JSON object is printed."""
+
 _reader_has_left = False
 
 
@@ -76,11 +79,22 @@ def emit(report: Any, rendered: RenderableType | None, *, folded: bool = True) -
     Without `folded`, an address stays in one piece.
     """
     if as_json:
-        write(json.dumps(keys_of(report), allow_nan=False) + "\n")
+        _emit_object(keys_of(report))
     elif rendered is not None:
         with _printing():
             out.print(_fitted(rendered, columns() if folded else BOUNDLESS), soft_wrap=True, end="")
             out.file.flush()
+
+
+def _emit_object(report: Any) -> None:
+    global emitted
+    emitted = True
+    write(json.dumps(report, allow_nan=False) + "\n")
+
+
+def on_screen() -> bool:
+    """Whether a person sees the result, so that nothing of it has to be said again."""
+    return out.file.isatty() and not as_json
 
 
 def columns() -> int:
@@ -154,8 +168,14 @@ def suggest(commands: list[tuple[str, str]], *, elsewhere: bool = False) -> None
         err.print(f"  [dim]{escape(purpose)}:[/]\n    [bold]{line}[/]", soft_wrap=True)
 
 
-def fail(message: str, remedy: str) -> None:
-    """Print errors and remedies, in the same order."""
+def fail(message: str, remedy: str, code: int | None = None) -> None:
+    """Print errors and remedies, in the same order.
+
+    The last failure of a command has its exit `code`: with --json, its object is printed if the
+    command had none.
+    """
+    if code is not None and as_json and not emitted:
+        _emit_object({"error": message, "remedy": remedy, "code": code})
     pairs = [(message, remedy)]
     if "\n" in remedy:
         pairs = list(zip_longest(message.splitlines(), remedy.splitlines(), fillvalue=""))

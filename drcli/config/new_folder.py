@@ -212,6 +212,12 @@ def plan_folder(
     return FolderPlan(folder, tuple(files), ("tracks",), *_missing_track(settings))
 
 
+def plan_files(folder: Path, files_of_model: Mapping[str, bytes]) -> FolderPlan:
+    """The three files of a model for a working folder that exists."""
+    files = _custom_files("custom_files", "", None, files_of_model)
+    return FolderPlan(folder.absolute(), tuple(files), ())
+
+
 def with_curriculum(plan: FolderPlan) -> FolderPlan:
     files = []
     for file in plan.files:

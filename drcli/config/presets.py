@@ -1,5 +1,6 @@
 """Presets: files and settings for a purpose."""
 
+import re
 from dataclasses import dataclass
 from importlib import resources
 from itertools import chain, groupby
@@ -7,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from drcli.base.errors import SettingsError, one_of, shown
-from drcli.base.report import BLANK, Styled, View, bold, dim
+from drcli.base.report import BLANK, Col, Styled, View, bold, dim
 from drcli.config.fields import Setting
 from drcli.config.settings import Settings, catalogue
 from drcli.config.settings_files import parse_env
@@ -37,6 +38,12 @@ def ready_made() -> tuple[str, ...]:
 
 def activate_script() -> Path:
     return _found("activate.sh", "scripts")
+
+
+def docs_folder() -> Path:
+    package = Path(str(resources.files("drcli")))
+    installed = package / "_docs"
+    return installed if installed.exists() else package.parent / "docs"
 
 
 def _found(name: str, folder_in_checkout: str) -> Path:
@@ -74,6 +81,46 @@ class Preset:
             return b""
         heading = f"# --- Preset {self.name} ".ljust(97, "-")
         return "\n".join(["", heading, "", *lines]).encode()
+
+
+@dataclass(frozen=True)
+class Example:
+    """The files of a model, to learn from."""
+
+    name: Annotated[str, "Its name, for `dr-init --example`.", Col("example")]
+    about: Annotated[str, "What it is for, and what it pays for."]
+    file: Annotated[str, "Its reward function."]
+
+
+@dataclass(frozen=True)
+class Examples:
+    """The shipped reward functions."""
+
+    examples: Annotated[list[Example], "By name."]
+
+    def view(self) -> View:
+        for each in self.examples:
+            yield from (bold(each.name), [each.about, dim(each.file)])
+        yield "`dr-init --example NAME` puts the three files of one into custom_files/."
+
+
+def examples() -> list[Example]:
+    folder = model_file("rewards")
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \|", (folder / "README.md").read_text("utf-8"), re.M)
+    return [Example(name, text, f"{folder}/{name}/reward_function.py") for name, text in rows]
+
+
+def example_files(name: str) -> dict[str, bytes]:
+    """The three files of an example.
+
+    Raises:
+        SettingsError: There is none of this name.
+    """
+    names = [each.name for each in examples()]
+    if name not in names:
+        what = f"There is no example called {shown(name)}."
+        raise SettingsError(what, remedy=one_of(names, name))
+    return {file: model_file(f"rewards/{name}/{file}").read_bytes() for file in MODEL_FILES}
 
 
 @dataclass(frozen=True)

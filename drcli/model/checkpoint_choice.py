@@ -177,7 +177,6 @@ class ModelCheckpoints:
 
     def _gone(self, why: str, remedy: str) -> CheckpointGone:
         return CheckpointGone(
-            "No model files found. Files possibly deleted. Try again. "
             f"{self.model.url}: {why} {self.summary}",
             remedy=remedy
             or f"Choose one of these with --checkpoint N, or one of {', '.join(WORDS)}. If a "

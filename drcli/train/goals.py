@@ -403,7 +403,9 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
         at = datetime.fromtimestamp(job.ends_at, UTC)
         ways.append(f"at {at:%Y-%m-%d %H:%M} UTC (DR_TIME_TO_LIVE_MINUTES)")
     most, name = _iteration_limit(job, parameters)
-    ways.append(f"after {'1 iteration' if most == 1 else f'{most:,} iterations'} ({name})")
+    ways.append(
+        f"after {'1 iteration' if most == 1 else f'{most:,} iterations'} ({name}{_meaning(name)})"
+    )
     ways += [way for goal in GOALS if goal.option is None for way in goal.way(job)]
     return f"Ends {', or '.join([*ways, 'with dr-stop-training'])}."
 
@@ -428,6 +430,10 @@ def _iteration_limit(job: Job, parameters: Hyperparameters) -> tuple[int, str]:
     if job.config.train.train_max_iterations > 0:
         limits.append((job.config.train.train_max_iterations, "DR_TRAIN_MAX_ITERATIONS"))
     return min(limits)
+
+
+def _meaning(limit: str) -> str:
+    return "; it counts iterations" if limit == "term_cond_max_episodes" else ""
 
 
 def _minutes(count: float) -> str:

@@ -103,7 +103,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
         except ObjectMissing as e:
             if attempt == _PICKS - 1 or isinstance(selection.choice, int):
                 raise CheckpointGone(
-                    f"No model files found. Files possibly deleted. Try again. {e}",
+                    str(e),
                     remedy="Run the command again, or choose another checkpoint.",
                 ) from e
             continue

@@ -438,7 +438,7 @@ def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Ite
         except ObjectMissing as e:
             if attempt == _PICKS - 1 or isinstance(planned.options.choice, int):
                 raise CheckpointGone(
-                    f"No model files found. Files possibly deleted. Try again. {e}",
+                    str(e),
                     remedy="Run the command again, or choose another checkpoint.",
                 ) from e
             chosen = ModelCheckpoints.read(store).choose(planned.options.choice)

@@ -16,6 +16,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
         "action-space from-histogram",
     ),
     "config.presets:PresetReports": ("config preset",),
+    "config.presets:Examples": ("reward examples",),
     "run.status:RunReport": ("start-training", "attach", "status"),
     "run.stopping:StopReport": (
         "stop-training",

@@ -59,6 +59,9 @@ GLOSSARY: Mapping[str, str] = {
     "finished lap": "A lap that is completed, perhaps after resets, as the reference counts it. "
     "Its time has the penalties: 12.80 s = 7.80 driven + 5.00 penalty.",
     "frame": "One camera picture, 160 x 120 grey pixels.",
+    "free tier": "What Amazon gives new customers without charge for a time. Spot "
+    "machines cost money after it: `dr-spot prices` shows how much, and `DR_MAX_COST` limits it. "
+    "A training on your own machine costs nothing.",
     "frozen graph": "The policy as one file that can only drive (`model.pb`). The physical car "
     "reads "
     "this form.",
@@ -75,6 +78,8 @@ GLOSSARY: Mapping[str, str] = {
     "KL divergence": "How much the policy has changed. A large value warns that an update went too "
     "far.",
     "latency": "The time from the camera picture to the movement of the wheels.",
+    "leaderboard": "The ranking of a race: the model with the fastest laps is first. Races at "
+    "home have one (`dr-race show`); those of DeepRacer on AWS take models by `dr-droa import`.",
     "lease": "A note in the bucket that says which machine trains a model. It expires a minute "
     "after "
     "that machine is gone.",
@@ -94,8 +99,13 @@ GLOSSARY: Mapping[str, str] = {
     "off track": "No wheel is on the road; the episode ends.",
     "optimizer": "The part of the trainer that changes the weights; here Adam. It has a memory, "
     "which is stored with the checkpoint.",
+    "out of memory": "A program wanted more memory than there is, and Linux ended it (code 137, "
+    "SIGKILL, OOM). A training watches its memory and warns; fewer "
+    "`DR_WORKERS` or a smaller `batch_size` need less. On a GPU, CUDA says it.",
     "over-fitting": "Learning the training track by heart, with its background and its light, "
     "instead of how to drive.",
+    "overfitting": "The same as over-fitting: learning the training track by heart. It shows in "
+    "evaluations on other tracks (`DR_TRAIN_EVAL_WORLD`).",
     "policy": "The function that chooses actions: the part of the network that drives.",
     "PPO": "Proximal policy optimization, the algorithm `clipped_ppo`: stable, and the default.",
     "prefix": "The name of a model in the bucket, such as `team/model-3`.",
@@ -111,13 +121,19 @@ GLOSSARY: Mapping[str, str] = {
     "reward shaping": "Writing a reward function that leads to the goal in small steps, instead of "
     "paying only at the end.",
     "rollout": "The recorded episodes of an iteration.",
+    "RTF": "The real-time factor: simulated time divided by real time. The reference's cars act "
+    "late when it falls below 1; drcli simulates fixed steps, so nothing depends on it.",
     "SAC": "Soft actor-critic, the algorithm `sac`: for continuous actions only. It needs fewer "
     "steps and reacts more to its hyperparameters than PPO.",
     "seed": "A number that decides everything random. Equal seeds give equal trainings.",
     "sim-to-real gap": "The difference between simulation and reality, because of which a model "
     "that "
     "is perfect here may fail on the car.",
+    "sim2real": "From simulation to reality: training here so that the physical car drives well "
+    "(`dr-init --preset physical`, docs/sim-to-real.md).",
     "simulation worker": "A process that drives cars in the simulation and records their steps.",
+    "snaking": "The car swings from side to side on a straight. Pay for less "
+    "steering, or use fewer and smaller steering angles; `dr-analyze` finds it.",
     "step": "One decision of the car, 15 of them per simulated second.",
     "student": "The camera policy while it learns from a teacher.",
     "supervisor": "The process that starts the workers of a training, watches them and ends them.",
@@ -316,6 +332,12 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
         "a fatal error of the reference's simulator or trainer; the line before it, with "
         "`simapp_exception`, has the reason",
         "drcli prints one sentence and a remedy instead; `dr-status` repeats it",
+    ),
+    ErrorText(
+        "unrecognized runtime name: nvidia",
+        "Docker does not know the runtime of NVIDIA's container toolkit, which the reference's "
+        "trainer needs",
+        "drcli needs no Docker and no GPU; `dr-doctor` says whether it uses one",
     ),
     ErrorText(
         "Exited main loop. Done.",

@@ -18,7 +18,7 @@ from drcli.checks.explain.explain_texts import (
     TRACE_COLUMNS,
     ErrorText,
 )
-from drcli.config.presets import model_file
+from drcli.config.presets import docs_folder, model_file
 from drcli.config.settings import catalogue
 from drcli.learn.algorithms import ALGORITHMS, UPDATES_PER_STEP
 from drcli.model.files.hyperparameters import TEXTS, Hyperparameters
@@ -36,6 +36,8 @@ Kind = Literal[
     "trace column",
     "exit code",
     "error text",
+    "rule",
+    "finding",
 ]
 
 
@@ -62,7 +64,8 @@ class Entry:
             (Styled(f"{each.label}: ", "cyan"), _without_ticks(each.text)) for each in self.details
         )
         title = (bold(self.name), dim(f"  {self.kind}"))
-        return title, [_without_ticks(self.meaning), *details, dim(f"More: docs/{self.page}")]
+        page = self.page.removesuffix(".md")
+        return title, [_without_ticks(self.meaning), *details, dim(f"More: dr docs {page}")]
 
 
 SHORTEST_PART = 4
@@ -109,6 +112,7 @@ def every_entry() -> tuple[Entry, ...]:
             for code, text in EXIT_CODES.items()
         ),
         *map(_setting, catalogue()),
+        *_told_on_pages(),
         *map(_error, ERROR_TEXTS),
     )
 
@@ -223,6 +227,36 @@ def _error(text: ErrorText) -> Entry:
     return Entry("error text", text.text, _sentence(text.reason), details, "troubleshooting.md")
 
 
+PAGES = ("validation.md", "reward-functions.md", "car.md", "analysis.md", "advice.md")
+_TABLE = re.compile(r"(?m)(?:^\|.*\n)+")
+_CODE = re.compile(r"[A-Z]-[0-9]{2}")
+
+
+def _told_on_pages() -> Iterator[Entry]:
+    """The rules, and what a check or an analysis finds, as the tables of our pages tell them."""
+    for page in PAGES:
+        text = (docs_folder() / page).read_text("utf-8")
+        found: dict[tuple[Kind, str], list[list[str]]] = {}
+        for table in _TABLE.findall(text):
+            head, _, *rows = [
+                [cell.strip() for cell in re.split(r"(?<!\\)\|", line.strip("|\n"))]
+                for line in table.splitlines()
+            ]
+            for first, *cells in rows:
+                if code := _CODE.match(first):
+                    found.setdefault(("rule", code[0]), []).append(cells)
+                elif head[0] in ("warning", "advice", "word"):
+                    for name in re.findall(r"`([a-z_-]+)`", first):
+                        found.setdefault(("finding", name), []).append(cells)
+        for (kind, name), told in found.items():
+            first, *more = (
+                _LINK.sub(r"\1", ": ".join(filter(None, cells))).replace("\\|", "|")
+                for cells in told
+            )
+            details = tuple(Detail("Also", _sentence(each)) for each in more)
+            yield Entry(kind, name, _sentence(first), details, page)
+
+
 def _sentence(text: str) -> str:
     text = text.strip()
     begin = text[:1] if text.startswith(("`", "drcli")) else text[:1].upper()
@@ -248,6 +282,8 @@ _HEADINGS = {
     "trace column": "Columns of traces",
     "exit code": "Exit codes",
     "setting": "Settings",
+    "rule": "Rules",
+    "finding": "Findings of checks and analyses",
     "error text": "Error texts of other programs",
 }
 

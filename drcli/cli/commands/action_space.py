@@ -459,27 +459,37 @@ def _report(
     differs = change is not None and change.before != change.after
     about = _about_the_model(space) if change is not None and differs else ""
     notes = [*notes, *([about] if about else [])]
+
+    def report_of(*, written: bool, backup: str | None) -> "ActionSpaceReport":
+        return action_space_change.ActionSpaceReport(
+            str(path),
+            tuple(actions),
+            space.low,
+            space.high,
+            tuple(notes),
+            differs,
+            written,
+            backup,
+            picture,
+        )
+
     backup = None
-    written = False
+    written = shown = False
     if write and change is not None and differs:
         if not force and (change.before is not None or about):
+            if shown := not terminal.as_json:
+                terminal.emit(None, show_actions(report_of(written=False, backup=None)))
             what = "has other actions" if change.before is not None else "does not exist yet"
             prompts.agree(f"{path} {what}. {about} Replace them?".replace("  ", " "), yes=False)
         written = action_space_change.write_change(change)
         backup = str(change.backup) if written and change.backup is not None else None
 
-    report = action_space_change.ActionSpaceReport(
-        str(path),
-        tuple(actions),
-        space.low,
-        space.high,
-        tuple(notes),
-        differs,
-        written,
-        backup,
-        picture,
-    )
-    terminal.emit(report, show_actions(report))
+    report = report_of(written=written, backup=backup)
+    if shown:
+        kept = f"; the old ones are in {backup}" if backup else ""
+        terminal.say(f"{path} has these actions now{kept}.")
+    else:
+        terminal.emit(report, show_actions(report))
     if differs and not written:
         terminal.say("Nothing was written: add --write to put them into model_metadata.json.")
 

@@ -66,7 +66,7 @@ def check(
         with terminal.waiting(f"Checking {report.directory} ..."):
             report = config_check.with_rules(report)
     present(report)
-    if report.errors:
+    if report.errors and not terminal.on_screen():
         more = len(report.errors) - 1
         raise SettingsError(
             f"{report.errors[0]}" + (f" And {more} more." if more else ""),

@@ -1,13 +1,21 @@
 """`dr help`."""
 
+import os
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 import typer.main
 
-from drcli.base.errors import shown
-from drcli.cli import command_line, completion
+from drcli.base.errors import SettingsError, one_of, shown
+from drcli.base.installation import lazy_imports
+from drcli.cli import command_line, completion, terminal
 from drcli.cli.options import text_only
+
+with lazy_imports():
+    from rich.markdown import Markdown
+
+    from drcli.config import presets
 
 
 @text_only
@@ -38,3 +46,44 @@ def explain_command(
         _, command, _ = command.resolve_command(context, [name])
         context = typer.Context(command, parent=context, info_name=name, **command.context_settings)
     typer.echo(context.get_help())
+
+
+@text_only
+def docs(
+    page: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="PAGE",
+            help="A page, such as hyperparameters, as messages name it: docs/hyperparameters.md.",
+            autocompletion=completion.docs_pages,
+        ),
+    ] = None,
+) -> None:
+    """List the pages of the documentation, or show one.
+
+    On a terminal it opens in a pager (q leaves it); a pipe gets the page as it was written.
+
+    Example: dr docs hyperparameters
+    """
+    pages = completion.docs_pages()
+    folder = presets.docs_folder()
+    if page is None:
+        titles = {name: _title(folder / f"{name}.md") for name in pages}
+        width = max(map(len, pages))
+        terminal.write("".join(f"{name:{width}}  {title}\n" for name, title in titles.items()))
+        return
+    wanted = page.removeprefix("./").removeprefix("docs/").partition("#")[0].removesuffix(".md")
+    if wanted not in pages:
+        what = f"There is no page called {shown(page)}."
+        raise SettingsError(what, remedy=f"{one_of(pages, wanted)}")
+    text = (folder / f"{wanted}.md").read_text("utf-8")
+    if not (terminal.is_live() and terminal.out.is_terminal):
+        terminal.write(text)
+        return
+    os.environ.setdefault("LESS", "-R")
+    with terminal.out.pager(styles=True):
+        terminal.out.print(Markdown(text))
+
+
+def _title(path: Path) -> str:
+    return path.read_text("utf-8").partition("\n")[0].removeprefix("#").strip()

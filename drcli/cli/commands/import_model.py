@@ -106,8 +106,8 @@ def import_model(
     terminal.warn(*planned.report.warnings)
     if planned.used:
         terminal.warn(f"{planned.report.target} is not empty: {counted(planned.used, 'file')}.")
-    if not dry_run:
-        prompts.agree("Are you sure?", yes=force)
+        if not dry_run:
+            prompts.agree("Are you sure?", yes=force)
     report = transfer_import_model.import_model(
         planned, loaded, partial(terminal.progress, unit="bytes")
     )

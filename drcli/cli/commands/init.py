@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from drcli.transfer.ready_made import ReadyMadeModel
 
 with lazy_imports():
+    from drcli.checks import compatibility_rules
     from drcli.config import new_folder, presets, settings, track_names
-    from drcli.model.files import hyperparameters
+    from drcli.model import keys
+    from drcli.model.files import hyperparameters, model_metadata
     from drcli.transfer import ready_made as transfer_ready_made
 
 OPTIONS = {
@@ -120,6 +122,15 @@ def init(
             autocompletion=completion.ready_made_models,
         ),
     ] = None,
+    example: Annotated[
+        str | None,
+        typer.Option(
+            "--example",
+            metavar="NAME",
+            help="The three files of an example (dr-reward examples), also where a folder exists.",
+            autocompletion=completion.examples,
+        ),
+    ] = None,
     teacher: Annotated[
         bool | None,
         typer.Option(
@@ -153,7 +164,9 @@ def init(
     values = {name: str(value) for name, value in pairs if value is not None}
     chosen = None if preset is None else presets.preset_of(preset)
     ready_made = None if model is None else _ready_made(model)
-    files = None
+    if example is not None and model is not None:
+        raise typer.BadParameter("--example and --model both bring the three files; use only one.")
+    files = None if example is None else presets.example_files(example)
     if ready_made is not None:
         values = transfer_ready_made.values_with(ready_made, values, experiment=experiment)
         files = ready_made.files
@@ -162,6 +175,8 @@ def init(
             plan = new_folder.plan_experiment(
                 Path(folder or working_folder()), experiment, values, chosen, files
             )
+        elif files is not None and (Path(folder or current_folder()) / "run.env").is_file():
+            plan = new_folder.plan_files(Path(folder or current_folder()), files)
         else:
             if prompts.may_ask() and not force:
                 tracks = Path(folder or current_folder()) / "tracks"
@@ -171,7 +186,7 @@ def init(
             plan = new_folder.plan_folder(Path(folder or current_folder()), values, chosen, files)
         if curriculum:
             plan = new_folder.with_curriculum(plan)
-        is_new = experiment is None and ready_made is None
+        is_new = experiment is None and files is None
         if teacher is None and is_new and _is_taught(preset, values):
             teacher = True
         if teacher is not None:
@@ -195,6 +210,7 @@ def init(
         terminal.warn(f"The old files are kept as {', '.join(report.backups)}.")
     terminal.emit(report, None)
     kept = f"; {counted(len(report.unchanged), 'file')} kept" if report.unchanged else ""
+    _say_where_it_goes(plan)
     terminal.say(f"{counted(len(report.written), 'file')} written to {report.folder}{kept}.")
     sourced = new_folder.has_activate_script(plan.folder)
     if ready_made is not None:
@@ -207,6 +223,13 @@ def init(
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     after = _AFTER_FILES if ready_made is None else _AFTER_MODEL
     terminal.suggest([*steps, *after], elsewhere=True)
+
+
+def _say_where_it_goes(plan: "new_folder.FolderPlan") -> None:
+    for file in plan.files:
+        if file.name.endswith(keys.MODEL_METADATA_FILE):
+            metadata = model_metadata.ModelMetadata.from_bytes(file.data, file.name)
+            terminal.say(compatibility_rules.destinations(metadata))
 
 
 def _is_taught(preset: str | None, values: Mapping[str, str]) -> bool:

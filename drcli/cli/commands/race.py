@@ -507,7 +507,16 @@ def drive(race: str, *, quiet: bool, video: bool | None, limit: int) -> None:
             raise typer.BadParameter("-n limits what is driven here; leave out -q.")
         present(queue_process.launch_queue(loaded, bucket, found, video=video))
         return
+    told: list[str] = []
+
+    def progress(text: str) -> None:
+        told.append(text)
+        terminal.say(text)
+
     report = race_queue.run_queue(
-        loaded, bucket, found, video=video, limit=limit, on_progress=terminal.say
+        loaded, bucket, found, video=video, limit=limit, on_progress=progress
     )
     print_race(report)
+    if not told:
+        terminal.say(f"Nothing waits in the queue of {found}.")
+        terminal.suggest([(f"dr-race submit {found} MODEL", "submit a model")])

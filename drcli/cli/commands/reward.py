@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from drcli.config.settings import Settings
 
 with lazy_imports():
-    from drcli.config import loading
+    from drcli.config import loading, presets
     from drcli.rewards import check as rewards_check
     from drcli.rewards import compare as rewards_compare
     from drcli.rewards import pictures
@@ -47,6 +47,8 @@ def check(file: _File = None, world: _World = None) -> None:
     with _on_track(world) as settings, terminal.waiting("Trying the reward function ..."):
         report = rewards_check.check(settings, file, working_folder())
     show(report)
+    if not report.works and terminal.on_screen():
+        raise typer.Exit(SettingsError.code)
     if not report.works:
         first, *more = report.errors
         raise SettingsError(
@@ -90,6 +92,15 @@ def compare(
             settings, first, second, out, working_folder(), force=force
         )
     show(report)
+
+
+@app.command()
+def examples() -> None:
+    """List the shipped reward functions, which dr-init --example puts into a folder.
+
+    Example: dr-reward examples
+    """
+    show(presets.Examples(presets.examples()))
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """The command line as a whole: names, exit codes, and what a failure looks like."""
 
+import json
 import os
 import subprocess
 import sys
@@ -541,3 +542,28 @@ def test_misspelt_options_and_commands_of_our_own_are_refused(words_of, line):
 
 def test_every_command_of_the_reference_is_known_as_such():
     assert program_names().keys() >= OF_REFERENCE
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["analyze", "nothing-here"], ["explain", "xyzzy"], ["status"], ["init", "--preset", "x"]],
+)
+def test_with_json_a_failure_is_an_object_too(dr, working_folder, capsys, words):
+    (working_folder / "run.env").write_text("DR_WORKERS=many\n")
+
+    code = dr(*words, "--json")
+
+    printed = capsys.readouterr()
+    told = json.loads(printed.out.splitlines()[-1])
+    assert (set(told), told["code"]) == ({"error", "remedy", "code"}, code)
+    assert f"Error: {told['error']}" in printed.err
+
+
+def test_a_report_of_errors_stays_the_only_object(dr, working_folder, capsys):
+    (working_folder / "run.env").write_text("DR_WORKERS=many\n")
+
+    code = dr("config", "check", "--json")
+
+    (line,) = capsys.readouterr().out.splitlines()
+    assert code == 3
+    assert "error" not in json.loads(line)

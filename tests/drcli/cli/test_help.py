@@ -2,13 +2,17 @@
 
 import json
 import platform
+import re
+from pathlib import Path
 
 import pytest
 import typer.main
 
+import drcli
 from drcli import __version__
 from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS
+from drcli.cli.completion import docs_pages
 
 SHOWN = [command for command in COMMANDS if not command.hidden]
 GROUPS = ["Start here", "Train", "Look", "Models", "Race and car"]
@@ -119,3 +123,30 @@ def test_a_former_name_takes_all_that_its_command_takes(former):
     added = {"browser"} if former.name == "update-viewer" else set()
     asked = {"upload"} if former.same_as.endswith("--upload") else set()
     assert names(command) - names(alias) <= added | asked
+
+
+@pytest.mark.parametrize(
+    "page", ["hyperparameters", "docs/hyperparameters.md", "hyperparameters.md#x", "lessons/README"]
+)
+def test_a_page_is_shown_however_a_message_names_it(dr, capsys, page):
+    dr("docs", page)
+
+    assert capsys.readouterr().out.startswith("# ")
+
+
+def test_every_page_that_a_message_names_can_be_shown():
+    sources = (path.read_text("utf-8") for path in Path(drcli.__file__).parent.rglob("*.py"))
+    named = {page for text in sources for page in re.findall(r"docs/([a-z-]+)\.md", text)}
+
+    assert named <= set(docs_pages())
+    assert len(named) > 20
+
+
+def test_the_pages_are_listed_and_an_unknown_one_is_refused(dr, capsys):
+    dr("docs")
+    code = dr("docs", "hyperparameter")
+
+    printed = capsys.readouterr()
+    assert re.search(r"^tracks +Tracks$", printed.out, re.MULTILINE)
+    assert code == 3
+    assert "Did you mean hyperparameters?" in printed.err

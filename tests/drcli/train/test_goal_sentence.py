@@ -26,7 +26,8 @@ def told(tmp_path):
 
 def test_a_file_of_the_reference_ends_after_its_iterations_and_not_by_its_score(told):
     assert told(term_cond_max_episodes=1000, term_cond_avg_score=350) == (
-        "Ends after 1,000 iterations (term_cond_max_episodes), or with dr-stop-training."
+        "Ends after 1,000 iterations (term_cond_max_episodes; it counts iterations), or with "
+        "dr-stop-training."
     )
 
 
@@ -63,5 +64,5 @@ def test_a_limit_that_comes_later_than_another_is_left_out(told):
 
     assert text == (
         "Ends after 2.5 minutes (--max-minutes), or after 20 iterations "
-        "(term_cond_max_episodes), or with dr-stop-training."
+        "(term_cond_max_episodes; it counts iterations), or with dr-stop-training."
     )

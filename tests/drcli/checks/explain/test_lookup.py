@@ -1,7 +1,9 @@
 """`dr-explain` finds words however they are written (001-45, 001-53, 002-10, 003-07)."""
 
 import re
+import typing
 from dataclasses import astuple
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import drcli
+from drcli.analysis.findings import verdict
 from drcli.base.errors import SettingsError
 from drcli.checks.explain.explain_texts import EXIT_CODES, GLOSSARY, TRACE_COLUMNS
 from drcli.checks.explain.lookup import Explanation, every_entry, explain, shipped_values
@@ -168,3 +172,36 @@ def test_words_are_in_the_order_of_the_alphabet():
     names = [name.casefold() for name in GLOSSARY]
 
     assert names == sorted(names)
+
+
+PRINTED, CHECK = Path(drcli.__file__).parent, "rewards/check.py"
+CODE = re.compile(r"\b[A-Z]-[0-9]{2}\b")
+
+
+def printed_names() -> set[str]:
+    """Every code of a rule in our sources, and every name of a finding."""
+    sources = [path.read_text("utf-8") for path in PRINTED.rglob("*.py")]
+    codes = {code for text in sources for code in CODE.findall(text)}
+    advice = {
+        name
+        for path in (PRINTED / "analysis" / "findings").glob("*.py")
+        for name in re.findall(r'\bAdvice\(\s*"([a-z-]+)"', path.read_text("utf-8"))
+    }
+    tried = re.findall(r'\.(?:warning|note)\(\s*"([a-z-]+)"', (PRINTED / CHECK).read_text("utf-8"))
+    return codes | advice | set(tried) | set(typing.get_args(verdict.Kind))
+
+
+@pytest.mark.parametrize("name", sorted(printed_names()))
+def test_every_code_and_name_that_is_printed_is_explained(name):
+    assert explain(name)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *["RTF", "sim2real", "overfitting", "snaking", "leaderboard", "free tier", "V-05"],
+        *["out of memory", "unrecognized runtime", "cancels-out"],
+    ],
+)
+def test_the_words_of_the_community_are_explained(words):
+    assert explain(words)

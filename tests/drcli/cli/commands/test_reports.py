@@ -165,6 +165,7 @@ CALLS = {
     f"tracks fetch {TRACK}": "waypoints",
     "tracks fetch --all": "tracks/",
     "reward check": "steady lap",
+    "reward examples": "milestones",
     "reward plot": "Picture",
     "reward compare a.py b.py": "Correlation",
 }

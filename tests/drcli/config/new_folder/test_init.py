@@ -359,3 +359,34 @@ def test_a_folder_can_come_with_a_training_in_stages(empty, dr, experiment):
     staged = review_stages(settings, {})
     assert staged.problems == ()
     assert [stage.name for stage in staged.stages] == ["wide", "base", "hard", "bots"]
+
+
+def test_an_example_replaces_only_the_three_files_of_a_folder_that_exists(dr, empty):
+    assert dr("init", "--world", "bean") == 0
+    before = Path("run.env").read_bytes()
+
+    code = dr("init", "--example", "milestones", "-f")
+
+    assert code == 0
+    assert "milestone" in Path("custom_files/reward_function.py").read_text("utf-8")
+    assert Path("run.env").read_bytes() == before
+    assert Path("custom_files/reward_function.py.bak").is_file()
+
+
+def test_a_new_folder_gets_the_files_of_an_example(dr, empty):
+    assert dr("init", "mine", "--example", "straights") == 0
+    assert "straight" in Path("mine/custom_files/reward_function.py").read_text("utf-8")
+
+
+def test_an_unknown_example_is_refused_with_the_names(dr, empty, capsys):
+    assert dr("init", "--example", "sped") == 3
+    assert "Did you mean speed? Write one of speed," in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("preset", ["virtual", "student-league"])
+def test_it_is_said_before_a_training_where_the_model_can_go(dr, empty, capsys, preset):
+    assert dr("init", "--preset", preset, "--world", "bean") == 0
+
+    said = capsys.readouterr().err
+    assert "can go to the physical car, but not to DeepRacer on AWS" in said
+    assert '"neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"' in said
