@@ -60,5 +60,5 @@ class Report:
                 yield [f"{item.rule}  {item.where}", [item.message, remedy]]
         yield self.skipped and bold("Not tried")
         yield [f"{', '.join(item.rules)}: {item.reason}" for item in self.skipped]
-        yield self.goes_to
+        yield self.ok and self.goes_to
         yield Styled(self.sentence(), "bold green" if self.ok else "bold red")

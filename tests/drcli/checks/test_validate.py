@@ -341,7 +341,11 @@ def test_without_errors_the_exit_code_is_0(folder, dr, capsys):
     ended = dr("validate")
 
     assert ended == 0  # V-11
-    assert capsys.readouterr().out == "0 errors, 0 warnings. A training can start.\n"
+    assert capsys.readouterr().out.splitlines() == [
+        "The trained model can go to the physical car, and to DeepRacer on AWS or "
+        "DeepRacer-for-Cloud.",
+        "0 errors, 0 warnings. A training can start.",
+    ]
 
 
 def test_people_read_rule_place_value_and_remedy_of_each_group(folder, dr, capsys):
@@ -365,7 +369,8 @@ def test_programs_read_keys_that_stay(folder, dr, capsys):
 
     printed = json.loads(capsys.readouterr().out)
     assert list(printed) == [
-        *("directory", "console_compatible", "errors", "warnings", "skipped", "notes", "ok"),
+        *("directory", "console_compatible", "errors", "warnings", "skipped", "notes", "goes_to"),
+        "ok",
     ]
     assert (printed["ok"], printed["console_compatible"]) == (True, True)
     assert printed["warnings"] == [
