@@ -134,8 +134,8 @@ def destinations(metadata: ModelMetadata) -> str:
         return f"The trained model can go to the physical car, and to {others}."
     return (
         f"The trained model can go to the physical car, but not to {others}, which have no "
-        f'{metadata.neural_network}: for these, write "neural_network": "{NETWORKS[0]}" into '
-        "model_metadata.json before the training."
+        f'{metadata.neural_network}: for these, a training begins with "neural_network": '
+        f'"{NETWORKS[0]}" in model_metadata.json.'
     )
 
 
