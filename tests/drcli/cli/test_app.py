@@ -559,6 +559,29 @@ def test_with_json_a_failure_is_an_object_too(dr, working_folder, capsys, words)
     assert f"Error: {told['error']}" in printed.err
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["status", "--jsn"], "--jsn"),
+        (["statsu"], "statsu"),
+        (["config", "set"], "NAME=VALUE"),
+        (["video", "--fps", "many"], "many"),
+        (["video", "--size", "1x1"], "1x1"),
+        (["--nothing"], "--nothing"),
+    ],
+)
+def test_with_json_a_wrong_command_line_is_an_object_too(dr, working_folder, capsys, words, named):
+    code = dr(*words, "--json")
+
+    printed = capsys.readouterr()
+    (line,) = printed.out.splitlines()
+    told = json.loads(line)
+    assert (code, told["code"]) == (2, 2)
+    assert named in told["error"]
+    assert "--help" in told["remedy"]
+    assert named in printed.err
+
+
 def test_a_report_of_errors_stays_the_only_object(dr, working_folder, capsys):
     (working_folder / "run.env").write_text("DR_WORKERS=many\n")
 
