@@ -267,9 +267,10 @@ def video(
         racer=racer or "",
         explain=explain,
         most_seconds=(make_video.USUAL_SECONDS if seconds is None else seconds) or None,
+        stuck_seconds=make_video.STUCK_SECONDS if seconds is None else None,
     )
     make_video.refuse_file(path, force=force)
-    doing = f"Filming {make_video.frames_of(trace, video_options)} frames of {trace.origin} ..."
+    doing = make_video.plan_of(trace, video_options)
     stopped = until_sigterm("The video was stopped; no file was written.", "Run it again.")
     with stopped, terminal.waiting(doing):
         report = video_job.make_video(
@@ -281,6 +282,7 @@ def video(
             world=world,
             policy=video_job.PolicyOptions(policy, metadata, iteration),
             ghosts=ghost or [],
+            on_progress=terminal.say,
         )
     terminal.warn(*report.notes)
     show(report)
