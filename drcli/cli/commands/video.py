@@ -139,7 +139,8 @@ def video(
             "--seconds",
             metavar="S",
             min=0,
-            help="End the film after so many seconds, 300 if left out; 0 for no limit.",
+            help="End the film after so many seconds; 0 for no limit. 300 if left out, and 10 "
+            "after the car came further.",
             rich_help_panel=_HOW,
         ),
     ] = None,
