@@ -228,7 +228,7 @@ def plan_of(trace: FoundTrace, options: VideoOptions) -> str:
 
 def _frames(laps: Sequence[RecordedLap], options: VideoOptions) -> int:
     return sum(
-        min(frame_count(lap, options.fps), _frames_until_stuck(lap, options)) for lap in laps
+        int(min(frame_count(lap, options.fps), _frames_until_stuck(lap, options))) for lap in laps
     )
 
 
