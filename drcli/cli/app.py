@@ -15,7 +15,7 @@ from drcli.base.errors import DrError, SettingsError, shown
 from drcli.base.files import private
 from drcli.base.processes import Stopped, search_rarely
 from drcli.cli import completion, terminal
-from drcli.cli.command_line import application
+from drcli.cli.command_line import PROGRAM, application
 from drcli.cli.working_folder import working_folder
 
 # Replaces characters that a terminal lacks by similar ASCII ones.
@@ -53,8 +53,6 @@ def _handle(error: UnicodeError) -> tuple[str | bytes, int]:
     wanted = error.object[error.start : error.end]
     return "".join(map(plain, wanted)), error.end
 
-
-PROGRAM = "dr"
 
 _PERMISSIONS = "Correct its permissions, or choose another place."
 _ROOM = "Free some disk space, and run the command again."

@@ -3,7 +3,8 @@
 import inspect
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import wraps
 from importlib import import_module
@@ -48,6 +49,7 @@ _BESIDE_COLUMNS = 70
 """From here on, names of groups stand beside the commands instead of above them."""
 
 LONGEST_COMPARED = 80
+PROGRAM = "dr"
 TAKES_ANY = {
     "ignore_unknown_options": True,
     "allow_extra_args": True,
@@ -61,7 +63,7 @@ def application(arguments: Sequence[str]) -> typer.Typer:
     columns = shutil.get_terminal_size().columns
     folded = {"terminal_width": columns - 1} if NARROWEST <= columns < HELP_COLUMNS else {}
     app = typer.Typer(
-        name="dr",
+        name=PROGRAM,
         cls=_Overview,
         help="Train, watch and race DeepRacer models on this machine.",
         epilog=EPILOG,
@@ -255,6 +257,23 @@ def _with_default(default: str) -> type[_Group]:
 _HELP = ("-h", "--help")
 
 
+_UsageError: Any = typer.BadParameter.__base__
+"""Typer has it in several places, depending on its version."""
+
+
+@contextmanager
+def _refused_in_json(words: Sequence[str]) -> Iterator[None]:
+    """A wrong command line with --json is an object too, whether or not --json was read yet."""
+    try:
+        yield
+    except _UsageError as error:
+        if "--json" in words:
+            called = PROGRAM if error.ctx is None else error.ctx.command_path
+            remedy = f"`{called} --help` shows what it takes."
+            terminal.emit_failure(error.format_message(), remedy, error.exit_code)
+        raise
+
+
 class _Overview(_Group):
     """Lists what a racer uses, on one screen; with --all every command, by group."""
 
@@ -262,7 +281,12 @@ class _Overview(_Group):
 
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
         self.shows_all = "--all" in args  # --help is answered before the other options are read
-        return super().parse_args(ctx, args)
+        with _refused_in_json(args):
+            return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        with _refused_in_json(ctx.args):
+            return super().invoke(ctx)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         word = args[0]

@@ -92,6 +92,12 @@ def _emit_object(report: Any) -> None:
     write(json.dumps(report, allow_nan=False) + "\n")
 
 
+def emit_failure(message: str, remedy: str, code: int) -> None:
+    """Print the JSON object of a failure, unless the command has printed its own."""
+    if not emitted:
+        _emit_object({"error": message, "remedy": remedy, "code": code})
+
+
 def on_screen() -> bool:
     """Whether a person sees the result, so that nothing of it has to be said again."""
     return out.file.isatty() and not as_json
@@ -174,8 +180,8 @@ def fail(message: str, remedy: str, code: int | None = None) -> None:
     The last failure of a command has its exit `code`: with --json, its object is printed if the
     command had none.
     """
-    if code is not None and as_json and not emitted:
-        _emit_object({"error": message, "remedy": remedy, "code": code})
+    if code is not None and as_json:
+        emit_failure(message, remedy, code)
     pairs = [(message, remedy)]
     if "\n" in remedy:
         pairs = list(zip_longest(message.splitlines(), remedy.splitlines(), fillvalue=""))

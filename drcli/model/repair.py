@@ -17,7 +17,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.json_record import NewerFormat, RecordError
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing, ObjectNewer, read_record
 from drcli.config.editing import raised
-from drcli.model import keys, lease
+from drcli.model import keys, lease, race_keys
 from drcli.model.best_checkpoint import evaluated_numbers, write_scores
 from drcli.model.checkpoints import Checkpoint, CheckpointsLost, CheckpointStore
 from drcli.model.files.hyperparameters import Hyperparameters
@@ -228,8 +228,8 @@ def _missing(listed: ModelListing, key: str) -> str:
 
 
 def _missing_iterations(listed: ModelListing) -> str:
-    if not listed.whole:
-        return ""
+    if not listed.whole or listed.model.prefix.startswith(race_keys.folder()):
+        return ""  # a race has a copy of one checkpoint, which never had a history
     known = len(read_history(listed.model))
     if known >= listed.whole[-1].number - 1:
         return ""  # the newest iteration is in the checkpoint's record

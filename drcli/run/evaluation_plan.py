@@ -17,7 +17,7 @@ from drcli.config.track_names import track_problem
 from drcli.config.value_types import parse_checkpoint
 from drcli.convert.engines import RUNS, check_runtime
 from drcli.convert.policy_file import read_policy_file
-from drcli.model import keys, race_keys
+from drcli.model import keys
 from drcli.model.checkpoint_choice import ModelCheckpoints
 from drcli.model.files.params_yaml import evaluation_parameters
 from drcli.model.model_prefix import what_helps
@@ -95,10 +95,8 @@ def prepare_evaluation(
         raise ProblemsError([replace(track, severity="error")])
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     if own.file is None:
-        own_model = ModelStore.of(settings.model, bucket, settings.model_prefix)
-        # The copy of a model in a race has no history.
         repair_unless_trained(
-            own_model, missing=not own_model.prefix.startswith(race_keys.folder())
+            ModelStore.of(settings.model, bucket, settings.model_prefix), missing=True
         )
         check_model(ModelStore(bucket, settings.model_prefix), "DR_LOCAL_S3_MODEL_PREFIX")
         on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")

@@ -283,10 +283,18 @@ def make_lap_video(
 
     def film(target: Path) -> Any:
         wanted = make_video.VideoOptions(
-            **{"racer": "", "color": "", "most_seconds": make_video.USUAL_SECONDS, **video_options}
+            **{
+                "racer": "",
+                "color": "",
+                "most_seconds": make_video.USUAL_SECONDS,
+                "stuck_seconds": make_video.STUCK_SECONDS,
+                **video_options,
+            }
         )
-        progress(f"Filming {make_video.frames_of(trace, wanted)} frames ...")
-        return video_job.make_video(defaults, lambda: bucket, trace, wanted, [("film", target)])
+        progress(make_video.plan_of(trace, wanted))
+        return video_job.make_video(
+            defaults, lambda: bucket, trace, wanted, [("film", target)], on_progress=progress
+        )
 
     if path is not None:
         return {"file": str(path), "report": film(path)}

@@ -139,7 +139,8 @@ def video(
             "--seconds",
             metavar="S",
             min=0,
-            help="End the film after so many seconds, 300 if left out; 0 for no limit.",
+            help="End the film after so many seconds; 0 for no limit. 300 if left out, and 10 "
+            "after the car came further.",
             rich_help_panel=_HOW,
         ),
     ] = None,
@@ -267,9 +268,10 @@ def video(
         racer=racer or "",
         explain=explain,
         most_seconds=(make_video.USUAL_SECONDS if seconds is None else seconds) or None,
+        stuck_seconds=make_video.STUCK_SECONDS if seconds is None else None,
     )
     make_video.refuse_file(path, force=force)
-    doing = f"Filming {make_video.frames_of(trace, video_options)} frames of {trace.origin} ..."
+    doing = make_video.plan_of(trace, video_options)
     stopped = until_sigterm("The video was stopped; no file was written.", "Run it again.")
     with stopped, terminal.waiting(doing):
         report = video_job.make_video(
@@ -281,6 +283,7 @@ def video(
             world=world,
             policy=video_job.PolicyOptions(policy, metadata, iteration),
             ghosts=ghost or [],
+            on_progress=terminal.say,
         )
     terminal.warn(*report.notes)
     show(report)

@@ -2,11 +2,14 @@
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from drcli.base.clock import duration
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.files import refuse_replacing
 from drcli.base.installation import lazy_imports
@@ -92,6 +95,10 @@ RendererName = Literal["raycast", "mujoco"]
 ENDINGS = (".mp4", ".gif")
 
 USUAL_SECONDS = 300
+STUCK_SECONDS = 10
+
+_TIMED_FRAMES = 15
+_LONG_S = 15.0
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,7 @@ class VideoOptions:
         color: As DR_CAR_COLOR.
         explain: Show which pixels moved the action.
         most_seconds: None for no limit.
+        stuck_seconds: Film no longer than this after the car last came further; None for no limit.
     """
 
     episode: str = "best"
@@ -116,6 +124,7 @@ class VideoOptions:
     racer: str = ""
     explain: bool = False
     most_seconds: int | None = None
+    stuck_seconds: int | None = None
 
     @property
     def most_frames(self) -> float:
@@ -131,10 +140,12 @@ def film_trace(
     subject: "ExplainedPolicy | None" = None,
     driver: str = "",
     others: Sequence[tuple[str, RecordedLap]] = (),
+    on_progress: Callable[[str], object] = lambda _: None,
 ) -> VideoReport:
     """Film a trace into a video or GIF for each view.
 
     `driver` is what titles call the driver, such as `model · checkpoint 3`; `others` become ghosts.
+    `on_progress` hears after the first frames how long the others take, if that is long.
 
     Raises:
         NotAvailable: A library is missing.
@@ -151,12 +162,14 @@ def film_trace(
     eye = CarEye(track, shapes)
     total = 0
     filmed: list[FilmedEpisode] = []
+    views = [view for view, _ in files]
 
-    def scenes() -> Iterator[Scene]:
+    def pictures() -> Iterator[list[Bytes]]:
         for lap in laps:
             filmed.append(_filmed(lap))
             ghosts = _ghosts(trace, lap, options.ghosts, others)
-            yield _scene(trace, track, lap, options, eye, shapes, subject, driver, ghosts)
+            scene = _scene(trace, track, lap, options, eye, shapes, subject, driver, ghosts)
+            yield from islice(film.frames(scene, views), _frames([lap], options))
 
     try:
         with contextlib.ExitStack() as stack:
@@ -168,11 +181,18 @@ def film_trace(
                 )
                 for _, path in files
             ]
-            views = [view for view, _ in files]
-            for frames in (made for scene in scenes() for made in film.frames(scene, views)):
+            begun_s = 0.0
+            for frames in pictures():
                 for writer, frame in zip(writers, frames, strict=True):
                     writer.add(frame)
                 total += 1
+                if total == 1:  # which compiles what the others use
+                    begun_s = time.monotonic()
+                elif total == _TIMED_FRAMES:
+                    frame_s = (time.monotonic() - begun_s) / (total - 1)
+                    rest_s = frame_s * (frames_of(trace, options) - total)
+                    if rest_s > _LONG_S:
+                        on_progress(f"The film is done in about {duration(rest_s)}.")
                 if total >= options.most_frames or all(writer.full for writer in writers):
                     break
     finally:
@@ -200,19 +220,42 @@ def frames_of(trace: FoundTrace, options: VideoOptions) -> int:
     return int(min(_frames(laps, options), options.most_frames))
 
 
+def plan_of(trace: FoundTrace, options: VideoOptions) -> str:
+    """What is filmed and how long it will be, such as "Filming 12.4 s (187 frames) of m ..."."""
+    frames = frames_of(trace, options)
+    return f"Filming {frames / options.fps:.1f} s ({frames} frames) of {trace.origin} ..."
+
+
 def _frames(laps: Sequence[RecordedLap], options: VideoOptions) -> int:
-    return sum(frame_count(lap, options.fps) for lap in laps)
+    return sum(
+        int(min(frame_count(lap, options.fps), _frames_until_stuck(lap, options))) for lap in laps
+    )
+
+
+def _frames_until_stuck(lap: RecordedLap, options: VideoOptions) -> float:
+    if options.stuck_seconds is None:
+        return math.inf
+    return 1 + math.ceil((lap.progressed_s + options.stuck_seconds) * options.fps)
 
 
 def _cut(laps: Sequence[RecordedLap], options: VideoOptions) -> list[str]:
+    notes = []
+    for lap in laps:
+        stuck_s = lap.duration_s - lap.progressed_s
+        if frame_count(lap, options.fps) > _frames_until_stuck(lap, options):
+            notes.append(
+                f"The car comes no further after {lap.progressed_s:.1f} s of episode {lap.number}; "
+                f"the film shows {options.stuck_seconds} s of the {stuck_s:.1f} s after that "
+                "(`dr-video --seconds 0` shows all)."
+            )
     frames = _frames(laps, options)
-    if frames <= options.most_frames:
-        return []
-    what = "the episode takes" if len(laps) == 1 else "the episodes take"
-    return [
-        f"The film ends after {options.most_seconds} s; {what} {math.ceil(frames / options.fps)} s "
-        "(`dr-video --seconds` moves the end)."
-    ]
+    if frames > options.most_frames:
+        what = "the episode takes" if len(laps) == 1 else "the episodes take"
+        notes.append(
+            f"The film ends after {options.most_seconds} s; {what} "
+            f"{math.ceil(frames / options.fps)} s (`dr-video --seconds` moves the end)."
+        )
+    return notes
 
 
 def chosen_laps(laps: Sequence[RecordedLap], episode: str, origin: str) -> list[RecordedLap]:

@@ -24,6 +24,9 @@ JUMP_M = 0.6
 LONGEST_STEP_S = 0.5
 """Longer: the simulator stood still, or rows are missing."""
 
+LEAST_PROGRESS = 0.5
+"""Percent of the lap; less is no way forward for a car that stands or turns in circles."""
+
 LONGEST_S = 1800.0
 """Longer: a damaged clock."""
 
@@ -65,6 +68,11 @@ class RecordedLap:
     def duration_s(self) -> float:
         """To the last row, as in metrics."""
         return float(self.time_s[-1])
+
+    @property
+    def progressed_s(self) -> float:
+        """When the car came as far as it comes, to `LEAST_PROGRESS`."""
+        return float(self.time_s[np.argmax(self.progress >= self.progress.max() - LEAST_PROGRESS)])
 
     @property
     def completed(self) -> bool:

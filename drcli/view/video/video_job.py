@@ -67,6 +67,7 @@ def make_video(
     world: str | None = None,
     policy: PolicyOptions | None = None,
     ghosts: Sequence[str] = (),
+    on_progress: Callable[[str], object] = lambda _: None,
 ) -> VideoReport:
     """Film a trace with everything that is known about it.
 
@@ -101,6 +102,7 @@ def make_video(
         subject=subject,
         driver=driver or _driver(trace),
         others=others,
+        on_progress=on_progress,
     )
     return replace(
         report,

@@ -1,5 +1,6 @@
 """The command line as a whole: names, exit codes, and what a failure looks like."""
 
+import io
 import json
 import os
 import subprocess
@@ -557,6 +558,60 @@ def test_with_json_a_failure_is_an_object_too(dr, working_folder, capsys, words)
     told = json.loads(printed.out.splitlines()[-1])
     assert (set(told), told["code"]) == ({"error", "remedy", "code"}, code)
     assert f"Error: {told['error']}" in printed.err
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["status", "--jsn"], "--jsn"),
+        (["statsu"], "statsu"),
+        (["config", "set"], "NAME=VALUE"),
+        (["video", "--fps", "many"], "many"),
+        (["video", "--size", "1x1"], "1x1"),
+        (["--nothing"], "--nothing"),
+    ],
+)
+def test_with_json_a_wrong_command_line_is_an_object_too(dr, working_folder, capsys, words, named):
+    code = dr(*words, "--json")
+
+    printed = capsys.readouterr()
+    (line,) = printed.out.splitlines()
+    told = json.loads(line)
+    assert (code, told["code"]) == (2, 2)
+    assert named in told["error"]
+    assert "--help" in told["remedy"]
+    assert named in printed.err
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [
+        (["config", "check"], "DR_WORKERS=many is not"),
+        (["reward", "check", "bad.py"], "name 'speeed' is not defined"),
+    ],
+)
+@pytest.mark.parametrize("screen", [True, False])
+def test_a_terminal_shows_the_errors_of_a_check_once(
+    dr, working_folder, capsys, monkeypatch, words, fault, screen
+):
+    if words[0] == "config":
+        (working_folder / "run.env").write_text("DR_WORKERS=many\n")
+    (working_folder / "bad.py").write_text("def reward_function(params):\n    return speeed\n")
+    output = _Terminal() if screen else io.StringIO()
+    monkeypatch.setenv("COLUMNS", "200")
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", output)
+        code = dr(*words)
+
+    errors = capsys.readouterr().err
+    assert code == 3
+    assert fault in output.getvalue()
+    assert ("Error:" in errors) is not screen  # a script may read only one of the two
 
 
 def test_a_report_of_errors_stays_the_only_object(dr, working_folder, capsys):

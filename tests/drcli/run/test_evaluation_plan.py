@@ -5,8 +5,13 @@ import pytest
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.convert.build_network import weights_of
 from drcli.convert.frozen_graph import encode_policy
+from drcli.model import keys
+from drcli.model.checkpoints import CheckpointStore
+from drcli.model.model_store import ModelStore
+from drcli.records.checkpoint import Counters
 from drcli.records.evaluation_task import PolicySource
 from drcli.run.evaluation_plan import prepare_evaluation
+from iterations import iteration_record
 from small_policies import metadata_json, small_metadata, small_network
 
 
@@ -22,6 +27,23 @@ def test_a_track_that_is_not_installed_is_refused_before_anything_is_said(
         prepare_evaluation(trained.settings(), on_progress=said.append)
 
     assert said == []
+
+
+@pytest.mark.parametrize(("prefix", "said"), [("races/cup/models/1/model-1", 0), ("copy", 1)])
+def test_the_copy_of_a_model_in_a_race_is_not_said_to_lack_a_history(
+    racer, monkeypatch, told, prefix, said
+):
+    monkeypatch.setattr("drcli.run.evaluation_plan.open_bucket", lambda *_, **__: racer.bucket)
+    racer.run_env("DR_WORLD_NAME=reinvent_base")
+    settings = racer.settings().replaced(model_prefix=prefix, metrics_prefix=f"{prefix}/metrics")
+    racer.bucket.put(keys.model_metadata(prefix), metadata_json())
+    CheckpointStore(ModelStore(racer.bucket, prefix)).save(
+        5, 600, b"weights", counters=Counters(learned=iteration_record(4))
+    )
+
+    prepare_evaluation(settings)
+
+    assert len([each for each in told if "history.json is missing" in each]) == said
 
 
 @pytest.fixture

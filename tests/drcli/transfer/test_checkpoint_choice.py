@@ -106,6 +106,7 @@ def test_the_sentence_lists_what_there_is(choice):
         "first-lap": "Checkpoint 5",
     }
     assert why[choice] in said
+    assert said.startswith(model.url)  # and is one message, without another one before it
     assert said.endswith("It has 14 (best, three-laps), 17, 18, 19, 20 (last).")
     assert "three-laps" in caught.value.remedy
 

@@ -520,6 +520,24 @@ def test_another_model_at_the_target_needs_w(importer, model):
     assert CheckpointStore(ModelStore(importer.here, "new")).best_name() == "30_Step-0.ckpt"
 
 
+@pytest.mark.parametrize(
+    ("there", "typed", "imported"),
+    [(False, "", True), (True, "", False), (True, "y\n", True)],
+)
+def test_a_question_is_asked_only_where_something_is_deleted(
+    importer, model, dr, monkeypatch, capsys, there, typed, imported
+):
+    if there:
+        put_model(importer.here, "new")
+    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+
+    code = dr("import", str(model), "-t", "new", "--no-drive", *["-w"] * there)
+
+    assert code == (0 if imported else 1)
+    assert ("Are you sure?" in capsys.readouterr().err) is there
+    assert any("30_Step" in key for key in importer.content()) is imported
+
+
 def test_a_model_that_is_being_trained_stays(importer, model):
     take(ModelStore(importer.here, "new"), "session")
 

@@ -373,7 +373,7 @@ def _lay_down_video(monkeypatch: pytest.MonkeyPatch) -> None:
         laps,
         ["A note."],
     )
-    monkeypatch.setattr("drcli.view.video.make_video.frames_of", lambda *_: 18756)
+    monkeypatch.setattr("drcli.view.video.make_video.plan_of", lambda *_: "Filming ...")
     monkeypatch.setattr("drcli.view.video.video_job.make_video", lambda *_, **__: made)
 
 

@@ -140,6 +140,21 @@ def test_it_asks_before_it_writes_and_a_no_changes_nothing(dr, folder, capsys, a
     assert own(folder).read_bytes() != before
 
 
+def test_the_new_actions_are_shown_before_it_asks(dr, folder, capsys, monkeypatch):
+    shown = []
+    monkeypatch.setattr(
+        "drcli.cli.prompts.agree", lambda *_, **__: shown.append(capsys.readouterr().out)
+    )
+
+    dr("action-space", "generate", "--angles", "5", "--speeds", "2", "--write")
+
+    [before] = shown
+    assert " 9 " in before  # the last of ten actions
+    after = capsys.readouterr()
+    assert after.out == ""
+    assert "has these actions now; the old ones are in" in after.err
+
+
 def test_the_same_actions_are_not_written_again(dr, folder, capsys, answer):
     asked = answer(True)
     dr("action-space", "generate", "--write", "-f")

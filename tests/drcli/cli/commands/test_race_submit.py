@@ -1,4 +1,6 @@
-"""`dr race submit RACE MODEL`."""
+"""`dr race submit RACE MODEL` and `dr race run RACE`."""
+
+from types import SimpleNamespace
 
 import pytest
 
@@ -34,3 +36,24 @@ def test_a_model_that_is_named_twice_is_refused(dr, working_folder, submitted, c
 
     assert (code, submitted) == (2, [])
     assert "MODEL and --prefix both name the model; use only one." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("waiting", [0, 2])
+def test_a_queue_in_which_nothing_waits_says_so(dr, working_folder, monkeypatch, capsys, waiting):
+    def drive(*_, on_progress, **__):
+        for number in range(waiting):
+            on_progress(f"Driving {number} ...")
+
+    monkeypatch.setattr("drcli.cli.commands.race.found_race", lambda _, race: (None, race))
+    monkeypatch.setattr("drcli.cli.commands.race.bring_tracks", lambda _: None)
+    monkeypatch.setattr("drcli.cli.commands.race.print_race", lambda _: None)
+    queue = SimpleNamespace(race_conditions=lambda *_: None, run_queue=drive)
+    monkeypatch.setattr("drcli.cli.commands.race.race_queue", queue)
+
+    code = dr("race", "run", "cup")
+
+    said = capsys.readouterr().err
+    assert code == 0
+    assert said.count("Driving") == waiting
+    assert ("Nothing waits in the queue of cup." in said) is (waiting == 0)
+    assert ("dr-race submit cup MODEL" in said) is (waiting == 0)

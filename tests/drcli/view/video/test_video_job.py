@@ -1,5 +1,6 @@
 """Whole videos: of files and evaluations, on the right track, with what is known about them."""
 
+import itertools
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -315,6 +316,60 @@ def test_a_film_ends_at_its_limit_and_says_so(tmp_path, defaults, monkeypatch, m
     assert [f"after {most} s; the episodes take 4 s" in note for note in said] == (
         [True] if frames < 36 else []
     )
+
+
+def _stuck(*, after: int, rows: int) -> list[dict[str, str]]:
+    """A car that turns in circles where it is after so many rows."""
+    driven = trace_rows(TRACK, rows=rows)
+    still = driven[after]
+    return [
+        row if k <= after else row | {name: still[name] for name in ("X", "Y", "progress")}
+        for k, row in enumerate(driven)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rows", "stuck_s", "frames"),
+    [
+        (_stuck(after=15, rows=91), 2, 32),  # it comes no further after 1.07 s
+        (_stuck(after=15, rows=91), None, 62),
+        (_stuck(after=15, rows=40), 2, 28),
+        (trace_rows(TRACK, rows=91), 2, 62),
+    ],
+)
+def test_a_stuck_car_is_not_filmed_to_the_end(
+    tmp_path, defaults, monkeypatch, rows, stuck_s, frames
+):
+    path = tmp_path / "0-iteration.csv"
+    path.write_bytes(trace_csv(rows))
+    monkeypatch.setattr(WorldView, "frame", lambda *_: np.zeros((480, 640, 3), "u1"))
+    options = VideoOptions(fps=10, color="", stuck_seconds=stuck_s)
+    trace = trace_of_file(path)
+
+    report = make_video(defaults, no_bucket, trace, options, [("film", tmp_path / "lap.gif")])
+
+    assert report.frames == frames_of(trace, options) == frames
+    assert any("comes no further after" in note for note in report.notes) == (frames == 32)
+
+
+def test_a_long_film_says_how_long_it_takes(tmp_path, defaults, monkeypatch):
+    path = tmp_path / "0-iteration.csv"
+    path.write_bytes(trace_csv(trace_rows(TRACK, rows=60)))
+    monkeypatch.setattr(WorldView, "frame", lambda *_: np.zeros((480, 640, 3), "u1"))
+    clock = itertools.count(0.0, 14.0)  # two readings: a second for each of 14 frames
+    monkeypatch.setattr("drcli.view.video.make_video.time.monotonic", lambda: next(clock))
+    told = []
+
+    make_video(
+        defaults,
+        no_bucket,
+        trace_of_file(path),
+        VideoOptions(fps=10, color=""),
+        [("film", tmp_path / "lap.gif")],
+        on_progress=told.append,
+    )
+
+    assert told == ["The film is done in about 26 s."]
 
 
 def test_an_explanation_needs_a_policy(bucket, defaults, tmp_path):
