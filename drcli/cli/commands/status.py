@@ -53,7 +53,7 @@ def status(
     if follow and not follow_training.is_over(report):
         display = follow_training.suitable(config, verbose=verbose)
         raise typer.Exit(follow_training.follow(config, display, loaded.model_prefix))
-    if follow:
+    if follow and not report.unreachable:
         terminal.say("No training is running.")
     report = replace(report, notes=run_status.notes_of_run(config, report))
     terminal.warn(*report.damaged)

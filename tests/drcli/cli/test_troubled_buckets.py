@@ -76,6 +76,7 @@ REFUSED_CALLS = [
 """They cannot do their work: exit code 4."""
 
 TOLD_CALLS = {
+    "attach": "unknown",
     "status": "unknown",
     "status --json": '"unreachable": "Cannot ',
     "summary": "unknown",
@@ -95,6 +96,7 @@ WITHOUT_BUCKET = {
     *("droa-login", "droa-logout", "droa-list-models", "droa-get-model", "droa-download-logs"),
     *("droa-delete-model", "droa-import-model", "init", "bench", "update", "update-env", "reload"),
     *(
+        "docs",
         "explain",
         "local-aws",
         "completion",

@@ -131,7 +131,7 @@ def test_the_message_says_what_the_first_call_has_and_how_to_ask_for_it():
 def test_no_example_waits_for_a_step_that_never_comes():
     files = sorted(DEFAULTS.rglob("reward_function.py"))
 
-    assert len(files) == 9
+    assert len(files) == 10
     assert [
         idle for file in files for idle in idle_conditions(ast.parse(file.read_text("utf-8")))
     ] == []

@@ -55,9 +55,7 @@ def test_options_of_deepracer_for_cloud_are_accepted(dr, working_folder, started
     assert opened == [("http://127.0.0.1:9000/enter?token=secret", "firefox --new-tab")]
 
 
-@pytest.mark.parametrize(
-    "option", [["-p", "0"], ["-p", "70000"], ["-w", "x"], ["-q", "0"], ["-x"], ["-h"]]
-)
+@pytest.mark.parametrize("option", [["-p", "0"], ["-p", "70000"], ["-w", "x"], ["-q", "0"], ["-h"]])
 def test_wrong_options_are_refused(dr, working_folder, started, option):
     assert dr("start-viewer", *option) == 2
     assert started == []
