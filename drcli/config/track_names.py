@@ -241,16 +241,18 @@ def remedy(race: DriveConfig) -> str:
             f"Fetch it with `dr-tracks fetch {name}`{asked}, or let a start fetch it with "
             f"DR_TRACKS_FETCH=always. {add}"
         )
-    return _hint(race.world_name, race.tracks_folder) + (
+    return hint(race.world_name, race.tracks_folder) + (
         "`dr-tracks list --all` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
     )
 
 
-def _hint(name: str, tracks_folder: Path) -> str:
+def hint(name: str, tracks_folder: Path) -> str:
+    """A question with the track that is probably meant, and a space after it; may be empty."""
     called = {each.console_name.casefold(): each.name for each in reversed(community().values())}
     words = name.replace("_", " ").casefold()
     console = next((called[each] for each in called if len(words) > 3 and words in each), None)
-    likely = console or closest(name, [*built_in(), *own(tracks_folder), *COMMUNITY])
+    likely = console or closest(name, [*built_in(), *own(tracks_folder), *COMMUNITY, *called])
+    likely = called.get(likely or "", likely)
     return f"Did you mean {likely}? " if likely is not None else ""
 
 
@@ -260,7 +262,7 @@ def unknown_track(name: str, tracks_folder: Path) -> str | None:
     known = {*built_in(), *own(tracks_folder), *COMMUNITY}
     if {name, plain} & known or ZOO.fullmatch(plain) or name.endswith(ROUTE_FILES):
         return None
-    return f"{shown(name)} is not a known track. {_hint(name, tracks_folder)}".strip()
+    return f"{shown(name)} is not a known track. {hint(name, tracks_folder)}".strip()
 
 
 def _words(text: str) -> list[str]:

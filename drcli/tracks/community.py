@@ -11,6 +11,7 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.config.track_names import COMMUNITY, hint
 from drcli.tracks.track_facts import TrackFacts
 from drcli.tracks.tracks_folder import add_track, target_of
 
@@ -47,13 +48,14 @@ def fetch_track(
     url = _address(url)
     target_of(called, folder, replace=replace)
     address = f"{url}/{quote(name, safe='')}.npy"
+    likely = "" if name in COMMUNITY else hint(name, folder)
     try:
         content = _download(address)
     except urllib.error.HTTPError as error:
         error.close()
         if error.code == 404:
             raise StorageError(
-                f"There is no track {name} at {address}.", remedy=_similar(name, url)
+                f"There is no track {name} at {address}.", remedy=likely + _similar(name, url)
             ) from None
         reason = " ".join(str(error.reason).split())  # a redirect in a circle gives three lines
         raise StorageError(
@@ -63,8 +65,8 @@ def fetch_track(
     except (OSError, ValueError, http.client.HTTPException) as error:
         raise StorageError(
             f"{address} cannot be reached: {_reason(error)}.",
-            remedy=f"Check the network and repeat `dr-tracks fetch {name}`, or add your own file "
-            "with `dr-tracks add FILE.npy`.",
+            remedy=f"{likely}Check the network and repeat `dr-tracks fetch {name}`, or add your "
+            "own file with `dr-tracks add FILE.npy`.",
         ) from None
     if len(content) > _MOST_BYTES:
         raise StorageError(

@@ -21,7 +21,7 @@ from drcli.checks.explain.explain_texts import (
 from drcli.config.presets import docs_folder, model_file
 from drcli.config.settings import catalogue
 from drcli.learn.algorithms import ALGORITHMS, UPDATES_PER_STEP
-from drcli.model.files.hyperparameters import TEXTS, Hyperparameters
+from drcli.model.files.hyperparameters import SYNONYMS, TEXTS, Hyperparameters
 from drcli.records.trace import CSV_HEADER
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 
@@ -124,6 +124,8 @@ def _by_name() -> tuple[tuple[str, Entry], ...]:
 
 def _names(entry: Entry) -> Iterator[str]:
     yield _plain(entry.name)
+    if entry.kind == "hyperparameter":
+        yield from map(_plain, SYNONYMS.get(entry.name, ()))
     if entry.kind == "setting":
         yield _plain(entry.name.removeprefix("DR_"))
         yield from map(_plain, catalogue()[entry.name].old_names)

@@ -13,7 +13,7 @@ from drcli.cli import command_line, completion, terminal
 from drcli.cli.options import text_only
 
 with lazy_imports():
-    from rich.markdown import Markdown
+    from rich import markdown
 
     from drcli.config import presets
 
@@ -82,7 +82,7 @@ def docs(
         return
     os.environ.setdefault("LESS", "-R")
     with terminal.out.pager(styles=True):
-        terminal.out.print(Markdown(text))
+        terminal.out.print(markdown.Markdown(text))
 
 
 def _title(path: Path) -> str:

@@ -130,7 +130,11 @@ def test_a_word_with_several_meanings_has_all_of_them():
 
 
 def test_a_part_of_a_name_finds_the_names_that_have_it():
-    assert {entry.name for entry in explain("epsilon")} == {"epsilon_steps"}
+    assert {entry.name for entry in explain("epsilon_st")} == {"epsilon_steps"}
+
+
+def test_a_hyperparameter_of_other_programs_is_found():
+    assert {entry.name for entry in explain("learning_rate")} == {"lr"}
 
 
 @pytest.mark.parametrize(
