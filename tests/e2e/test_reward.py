@@ -18,9 +18,22 @@ def reward_function(params):
 """
 
 
-def test_a_sound_function_is_checked_drawn_and_compared(workspace):
-    workspace.write_custom_files(
-        reward="    return float(params['speed'] ** 2 * params['all_wheels_on_track'])\n"
+@pytest.fixture
+def swift(workspace):
+    """Whose model can drive slowly and fast."""
+    path = workspace.folder / "custom_files" / "model_metadata.json"
+    actions = {"speed": {"low": 1.0, "high": 3.0}, "steering_angle": {"low": -30, "high": 30}}
+    metadata = json.loads(path.read_text())
+    kind = {"action_space_type": "continuous", "action_space": actions}
+    path.write_text(json.dumps(metadata | kind))
+    return workspace
+
+
+def test_a_sound_function_is_checked_drawn_and_compared(swift):
+    workspace = swift
+    (workspace.folder / "custom_files" / "reward_function.py").write_text(
+        "def reward_function(params):\n"
+        "    return float(params['speed'] ** 2 * params['all_wheels_on_track'])\n"
     )
     other = workspace.folder / "other.py"
     other.write_text(
@@ -45,7 +58,8 @@ def test_a_sound_function_is_checked_drawn_and_compared(workspace):
             assert picture.width >= 1400
 
 
-def test_what_keeps_no_training_from_its_start_is_a_warning_with_its_line(workspace):
+def test_what_keeps_no_training_from_its_start_is_a_warning_with_its_line(swift):
+    workspace = swift
     (workspace.folder / "custom_files" / "reward_function.py").write_text(LOGS)
 
     checked = workspace.run("reward", "check")

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.nightly
 def test_a_folder_is_judged_in_text_and_in_json_before_anything_was_started(workspace):
     good = workspace.run("validate", "--json")
     workspace.write_run_env(DR_WORLD_NAME="reinvent_bse")
-    workspace.hyperparameters = {"lr": 0.5}
+    workspace.hyperparameters = {"lr": 1.5}
     workspace.write_custom_files(reward="    return params['sped']\n")
 
     bad = workspace.run("validate")
