@@ -103,6 +103,9 @@ FOLLOWING = [
 STOPPED = Call("stop-training", "Stopped the training of s3://bucket/model")
 
 AFTERWARDS = [
+    Call("attach", "s3://bucket/model"),
+    Call("attach --json", "run_id bucket prefix state workers history best last dead"),
+    Call("docs hyperparameters", "beta_entropy"),
     Call("saliency -n 1 --spacing 20 --html page.html", "Page: page.html"),
     Call("saliency -n 1 --method hires-cam --json", "model checkpoint world steps lap"),
     Call("validate", "", 0, UNUSED),
