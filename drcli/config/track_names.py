@@ -251,8 +251,7 @@ def hint(name: str, tracks_folder: Path) -> str:
     called = {each.console_name.casefold(): each.name for each in reversed(community().values())}
     words = name.replace("_", " ").casefold()
     console = next((called[each] for each in called if len(words) > 3 and words in each), None)
-    likely = console or closest(name, [*built_in(), *own(tracks_folder), *COMMUNITY, *called])
-    likely = called.get(likely or "", likely)
+    likely = console or closest(name, [*built_in(), *own(tracks_folder), *COMMUNITY])
     return f"Did you mean {likely}? " if likely is not None else ""
 
 

@@ -91,6 +91,8 @@ OTHERS = {
     *("droa-download-logs", "droa-delete-model", "init", "config", "bench"),
     *("upload-custom-files", "download-custom-files", "update", "update-env", "reload", "explain"),
     *(
+        "attach",
+        "docs",
         "local-aws",
         "completion",
         "shell-env",
