@@ -229,10 +229,12 @@ class FuzzSpace:
         """End all S3 servers of the folder, also those that no file names any more."""
         self._end_processes(self.bucket.parent)
 
-    def _end_processes(self, folder: Path) -> None:
+    def _end_processes(self, folder: Path, *, but: Path | None = None) -> None:
+        """End what works on files below a folder, as its command line says."""
         for process in psutil.process_iter():
             with suppress(psutil.Error):
-                if str(folder) in " ".join(process.cmdline()):
+                line = " ".join(process.cmdline())
+                if str(folder) in line and (but is None or str(but) not in line):
                     process.kill()
                     process.wait(10)
 
@@ -244,7 +246,7 @@ class FuzzSpace:
     def close(self) -> None:
         """End everything that runs."""
         self.forks.close()
-        self._end_processes(self.folder / "data")
+        self._end_processes(self.folder)
 
     # What is where.
 
@@ -274,8 +276,9 @@ class FuzzSpace:
     def restore(self) -> None:
         """Undo every change since the beginning."""
         self._revive_server()
-        if (figures := self.folder / "data" / "tensorboard").exists():
-            self._end_processes(figures)  # a TensorBoard that the example has started
+        if any((self.folder / "data" / name).exists() for name in ("tensorboard", "viewer")):
+            # A TensorBoard or a console that the example has started.
+            self._end_processes(self.folder, but=self.bucket.parent)
         now = self._files()
         doomed: dict[str, list[str]] = {}
         keep = (".server.json", ".server.log", ".server.lock")
