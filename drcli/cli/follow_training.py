@@ -166,8 +166,8 @@ def end(report: "RunReport", prefix: str) -> int:
     terminal.emit(report, None)
     if report.state in ("stopped", "interrupted") or report.exit_code == 0:
         terminal.say(report.end_text())
-        if commands := training_display.next_commands(report, prefix):
-            terminal.suggest(commands)
+        commands = training_display.next_commands(report)
+        terminal.suggest(commands, model=report.prefix, usual=prefix)
     else:
         terminal.fail(report.message, report.remedy)
     return WorkerDied.code if report.exit_code is None else report.exit_code

@@ -159,15 +159,20 @@ def waiting(what: str, *, only_live: bool = False) -> Iterator[None]:
         yield
 
 
-def suggest(commands: list[tuple[str, str]], *, elsewhere: bool = False) -> None:
+def suggest(
+    commands: list[tuple[str, str]], *, elsewhere: bool = False, model: str = "", usual: str = ""
+) -> None:
     """Print commands to paste next, each below its purpose, unless --quiet is given.
 
-    zsh takes a comment after a command for arguments. Ours get this call's variables for folders
-    and files, unless they are for a place `elsewhere`.
+    zsh takes a comment after a command for arguments. Ours get this call's variables for folder,
+    bucket and model, unless they are for a place `elsewhere`. Commands for another `model` than
+    the `usual` one of the settings name it.
     """
-    if quiet:
+    if quiet or not commands:
         return
     places = {} if elsewhere else activation.places(os.environ)
+    if model != usual:
+        places[activation.MODEL] = model
     err.print("Next:")
     for command, purpose in commands:
         line = escape(_repeated(command, places))
@@ -208,6 +213,8 @@ def _repeated(command: str, variables: Mapping[str, str]) -> str:
     own = [word.partition("=")[0] for word in takewhile(lambda word: "=" in word, words)]
     if not f"{words[len(own)]}-".startswith("dr-"):
         return command
+    if activation.EXPERIMENT in own:  # it names a model of its own
+        own.append(activation.MODEL)
     before = [f"{n}={shlex.quote(v)}" for n, v in variables.items() if n not in own]
     return " ".join([*before, command])
 

@@ -134,10 +134,10 @@ def end_work_text(plan: "EndWorkPlan") -> str:
     )
 
 
-def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:
-    """Commands after a training, with purposes; none if the settings name another model."""
+def next_commands(report: "RunReport") -> list[tuple[str, str]]:
+    """Commands after a training, with purposes."""
     ended = report.state in ("finished", "stopped")
-    if report.best is None or not ended or report.prefix != prefix:
+    if report.best is None or not ended:
         return []
     if report.best_laps is not None and report.best_laps.clean:
         return [

@@ -17,8 +17,10 @@ RUN_FILE = "DR_CONFIG"
 """Names its run.env. Source: the reference's activation."""
 
 EXPERIMENT = "DR_EXPERIMENT_NAME"
-PLACES = (FOLDER, EXPERIMENT, "DR_RUN_ID", "DR_LOCAL_S3_MODEL_PREFIX")
-"""They decide which training a command finds."""
+MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
+BUCKET = ("DR_CLOUD", "DR_REMOTE_MINIO_URL", "DR_LOCAL_S3_PROFILE", "DR_LOCAL_S3_BUCKET")
+PLACES = (FOLDER, EXPERIMENT, "DR_RUN_ID", *BUCKET, MODEL)
+"""They decide which training and which model a command finds."""
 
 
 def marked(copies: Mapping[str, str]) -> str:
@@ -42,9 +44,13 @@ def chosen(environ: Mapping[str, str]) -> dict[str, str]:
 
 
 def places(environ: Mapping[str, str]) -> dict[str, str]:
-    """The variables of `PLACES` that were set by hand, maybe for one command only."""
+    """The variables of `PLACES` that were set by hand, maybe for one command only.
+
+    Not a value with a password, as an address can have it.
+    """
     left = copies(environ) | _activated(environ)
-    return {name: environ[name] for name in PLACES if name in environ and name not in left}
+    found = {name: environ[name] for name in PLACES if name in environ and name not in left}
+    return {name: value for name, value in found.items() if name not in BUCKET or "@" not in value}
 
 
 def run_file(environ: Mapping[str, str], directory: Path) -> str:

@@ -58,8 +58,8 @@ def status(
     report = replace(report, notes=run_status.notes_of_run(config, report))
     terminal.warn(*report.damaged)
     terminal.emit(report, training_display.run(report))
-    if commands := training_display.next_commands(report, loaded.model_prefix):
-        terminal.suggest(commands)
+    commands = training_display.next_commands(report)
+    terminal.suggest(commands, model=report.prefix, usual=loaded.model_prefix)
     if report.state == "lost" or report.dead:
         raise WorkerDied(
             report.message or f"Dead: {', '.join(report.dead)}.",

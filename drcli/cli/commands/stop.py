@@ -12,7 +12,6 @@ with lazy_imports():
     from drcli.run import stopping
     from drcli.web import viewer_process
 
-PREFIX = "DR_LOCAL_S3_MODEL_PREFIX"
 AFTERWARDS = [
     ("dr-start-training --resume", "continue training"),
     ("dr-evaluate --checkpoint best", "drive laps with the best checkpoint"),
@@ -64,9 +63,7 @@ def stop_training() -> None:
     said = f"Stopped the training of {model}; {newest}."
     terminal.emit(stopping.StopReport([stopped, *waiting]), said)
     steps = AFTERWARDS if last or report.unreachable else AFTER_NOTHING
-    if report.prefix != loaded.model_prefix:  # it was started with another one for that command
-        steps = [(f"{PREFIX}={report.prefix} {command}", why) for command, why in steps]
-    terminal.suggest(steps)
+    terminal.suggest(steps, model=report.prefix, usual=loaded.model_prefix)
 
 
 def stop_evaluation() -> None:

@@ -4,8 +4,9 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.errors import shown
 from drcli.base.installation import lazy_imports
-from drcli.cli import completion
+from drcli.cli import completion, terminal
 from drcli.cli.commands.race import drive
 from drcli.cli.race_access import open_races
 from drcli.cli.working_folder import settings
@@ -32,6 +33,7 @@ def start_tournament(
             "--video/--no-video", help="Film every pair; without this, if the encoder is there."
         ),
     ] = None,
+    file: Annotated[str | None, typer.Option("-f", hidden=True)] = None,
 ) -> None:
     """Drive the pairs of a head-to-head race, or go on with them.
 
@@ -40,6 +42,8 @@ def start_tournament(
 
     Example: dr-start-tournament club-night
     """
+    if file is not None:
+        terminal.warn(f"`dr start-tournament` ignores -f {shown(file)}: `dr-race` makes races.")
     if race is None:
         race = organise.only_tournament(open_races(settings()))
     drive(race, quiet=quiet, video=video, limit=0)

@@ -509,6 +509,8 @@ def words_of(monkeypatch):
         ("start-viewer --resolution 1280x720 -q 75", "--resolution 1280x720", {}),
         ("set-upload-model -c -s name", "-c -s", {"prefix": "name"}),
         ("start-tournament -w -q", "-w", {"race": None, "quiet": True}),
+        ("start-tournament -qf race.yaml", "", {"race": None, "quiet": True, "file": "race.yaml"}),
+        ("start-tournament -f race.yaml duel", "", {"race": "duel", "file": "race.yaml"}),
         ("list-aws-models -c", "-c", {}),
     ],
 )

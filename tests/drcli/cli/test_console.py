@@ -105,15 +105,18 @@ def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(working_fo
 def test_a_next_command_looks_where_this_one_did(working_folder, monkeypatch, capsys):
     monkeypatch.setenv("DR_RUN_ID", "3")
     monkeypatch.setenv("DR_DIR", "/my racer")
+    monkeypatch.setenv("DR_LOCAL_S3_BUCKET", "club")
+    monkeypatch.setenv("DR_LOCAL_S3_MODEL_PREFIX", "r0")
     monkeypatch.setenv("DR_WORKERS", "2")
 
-    terminal.suggest(
-        [("dr-status", "look"), ("DR_RUN_ID=4 dr-status", "look"), ("cp 'a b' c", "take it back")]
-    )
+    commands = ("dr-status", "DR_RUN_ID=4 dr-status", "DR_EXPERIMENT_NAME=a dr-status", "cp 'a b' c")
+    terminal.suggest([(command, "look") for command in commands])
 
+    here = "    DR_DIR='/my racer'"
     assert capsys.readouterr().err.splitlines()[2::2] == [
-        "    DR_DIR='/my racer' DR_RUN_ID=3 dr-status",
-        "    DR_DIR='/my racer' DR_RUN_ID=4 dr-status",
+        f"{here} DR_RUN_ID=3 DR_LOCAL_S3_BUCKET=club DR_LOCAL_S3_MODEL_PREFIX=r0 dr-status",
+        f"{here} DR_LOCAL_S3_BUCKET=club DR_LOCAL_S3_MODEL_PREFIX=r0 DR_RUN_ID=4 dr-status",
+        f"{here} DR_RUN_ID=3 DR_LOCAL_S3_BUCKET=club DR_EXPERIMENT_NAME=a dr-status",
         "    cp 'a b' c",
     ]
 

@@ -183,7 +183,7 @@ def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
     def commands(state="finished", *lap_s):
         laps = CheckpointLaps.of(8, Laps(20, lap_s))
         report = make_report(state, 9, best_laps=laps)
-        return [command for command, _ in training_display.next_commands(report, "model")]
+        return [command for command, _ in training_display.next_commands(report)]
 
     assert commands("finished", 7.6)[0] == "dr-evaluate --checkpoint best --laps 40"
     assert commands("stopped", 7.6)[-1] == "dr-export car --best"
@@ -403,7 +403,7 @@ def test_the_phase_of_a_training_with_a_teacher_fits_into_one_line(make_report, 
     assert training_display.line(history[0]).endswith("eval -  phase teacher")
     assert "phase 1 of 3" in screen(training_display.run(report)).casefold()
     assert "It ended in the phase teacher" in report.end_text()
-    assert [command for command, _ in training_display.next_commands(report, report.prefix)] == [
+    assert [command for command, _ in training_display.next_commands(report)] == [
         "dr-start-training --resume"
     ]
 

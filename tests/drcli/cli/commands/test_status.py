@@ -29,15 +29,15 @@ def test_status_of_a_living_run_exits_0(dr, run, make_report, capsys):
     assert "running  s3://bucket/model  on reinvent_base" in printed.out
 
 
-@pytest.mark.parametrize(("prefix", "suggested"), [("model", True), ("model-1", False)])
-def test_status_suggests_commands_only_for_the_model_of_the_settings(
-    dr, run, make_report, monkeypatch, capsys, prefix, suggested
+@pytest.mark.parametrize("overridden", ["model", "model-1"])
+def test_status_suggests_commands_for_the_model_that_it_shows(
+    dr, run, make_report, monkeypatch, capsys, overridden
 ):
-    monkeypatch.setenv("DR_LOCAL_S3_MODEL_PREFIX", prefix)
-    run.before = make_report("finished", 4)
+    run.before = make_report("finished", 4, prefix="model")
+    monkeypatch.setenv("DR_LOCAL_S3_MODEL_PREFIX", overridden)
 
     assert dr("status") == 0
-    assert ("Next:" in capsys.readouterr().err) is suggested
+    assert "\n    DR_LOCAL_S3_MODEL_PREFIX=model dr-" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [["attach"], ["status", "-f"]])

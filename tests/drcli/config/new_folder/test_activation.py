@@ -88,6 +88,15 @@ def test_what_is_set_for_one_command_is_an_override_in_an_activated_shell_too(fo
     assert activation.places(once) == once
 
 
+def test_a_bucket_for_one_command_is_an_override_but_for_a_password(folder):
+    once = {"DR_CLOUD": "remote", "DR_LOCAL_S3_PROFILE": "nas", "DR_LOCAL_S3_BUCKET": "other"}
+    address = {"DR_REMOTE_MINIO_URL": "http://nas:9000"}
+    secret = {"DR_REMOTE_MINIO_URL": "http://me:word@nas:9000"}
+
+    assert activation.places({**activated(folder), **once, **address}) == {**once, **address}
+    assert activation.places({**once, **secret}) == once
+
+
 def test_another_experiment_than_the_activated_one_is_an_override(folder, experiment):
     shell = {**shell_change(folder, {}, experiment=experiment).export, "DR_EXPERIMENT_NAME": "slow"}
 
