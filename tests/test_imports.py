@@ -5,6 +5,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -177,6 +179,39 @@ def test_what_runs_for_hours_does_not_load_what_workers_compute_with(program):
 
     assert len(loaded) > 50
     assert not {name for name in loaded if libraries(name, top_level_only=True) & heavy}
+
+
+def test_only_modules_are_imported_lazily():
+    """Any other name would be taken for a module, and fail at its first use."""
+    blocks = [
+        (name, node)
+        for name, path in modules().items()
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.With)
+        and any(ast.unparse(item.context_expr) == "lazy_imports()" for item in node.items)
+    ]
+    wrong = {
+        (name, f"{line.module}.{alias.name}")
+        for name, block in blocks
+        for line in block.body
+        if isinstance(line, ast.ImportFrom)
+        for alias in line.names
+        if not is_module(str(line.module), alias.name)
+    }
+
+    assert len(blocks) > 50
+    assert not wrong
+
+
+def is_module(parent: str, name: str) -> bool:
+    """Whether a package has it, without loading the package; true where it is not installed."""
+    top, *between = parent.split(".")
+    found = find_spec(top)
+    if found is None:
+        return True
+    places = [Path(place, *between) for place in found.submodule_search_locations or ()]
+    kinds = ("", ".py", *EXTENSION_SUFFIXES)
+    return any((place / f"{name}{kind}").exists() for place in places for kind in kinds)
 
 
 def test_few_imports_stand_inside_functions():

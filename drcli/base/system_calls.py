@@ -67,7 +67,7 @@ def try_lock(descriptor: int, *, shared: bool = False) -> bool:
 def no_such_system() -> NotAvailable:
     return NotAvailable(
         "drcli does not run on Windows itself, but inside of WSL.",
-        remedy="Run `wsl --install`, and install drcli there: docs/platforms.md.",
+        remedy="Run `wsl --install`, and install drcli there, as `dr docs platforms` says.",
     )
 
 

@@ -166,7 +166,7 @@ def _open_to_others(path: Path, name: str, why: str) -> Iterator[Problem]:
     except OSError:  # it does not exist, or belongs to somebody else
         return
     what = f"other users of this machine may read {name} (mode {mode:o}), and {why}."
-    remedy = f"Run `chmod go= {quote(str(path))}`; docs/security.md says how a group shares it."
+    remedy = f"Run `chmod go= {quote(str(path))}`; `dr docs security` says how a group shares it."
     yield Problem("V-50", "warning", name, None, what, remedy)
 
 

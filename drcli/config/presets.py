@@ -96,12 +96,17 @@ class Example:
 class Examples:
     """The shipped reward functions."""
 
-    examples: Annotated[list[Example], "By name."]
+    examples: Annotated[list[Example], "By name; the one that was named."]
+    code: Annotated[str, "The reward function of that one; else empty."] = ""
 
     def view(self) -> View:
+        if self.code:
+            yield self.code.rstrip("\n")
+            return
         for each in self.examples:
             yield from (bold(each.name), [each.about, dim(each.file)])
-        yield "`dr-init --example NAME` puts the three files of one into custom_files/."
+        yield "`dr-reward examples NAME` prints one of them,"
+        yield "`dr-init --example NAME` puts its three files into custom_files/."
 
 
 def examples() -> list[Example]:
@@ -110,16 +115,28 @@ def examples() -> list[Example]:
     return [Example(name, text, f"{folder}/{name}/reward_function.py") for name, text in rows]
 
 
+def example_of(name: str) -> Example:
+    """Raises SettingsError: there is none of this name."""
+    known = {each.name: each for each in examples()}
+    if name not in known:
+        what = f"There is no example called {shown(name)}."
+        raise SettingsError(what, remedy=one_of(list(known), name))
+    return known[name]
+
+
+def with_code(name: str) -> Examples:
+    """Raises SettingsError: there is none of this name."""
+    example = example_of(name)
+    return Examples([example], Path(example.file).read_text("utf-8"))
+
+
 def example_files(name: str) -> dict[str, bytes]:
     """The three files of an example.
 
     Raises:
         SettingsError: There is none of this name.
     """
-    names = [each.name for each in examples()]
-    if name not in names:
-        what = f"There is no example called {shown(name)}."
-        raise SettingsError(what, remedy=one_of(names, name))
+    example_of(name)
     return {file: model_file(f"rewards/{name}/{file}").read_bytes() for file in MODEL_FILES}
 
 

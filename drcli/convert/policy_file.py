@@ -18,7 +18,7 @@ METADATA = "model_metadata.json"
 LARGEST_BYTES = 1 << 30
 """The reference's largest takes 230 MB."""
 
-DOCUMENTED = "docs/formats.md says how policies of other programs come in"
+DOCUMENTED = "`dr docs formats` says how policies of other programs come in"
 
 _FORMS: dict[str, Form] = {
     ".pb": "pb",

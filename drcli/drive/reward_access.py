@@ -64,7 +64,7 @@ def freedoms_told(left: Collection[Freedom]) -> str:
     if not left:
         return ""
     what = ", ".join(_WORDS[each] for each in FREEDOMS if each in left)
-    return f"The reward function {what}: this system cannot prevent it (docs/security.md)."
+    return f"The reward function {what}: this system cannot prevent it (`dr docs security`)."
 
 
 def _python() -> Iterator[Path]:

@@ -107,7 +107,7 @@ class CheckpointList:
 
     def view(self) -> View:
         order = ("number", "words", "laps", "progress", "median_s", "best_lap_s", "size_bytes")
-        untaught = "untaught: until there only the teacher has learned (docs/teacher.md)."
+        untaught = "untaught: until there only the teacher has learned (`dr docs teacher`)."
         count = counted(len(self.checkpoints), "checkpoint")
         return [
             bold(self.model),

@@ -33,7 +33,7 @@ _MOST_NAMES = 5
 _CONFINED = (
     "Do without: a reward function reads packages and the working folder, but no settings and "
     "hidden files, writes to the working folder and temporary files, and has no network "
-    "(docs/reward-functions.md)."
+    "(`dr docs reward-functions`)."
 )
 _FLOATS = {"float", "numpy.float64"}
 

@@ -334,7 +334,7 @@ def _names(found: SweepFile) -> Iterator[Problem]:
                 meant = closest(name, known_settings)
                 hint = f"Did you mean {meant}? " if meant is not None else ""
                 what = f"{dotted((*path, name))}: {shown(name)} is not a setting."
-                yield problem((*path, name), what, f"{hint}All are in docs/settings.md.")
+                yield problem((*path, name), what, f"{hint}`dr docs settings` lists all.")
             elif path == ("settings",) and name in plan.vary.settings:
                 what = f"settings.{name} is also in vary.settings."
                 yield problem((*path, name), what, "Keep one of them.")

@@ -337,7 +337,7 @@ class BenchReport:
             },
             (
                 bold(f"{self.number:,.0f} training steps/s"),
-                ": the number to compare with docs/bench.md",
+                ": the number to compare with `dr docs bench`",
             ),
             f"Measured in {self.seconds:.0f} s.",
         ]

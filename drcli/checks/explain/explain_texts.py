@@ -130,7 +130,7 @@ GLOSSARY: Mapping[str, str] = {
     "that "
     "is perfect here may fail on the car.",
     "sim2real": "From simulation to reality: training here so that the physical car drives well "
-    "(`dr-init --preset physical`, docs/sim-to-real.md).",
+    "(`dr-init --preset physical`, `dr docs sim-to-real`).",
     "simulation worker": "A process that drives cars in the simulation and records their steps.",
     "snaking": "The car swings from side to side on a straight. Pay for less "
     "steering, or use fewer and smaller steering angles; `dr-analyze` finds it.",
@@ -139,7 +139,7 @@ GLOSSARY: Mapping[str, str] = {
     "supervisor": "The process that starts the workers of a training, watches them and ends them.",
     "teacher": "A policy that sees the track instead of the camera: where the car is, and how the "
     "road goes on. It learns within a minute, drives only in the simulation, and shows a student "
-    "what to do (`training_method`, docs/teacher.md).",
+    "what to do (`training_method`, `dr docs teacher`).",
     "throttle": "How much power the motor gets. The physical car turns the speed of an action "
     "into a "
     "throttle; it does not measure speed.",

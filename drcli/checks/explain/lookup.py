@@ -72,6 +72,7 @@ SHORTEST_PART = 4
 MOST_FOUND = 12
 LONGEST = 500
 CLOSE = 0.7
+_PAGE_LINK = re.compile(r"\[([a-z0-9-]+)\.md\]\([^)]*\)")
 _LINK = re.compile(r"\[([^]]*)\]\([^)]*\)")
 
 
@@ -171,6 +172,10 @@ def _hyperparameter(key: str) -> Entry:
     return Entry("hyperparameter", key, text.meaning, tuple(details), "hyperparameters.md")
 
 
+def _without_links(text: str) -> str:
+    return _LINK.sub(r"\1", _PAGE_LINK.sub(r"`dr docs \1`", text))
+
+
 def _details(*pairs: tuple[str, str]) -> Iterator[Detail]:
     return (Detail(label, text) for label, text in pairs if text)
 
@@ -219,13 +224,13 @@ def _setting(name: str) -> Entry:
 
 def _parameter(name: str) -> Entry:
     text = REWARD_PARAMETERS[name]
-    meaning = _sentence(_LINK.sub(r"\1", text.meaning).replace("**", ""))
+    meaning = _sentence(_without_links(text.meaning).replace("**", ""))
     details = _details(("Type", text.kind), ("Unit", text.unit.replace("**", "")))
     return Entry("reward parameter", name, meaning, tuple(details), "reward-functions.md")
 
 
 def _error(text: ErrorText) -> Entry:
-    details = (Detail("With drcli", _sentence(_LINK.sub(r"docs/\1", text.here))),)
+    details = (Detail("With drcli", _sentence(_without_links(text.here))),)
     return Entry("error text", text.text, _sentence(text.reason), details, "troubleshooting.md")
 
 
@@ -252,7 +257,7 @@ def _told_on_pages() -> Iterator[Entry]:
                         found.setdefault(("finding", name), []).append(cells)
         for (kind, name), told in found.items():
             first, *more = (
-                _LINK.sub(r"\1", ": ".join(filter(None, cells))).replace("\\|", "|")
+                _without_links(": ".join(filter(None, cells))).replace("\\|", "|")
                 for cells in told
             )
             details = tuple(Detail("Also", _sentence(each)) for each in more)

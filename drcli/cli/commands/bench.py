@@ -19,7 +19,7 @@ def bench(
     """Measure how fast this machine trains, in about a minute.
 
     Measures simulation, learner, memory and bucket, estimates the time to the first lap, says which
-    part limits, and gives a number to compare with docs/bench.md. Needs no run.env. With one, it
+    part limits, and gives a number to compare with `dr docs bench`. Needs no run.env. With one, it
     measures the bucket and the files of that folder too. The bucket gets at most 32 MB, in objects
     that are deleted again, and nothing is left behind. A running training is not touched, but both
     are slower meanwhile.

@@ -54,7 +54,7 @@ def docs(
         str | None,
         typer.Argument(
             metavar="PAGE",
-            help="A page, such as hyperparameters, as messages name it: docs/hyperparameters.md.",
+            help="Name of a page, such as hyperparameters.",
             autocompletion=completion.docs_pages,
         ),
     ] = None,

@@ -118,7 +118,7 @@ def init(
         typer.Option(
             "--model",
             metavar="NAME",
-            help="Begin with a trained model, such as safe (docs/ready-made-models.md).",
+            help="Begin with a trained model, such as safe (`dr docs ready-made-models`).",
             autocompletion=completion.ready_made_models,
         ),
     ] = None,
@@ -135,7 +135,7 @@ def init(
         bool | None,
         typer.Option(
             "--teacher/--no-teacher",
-            help="Train with a teacher that sees the track first (docs/teacher.md), or without "
+            help="Train with a teacher that sees the track first (`dr docs teacher`), or without "
             "one.",
         ),
     ] = None,
@@ -300,7 +300,7 @@ def with_answers(
 
 def wants_teacher(ask: Callable[[str, str, Sequence[str]], str], *, usually: bool) -> bool:
     """The answer to the question whether a teacher comes first, which is `usually` this."""
-    question = "Learn from a teacher that sees the track first (docs/teacher.md)"
+    question = "Learn from a teacher that sees the track first (`dr docs teacher`)"
     return ask(question, "yes" if usually else "no", ("yes", "no")) == "yes"
 
 

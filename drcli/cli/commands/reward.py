@@ -10,7 +10,7 @@ import typer
 from drcli.base.errors import ProblemsError, SettingsError
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
-from drcli.cli import terminal
+from drcli.cli import completion, terminal
 from drcli.cli.options import Replace, in_options, world_option
 from drcli.cli.show import show
 from drcli.cli.working_folder import working_folder
@@ -95,12 +95,26 @@ def compare(
 
 
 @app.command()
-def examples() -> None:
-    """List the shipped reward functions, which dr-init --example puts into a folder.
+def examples(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NAME",
+            help="Print the reward function of this one.",
+            autocompletion=completion.examples,
+        ),
+    ] = None,
+) -> None:
+    """List the shipped reward functions, or print one; writes nothing.
 
-    Example: dr-reward examples
+    `dr-init --example NAME` puts the three files of one into a folder.
+
+    Example: dr-reward examples speed
     """
-    show(presets.Examples(presets.examples()))
+    if name is None:
+        show(presets.Examples(presets.examples()))
+    else:
+        show(presets.with_code(name), folded=False)
 
 
 @contextmanager

@@ -161,7 +161,7 @@ def start_training(
     that SIGTERM or the cloud ends exits 75: it can be resumed.
 
     --teacher writes "training_method": "teacher" into the model, not into custom_files/: a resume
-    and a new model with its weights keep it until --no-teacher (docs/teacher.md).
+    and a new model with its weights keep it until --no-teacher (`dr docs teacher`).
 
     --until-lap-time asks for five evaluation laps at least, or for as many as --until-laps says.
     DR_TRAIN_EVAL_LAPS (20) are driven, and all must hold it. A checkpoint that does drives 40 more

@@ -27,7 +27,7 @@ def validate(
 ) -> None:
     """Check settings, your three files, the bucket and this machine.
 
-    Reports every problem with rule, place and remedy; docs/validation.md lists the rules. Changes
+    Reports every problem with rule, place and remedy; `dr docs validation` lists the rules. Changes
     nothing, but starts the local S3 server if it is not running. Exits 3 when a training could not
     start.
 

@@ -67,7 +67,7 @@ class TrainSettings(Group, title="Training"):
     launcher: Literal["local", "ray"] = setting(
         "DR_LAUNCHER",
         "local",
-        "Who starts the workers: this machine, or Ray on a cluster (docs/ray.md).",
+        "Who starts the workers: this machine, or Ray on a cluster (`dr docs ray`).",
         file="system.env",
     )
     ray_address: str = setting(

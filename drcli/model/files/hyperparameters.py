@@ -377,8 +377,8 @@ class Hyperparameters(BaseModel):
         Text(
             "How a training begins: with the camera alone (camera), or with a teacher that sees "
             "the track (teacher). The teacher learns to drive first, then a student with a "
-            "camera learns from it, then PPO goes on. Only for clipped_ppo; docs/teacher.md "
-            "tells more.",
+            "camera learns from it, then PPO goes on. Only for clipped_ppo; `dr docs "
+            "teacher` tells more.",
             "teacher learns fast laps much sooner. The learning curve is another one than the "
             "console's: "
             "the camera policy has learned nothing until its phase begins.",

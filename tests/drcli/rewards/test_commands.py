@@ -1,6 +1,7 @@
 """`dr reward`: what people and scripts see of it."""
 
 import json
+from pathlib import Path
 
 import pytest
 from PIL import Image
@@ -189,3 +190,20 @@ def test_a_world_that_is_not_there_is_refused(working_folder, dr, capsys):
     err = capsys.readouterr().err
     assert "--world bena is not a known track" in err
     assert "bean" in err
+
+
+def test_an_example_is_printed_as_it_was_written(dr, working_folder, capsys):
+    before = sorted(working_folder.rglob("*"))
+
+    assert dr("reward", "examples", "speed") == 0
+
+    printed = capsys.readouterr().out
+    assert dr("reward", "examples", "speed", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert printed == told["code"] == Path(told["examples"][0]["file"]).read_text("utf-8")
+    assert sorted(working_folder.rglob("*")) == before
+
+
+def test_an_example_that_does_not_exist_leads_to_one_that_does(dr, working_folder, capsys):
+    assert dr("reward", "examples", "sped") == 3
+    assert "speed" in capsys.readouterr().err
