@@ -49,6 +49,9 @@ GLOSSARY: Mapping[str, str] = {
     "episode": "One drive, from the start until the lap is complete, the car leaves the road or "
     "crashes, or time runs out.",
     "epoch": "One pass over all steps of an iteration (`num_epochs`).",
+    "epsilon": "Papers about PPO and libraries for it call the clipping range so (`clip_range`); Q "
+    "learning, and here exploration of the type e-greedy, the share of random actions, which "
+    "falls to `e_greedy_value` within `epsilon_steps`.",
     "evaluation": "Driving without learning and without exploring, to see what a checkpoint can "
     "do.",
     "experience buffer": "The steps that were driven and not yet learned from: for PPO those of "

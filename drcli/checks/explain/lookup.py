@@ -87,7 +87,7 @@ def explain(question: str) -> list[Entry]:
         raise _unknown(question, [])
     exact = [entry for name, entry in _by_name() if name == wanted]
     if exact:
-        return exact
+        return [*exact, *_similar(wanted, exact)]
     errors = [_error(text) for text in ERROR_TEXTS if _is_about(text, question[:LONGEST])]
     if errors:
         return errors
@@ -97,6 +97,15 @@ def explain(question: str) -> list[Entry]:
     names = {name: entry.name for name, entry in _by_name()}
     close = difflib.get_close_matches(wanted, names, n=3, cutoff=CLOSE)
     raise _unknown(question, [names[name] for name in close])
+
+
+def _similar(wanted: str, found: list[Entry]) -> list[Entry]:
+    """Keys and settings named with a word that other programs use: it may mean them as well."""
+    if not any(wanted in map(_plain, SYNONYMS.get(entry.name, ())) for entry in found):
+        return []
+    named = [entry for entry in every_entry() if f" {wanted} " in f" {_plain(entry.name)} "]
+    kinds = ("hyperparameter", "setting")
+    return [entry for entry in named if entry not in found and entry.kind in kinds]
 
 
 def every_entry() -> tuple[Entry, ...]:
@@ -234,7 +243,7 @@ def _error(text: ErrorText) -> Entry:
     return Entry("error text", text.text, _sentence(text.reason), details, "troubleshooting.md")
 
 
-PAGES = ("validation.md", "reward-functions.md", "car.md", "analysis.md", "advice.md")
+PAGES = ("validation.md", "reward-functions.md", "car.md", "analysis.md", "advice.md", "doctor.md")
 _TABLE = re.compile(r"(?m)(?:^\|.*\n)+")
 _CODE = re.compile(r"[A-Z]-[0-9]{2}")
 
@@ -252,13 +261,14 @@ def _told_on_pages() -> Iterator[Entry]:
             for first, *cells in rows:
                 if code := _CODE.match(first):
                     found.setdefault(("rule", code[0]), []).append(cells)
-                elif head[0] in ("warning", "advice", "word"):
-                    for name in re.findall(r"`([a-z_-]+)`", first):
-                        found.setdefault(("finding", name), []).append(cells)
-        for (kind, name), told in found.items():
+                elif head[0] in ("warning", "advice", "word", "subject"):
+                    told = ["`dr-doctor` examines", *cells] if head[0] == "subject" else cells
+                    for name in re.findall(r"`([a-z_-]+)`", first) or [first]:
+                        found.setdefault(("finding", name), []).append(told)
+        for (kind, name), rows in found.items():
             first, *more = (
                 _without_links(": ".join(filter(None, cells))).replace("\\|", "|")
-                for cells in told
+                for cells in rows
             )
             details = tuple(Detail("Also", _sentence(each)) for each in more)
             yield Entry(kind, name, _sentence(first), details, page)
