@@ -37,7 +37,8 @@ def agree(
     if yes:
         return
     if sys.stdin.isatty():
-        terminal.err.print(f"{question} [y/N] ", end="", markup=False, soft_wrap=True)
+        told = terminal.in_lines(f"{question} [y/N]")
+        terminal.err.print(told, end=" ", markup=False, soft_wrap=True)
         answer = _within_patience(sys.stdin.readline, remedy)
     else:
         terminal.say(f"{question} [y/N]")
@@ -56,7 +57,8 @@ def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
     offer = f" ({', '.join(choices)})" if choices else ""
     spelt = {choice.casefold(): choice for choice in choices}
     while True:
-        terminal.err.print(f"{question}{offer} [{default}]: ", end="", markup=False, soft_wrap=True)
+        told = terminal.in_lines(f"{question}{offer} [{default}]:")
+        terminal.err.print(told, end=" ", markup=False, soft_wrap=True)
         line = _within_patience(sys.stdin.readline, remedy)
         answer = line.strip() or default
         if not choices or not line:

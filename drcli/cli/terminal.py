@@ -3,9 +3,11 @@
 import errno
 import json
 import os
+import re
 import shlex
 import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from itertools import takewhile, zip_longest
@@ -47,7 +49,7 @@ BOUNDLESS = 100_000
 """Width of a pipe: a row is one line."""
 
 _UNKNOWN_COLUMNS = 80
-_LONG_WORD = 24
+_COMMAND = re.compile(r"`[^`]*`")
 
 
 def fresh(*, stderr: bool = False) -> Console:
@@ -125,12 +127,12 @@ def reader_has_left() -> bool:
 
 def say(text: str) -> None:
     if not quiet:
-        err.print(text, markup=False, soft_wrap=True)
+        err.print(in_lines(text), markup=False, soft_wrap=True)
 
 
 def warn(*texts: str) -> None:
     for text in texts:
-        err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=_in_one_piece(text))
+        _print_after("[yellow]Warning:[/] ", text)
 
 
 @contextmanager
@@ -191,15 +193,36 @@ def fail(message: str, remedy: str, code: int | None = None) -> None:
     if "\n" in remedy:
         pairs = list(zip_longest(message.splitlines(), remedy.splitlines(), fillvalue=""))
     for sentence, what_to_do in pairs:
-        err.print(f"[bold red]Error:[/] {escape(sentence)}", soft_wrap=_in_one_piece(sentence))
+        _print_after("[bold red]Error:[/] ", sentence)
         if what_to_do:
-            one_piece = _in_one_piece(what_to_do)
-            err.print(f"  [dim]Try:[/] {escape(what_to_do)}", soft_wrap=one_piece)
+            _print_after("  [dim]Try:[/] ", what_to_do)
 
 
-def _in_one_piece(text: str) -> bool:
-    long = any(len(word) > _LONG_WORD for word in text.split())
-    return long or "`" in text or not err.file.isatty()
+def _print_after(label: str, text: str) -> None:
+    told = in_lines(text, after=Text.from_markup(label).cell_len)
+    err.print(f"{label}{escape(told)}", soft_wrap=True)
+
+
+def in_lines(text: str, *, after: int = 0) -> str:
+    """A message in lines of the terminal, the first `after` so many columns; as it is in a pipe.
+
+    Words, paths and commands in backticks stay in one piece, to be copied.
+    """
+    if not err.file.isatty():
+        return text
+    glued = _COMMAND.sub(lambda command: command[0].replace(" ", "\0"), f"{'':{after}}{text}")
+    lines = [
+        textwrap.wrap(
+            line,
+            err.width,
+            expand_tabs=False,
+            replace_whitespace=False,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        for line in glued.split("\n")
+    ]
+    return "\n".join("\n".join(line) for line in lines)[after:].replace("\0", " ")
 
 
 def is_live() -> bool:

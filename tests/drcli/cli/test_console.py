@@ -1,6 +1,8 @@
 """What goes to stdout, what to stderr, and in which shape."""
 
+import io
 import json
+import re
 from dataclasses import dataclass
 
 import pytest
@@ -55,6 +57,44 @@ def test_a_report_is_printed_as_it_is_whatever_stands_in_its_names(capsys):
 
     printed = capsys.readouterr()
     assert printed.out == printed.err == "/a [red]/:car:/run.env\n"
+
+
+LONG = (
+    "The physical car and DeepRacer on AWS run this model and DeepRacer-for-Cloud too, see "
+    "/home/racer/my-racer/custom_files/reward_function.py line 3; `dr export droa --distill` makes "
+    "another network of it, and `dr-start-training --resume` trains the whole model further."
+)
+
+
+@pytest.mark.parametrize("columns", [40, 60, 80, 120])
+@pytest.mark.parametrize(
+    ("show", "label"),
+    [
+        (terminal.say, ""),
+        (terminal.warn, "Warning: "),
+        (lambda text: terminal.fail(text, ""), "Error: "),
+        (lambda text: terminal.fail("Broken.", text), "Error: Broken.\n  Try: "),
+    ],
+)
+def test_messages_break_between_words_and_never_within_a_command(monkeypatch, columns, show, label):
+    with io.StringIO() as screen:
+        screen.isatty = lambda: True
+        console = terminal.Console(file=screen, width=columns, highlight=False, color_system=None)
+        monkeypatch.setattr(terminal, "err", console)
+        show(LONG)
+        printed = screen.getvalue()
+
+    lines = printed.splitlines()
+    pieces = re.findall(r"`[^`]*`\S*|\S+", LONG)
+    assert printed.replace("\n", " ").strip() == f"{label}{LONG}".replace("\n", " ")
+    assert all(any(piece in line for line in lines) for piece in pieces)
+    assert all(len(line) <= columns or " " not in line.strip() for line in lines)
+
+
+def test_lines_and_columns_of_a_message_are_kept(monkeypatch):
+    monkeypatch.setattr(terminal, "err", terminal.Console(file=Terminal(), width=40))
+
+    assert terminal.in_lines("  a   b\n\n  c\td") == "  a   b\n\n  c\td"
 
 
 def test_each_of_several_failures_is_followed_by_its_own_remedy(capsys):
