@@ -91,14 +91,14 @@ def is_installed(race: DriveConfig) -> bool:
         if "/" in world:
             return False
         world = Path(world).stem  # racers write reinvent_base.npy for reinvent_base
-    names = {world, re.sub(r"_c?cw\Z", "", world)}
+    names = {world, _both_ways(world)}
     return any(map(ZOO.fullmatch, names)) or not names.isdisjoint(_known(race))
 
 
 def own_route_file(race: DriveConfig) -> Path | None:
     """Of a track that is not built in."""
     name = _name(race)
-    plain = re.sub(r"_c?cw\Z", "", name)
+    plain = _both_ways(name)
     if {name, plain} & set(built_in()):
         return None
     names = [name] if name.endswith(ROUTE_FILES) else [f"{name}{end}" for end in ROUTE_FILES]
@@ -241,27 +241,73 @@ def remedy(race: DriveConfig) -> str:
             f"Fetch it with `dr-tracks fetch {name}`{asked}, or let a start fetch it with "
             f"DR_TRACKS_FETCH=always. {add}"
         )
+    called = track_called(race.world_name)
+    if called is not None:
+        return f"Write {called}, which consoles call {community()[called].console_name}."
     return hint(race.world_name, race.tracks_folder) + (
         "`dr-tracks list --all` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
     )
 
 
+def track_called(name: str) -> str | None:
+    """The one track of the community that consoles call so, wholly or in part.
+
+    Both directions of a route are one track: the name means that without a direction.
+    """
+    named = _called(name)
+    routes = {_both_ways(each) for each in named}
+    return next(iter(routes & set(named)), None) if len(routes) == 1 else _only(named)
+
+
+def meant(name: str, tracks_folder: Path) -> str:
+    """A name as it was typed, or that of the track that consoles call so."""
+    return name if _is_known(name, tracks_folder) else track_called(name) or name
+
+
 def hint(name: str, tracks_folder: Path) -> str:
     """A question with the track that is probably meant, and a space after it; may be empty."""
-    called = {each.console_name.casefold(): each.name for each in reversed(community().values())}
-    words = name.replace("_", " ").casefold()
-    console = next((called[each] for each in called if len(words) > 3 and words in each), None)
-    likely = console or closest(name, [*built_in(), *own(tracks_folder), *COMMUNITY])
-    return f"Did you mean {likely}? " if likely is not None else ""
+    spoken = {
+        part: track
+        for each in community().values()
+        for part in (each.console_name, *each.console_name.split())
+        if (track := track_called(part))
+    }
+    word = closest(name.replace("_", " "), spoken, cutoff=0.75)
+    likely = (
+        next(iter(_called(name)), None)
+        or closest(name, [*built_in(), *own(tracks_folder), *COMMUNITY])
+        or (word and spoken[word])
+    )
+    return f"Did you mean {likely}? " if likely else ""
 
 
 def unknown_track(name: str, tracks_folder: Path) -> str | None:
     """A sentence about a name that is neither installed nor of the community; else None."""
-    plain = re.sub(r"_c?cw\Z", "", name)
-    known = {*built_in(), *own(tracks_folder), *COMMUNITY}
-    if {name, plain} & known or ZOO.fullmatch(plain) or name.endswith(ROUTE_FILES):
+    if _is_known(name, tracks_folder):
         return None
     return f"{shown(name)} is not a known track. {hint(name, tracks_folder)}".strip()
+
+
+def _called(name: str) -> list[str]:
+    words = name.replace("_", " ").casefold()
+    spoken = {each.name: each.console_name.casefold() for each in community().values()}
+    return [each for each in spoken if spoken[each] == words] or [
+        each for each in spoken if len(words) > 3 and words in spoken[each]
+    ]
+
+
+def _is_known(name: str, tracks_folder: Path) -> bool:
+    known = {*built_in(), *own(tracks_folder), *COMMUNITY}
+    plain = _both_ways(name)
+    return bool({name, plain} & known or ZOO.fullmatch(plain)) or name.endswith(ROUTE_FILES)
+
+
+def _both_ways(name: str) -> str:
+    return re.sub(r"_c?cw\Z", "", name)
+
+
+def _only(names: list[str]) -> str | None:
+    return names[0] if len(names) == 1 else None
 
 
 def _words(text: str) -> list[str]:

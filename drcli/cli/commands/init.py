@@ -162,6 +162,9 @@ def init(
     given = (world, race_type, prefix, workers, cloud, bucket, endpoint, profile)
     pairs = zip(OPTIONS, given, strict=False)  # all but the experiment
     values = {name: str(value) for name, value in pairs if value is not None}
+    tracks = Path(folder or current_folder()) / "tracks"
+    if world is not None:
+        values["DR_WORLD_NAME"] = _meant(world, tracks)
     chosen = None if preset is None else presets.preset_of(preset)
     ready_made = None if model is None else _ready_made(model)
     if example is not None and model is not None:
@@ -179,7 +182,6 @@ def init(
             plan = new_folder.plan_files(Path(folder or current_folder()), files)
         else:
             if prompts.may_ask() and not force:
-                tracks = Path(folder or current_folder()) / "tracks"
                 values = with_answers(values, prompts.ask, terminal.warn, tracks)
                 if teacher is None and ready_made is None and preset != "sac":
                     teacher = wants_teacher(prompts.ask, usually=_is_taught(preset, values))
@@ -272,8 +274,10 @@ def with_answers(
     def ask_for(name: str, question: str, default: str, choices: Sequence[str] = ()) -> None:
         unsure = ""
         while name not in values:
-            answer = ask(question, default, choices)
-            odd = name == "DR_WORLD_NAME" and track_names.unknown_track(answer, tracks_folder)
+            answer, odd = ask(question, default, choices), None
+            if name == "DR_WORLD_NAME":
+                answer = _meant(answer, tracks_folder)
+                odd = track_names.unknown_track(answer, tracks_folder)
             if odd and answer != unsure:
                 unsure = answer
                 warn(f"{odd} To add a track of this name later, give it again.")
@@ -296,6 +300,13 @@ def with_answers(
         ask_for("DR_LOCAL_S3_BUCKET", "Name of the bucket", "bucket")
         ask_for("DR_LOCAL_S3_PROFILE", "AWS profile that holds the keys", "default")
     return values
+
+
+def _meant(world: str, tracks_folder: Path) -> str:
+    meant = track_names.meant(world, tracks_folder)
+    if meant != world:
+        terminal.say(f"{shown(world)} is the track {meant}.")
+    return meant
 
 
 def wants_teacher(ask: Callable[[str, str, Sequence[str]], str], *, usually: bool) -> bool:

@@ -82,7 +82,9 @@ def show(
     """
     if png is not None:
         refuse_replacing(png, force=force)
-    wanted = settings().race.replaced(world_name=name)
+    wanted = settings().race
+    name = _meant(name, wanted.tracks_folder)
+    wanted = wanted.replaced(world_name=name)
     if not name.endswith(track_names.ROUTE_FILES) and not track_names.is_installed(wanted):
         raise SettingsError(
             f"There is no track {shown(name)} here.", remedy=track_names.remedy(wanted)
@@ -125,8 +127,16 @@ def limit(name: _Name, reverse: _Reverse = False, car: _Car = None) -> None:
 
 def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
     loaded = settings()
+    name = _meant(name, loaded.tracks_folder)
     car = car or loaded.sim_car
     return racer_limit.Asked(name, loaded.tracks_folder, loaded.directory, reverse, car)
+
+
+def _meant(name: str, folder: Path) -> str:
+    meant = track_names.meant(name, folder)
+    if meant != name:
+        terminal.say(f"{shown(name)} is the track {meant}.")
+    return meant
 
 
 def _known_line(name: str) -> "FastestLine | None":
@@ -225,6 +235,8 @@ def fetch(
         return
     if name is None:
         raise typer.BadParameter("Name a track, or add --all. `dr-tracks list --all` shows them.")
+    if url is None:
+        name = _meant(name, s.tracks_folder)
     facts = community.fetch_track(
         name, url or s.tracks_url, s.tracks_folder, called=called, replace=force
     )

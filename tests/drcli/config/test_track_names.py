@@ -85,13 +85,44 @@ def test_the_page_about_tracks_has_every_track_of_the_community():
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"),
-    [("shanghai", "China_track"), ("Smile_Speedway", "reInvent2019_track"), ("boul", "Bowtie")],
+    ("typed", "remedy"),
+    [
+        ("shanghai", "Write China_track, which consoles call Shanghai Sudu."),
+        ("Smile_Speedway", "Write reInvent2019_track, which consoles call Smile Speedway."),
+        ("Barcelona", "Did you mean Spain_track? `dr-tracks list"),
+        ("Shanghia", "Did you mean China_track? `dr-tracks list"),
+        ("Chna_track", "Did you mean China_track? `dr-tracks list"),
+        ("speedway", "Did you mean "),
+        ("boul", "`dr-tracks list --all` shows all"),
+    ],
 )
-def test_a_track_is_found_by_its_name_in_consoles(folder, typed, meant):
+def test_a_track_is_found_by_its_name_in_consoles(folder, typed, remedy):
     (problem,) = track_names.track_problems(folder.load(f"DR_WORLD_NAME={typed}\n").races)
 
-    assert (f"Did you mean {meant}?" in problem.remedy) is (typed != "boul")
+    assert problem.remedy.startswith(remedy)
+
+
+@pytest.mark.parametrize(
+    ("typed", "track"),
+    [
+        ("Shanghai", "China_track"),
+        ("RL Speedway", "2022_summit_speedway"),
+        ("oval track", "Oval_track"),
+        ("Barcelona", "Barcelona"),  # two tracks
+        ("European Seaside Circuit", "European Seaside Circuit"),  # two
+        ("re:Invent 2022", "re:Invent 2022"),  # one way each, and none for both
+        ("Bowtie_track_cw", "Bowtie_track_cw"),
+        ("Shanghai.npy", "Shanghai.npy"),
+    ],
+)
+def test_a_name_of_consoles_means_a_track_if_it_is_that_of_one(tmp_path, typed, track):
+    assert track_names.meant(typed, tmp_path) == track
+
+
+def test_a_file_of_ones_own_keeps_its_name_whatever_consoles_call_so(tmp_path):
+    (tmp_path / "Shanghai.npy").touch()
+
+    assert track_names.meant("Shanghai", tmp_path) == "Shanghai"
 
 
 @pytest.mark.skipif(not ROUTES.is_dir(), reason="the community's routes are not beside the project")

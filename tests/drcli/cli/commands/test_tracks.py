@@ -452,6 +452,34 @@ def test_a_server_that_sends_drop_by_drop_is_given_up(web, working_folder, capsy
     assert "cannot be reached: it takes longer than 20 s" in words
 
 
+def test_a_track_is_shown_and_fetched_by_its_name_in_consoles(
+    web, route, working_folder, capsys, monkeypatch
+):
+    offers, address = web
+    monkeypatch.setenv("DR_TRACKS_URL", address)
+    run(capsys, "add", str(route), "--name", "made")
+    content = (working_folder / "tracks" / "made.npy").read_bytes()
+    offers.update({"/routes/China_track.npy": content, "/routes/Shanghai.npy": content})
+
+    code, out, words = run(capsys, "fetch", "Shanghai", "--json")
+    assert (code, report(out)["name"]) == (0, "China_track")
+    assert words.startswith("Shanghai is the track China_track.")
+
+    code, out, words = run(capsys, "show", "shanghai sudu", "--json")
+    assert (code, report(out)["facts"]["name"]) == (0, "China_track")
+    assert words.startswith("shanghai sudu is the track China_track.")
+
+    code, out, words = run(capsys, "fetch", "Shanghai", "--from", address, "--json")
+    assert (code, report(out)["name"], words) == (0, "Shanghai", "")
+
+
+def test_a_misspelt_name_is_told_the_likely_one_where_no_server_answers(working_folder, capsys):
+    code, _, words = run(capsys, "fetch", "Chna_track", "--from", "http://127.0.0.1:9")
+
+    assert code == 4
+    assert "Try: Did you mean China_track? Check the network" in words
+
+
 def test_a_server_that_does_not_speak_http_is_named(working_folder, capsys, monkeypatch):
     monkeypatch.setenv("no_proxy", "*")
     with socket.create_server(("127.0.0.1", 0)) as listener:

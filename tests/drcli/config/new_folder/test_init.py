@@ -342,6 +342,20 @@ def test_a_track_that_has_no_file_of_its_own_is_no_surprise(dr, empty, capsys):
     assert "Warning" not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("typed", "written", "said"),
+    [
+        ("Shanghai", "China_track", "Shanghai is the track China_track.\n"),
+        ("Shanghia", "Shanghia", "is not a known track. Did you mean China_track?"),
+    ],
+)
+def test_a_track_may_be_called_as_consoles_call_it(dr, empty, capsys, typed, written, said):
+    assert dr("init", "--world", typed) == 0
+
+    assert said in capsys.readouterr().err
+    assert f"DR_WORLD_NAME={written}\n" in (empty / "run.env").read_text()
+
+
 @pytest.mark.parametrize("experiment", [None, "fast"])
 def test_a_folder_can_come_with_a_training_in_stages(empty, dr, experiment):
     more = ["--experiment", experiment] if experiment else []

@@ -66,12 +66,20 @@ def test_an_answer_that_will_not_do_is_asked_for_again_with_the_reason():
 
 
 def test_an_unknown_track_is_asked_for_again_until_it_is_typed_twice():
-    answers = iter(["shanghai", "bowtie", "Mine", "Mine"])
+    answers = iter(["shanghia", "bowtei", "Mine", "Mine"])
     given = {"DR_RACE_TYPE": "TIME_TRIAL", "DR_LOCAL_S3_MODEL_PREFIX": "m", "DR_CLOUD": "local"}
     reasons = []
 
     values = with_answers(given, lambda *_: next(answers), reasons.append)
 
     assert values["DR_WORLD_NAME"] == "Mine"
-    assert "shanghai is not a known track. Did you mean China_track?" in reasons[0]
+    assert "shanghia is not a known track. Did you mean China_track?" in reasons[0]
     assert len(reasons) == 3
+
+
+def test_a_track_may_be_answered_as_consoles_call_it():
+    given = {"DR_RACE_TYPE": "TIME_TRIAL", "DR_LOCAL_S3_MODEL_PREFIX": "m", "DR_CLOUD": "local"}
+
+    values = with_answers(given, lambda *_: "shanghai", never)
+
+    assert values["DR_WORLD_NAME"] == "China_track"
