@@ -204,6 +204,13 @@ class BadValue(ValueError):
         self.remedy = remedy
 
 
+def not_one_of(words: Sequence[str], written: str) -> BadValue:
+    """A word that is not in a list, which the reason shows."""
+    likely = closest(written, words)
+    start = f"Did you mean {likely}? " if likely is not None else ""
+    return BadValue(f"is not one of {', '.join(words)}", f"{start}Write one of these.")
+
+
 class ProblemsError(SettingsError):
     """At least one error."""
 

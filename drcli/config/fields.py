@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 from pydantic_core import SchemaValidator, ValidationError, core_schema
 
-from drcli.base.errors import BadValue, Place, Problem, Severity, one_of
+from drcli.base.errors import BadValue, Place, Problem, Severity, not_one_of
 from drcli.base.json_record import RecordError
 from drcli.config.value_types import Check, Shape
 
@@ -118,9 +118,9 @@ class Setting:
         if self.kind == "choice":
             words = {word.casefold(): word for word in self.choices}
             if text.casefold() not in words:
-                reason = f"is not one of {', '.join(self.choices)}"
-                hint = (self.hints or {}).get(text.upper())
-                raise BadValue(reason, hint or one_of(self.choices, text))
+                bad = not_one_of(self.choices, text)
+                bad.remedy = (self.hints or {}).get(text.upper(), bad.remedy)
+                raise bad
             return words[text.casefold()]
         if self.kind not in _UNREADABLE:
             return Path(text) if self.kind == "path" else text

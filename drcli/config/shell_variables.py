@@ -3,10 +3,11 @@
 import json
 import shlex
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.errors import ProblemsError
+from drcli.base.errors import BadValue, ProblemsError
 from drcli.config import activation
 from drcli.config.settings import catalogue
 from drcli.config.settings_files import EXPERIMENT, Layers, SettingsFiles, given
@@ -52,7 +53,9 @@ def shell_change(
     names = [key for key in {**system, **run} if key not in outside and key not in OURS]
     defaults = {key: setting.default_text for key, setting in catalogue().items()}
     layers = Layers([outside, run, system], defaults)
-    texts = {key: layers.text(key) or "" for key in names}
+    texts = {key: _as_used(key, layers.text(key) or "") for key in names}
+    if texts.get("DR_CLOUD") == "azure" and not {**by_hand, **texts}.get("DR_REMOTE_MINIO_URL"):
+        texts["DR_CLOUD"] = "local"
     copies = {**_derived({**by_hand, **texts}, directory), **texts}
     export = {
         activation.FOLDER: str(directory),
@@ -64,6 +67,16 @@ def shell_change(
     unset = activation.copies(environ) - export.keys()
     warnings = tuple(str(problem) for problem in layers.problems.values())
     return ShellChange(export, tuple(sorted(unset)), warnings)
+
+
+def _as_used(name: str, text: str) -> str:
+    """A text as the commands read it: a prefix without extra slashes, a word as it is spelt."""
+    setting = catalogue().get(name)
+    if setting is None or setting.kind not in ("text", "choice"):
+        return text
+    with suppress(BadValue):
+        return str(setting.read(text))
+    return text
 
 
 def _derived(values: Mapping[str, str], directory: Path) -> dict[str, str]:

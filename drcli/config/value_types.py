@@ -8,7 +8,7 @@ from math import isfinite
 from typing import Annotated, Any, Literal, get_args
 from urllib.parse import urlsplit
 
-from drcli.base.errors import BadValue, closest, shown
+from drcli.base.errors import BadValue, closest, not_one_of, shown
 
 CarName = Literal["release-6", "low-grip", "2022"]
 """Sets of `drsim.car.car_parameters`."""
@@ -205,9 +205,7 @@ def colour(value: str) -> str:
     """
     named = {colour.casefold(): colour for colour in _COLOURS}
     if value.casefold() not in named and not value.startswith("f1_car_"):
-        raise BadValue(
-            f"is not one of {', '.join(_COLOURS)}", f"Write one of {', '.join(_COLOURS)}."
-        )
+        raise not_one_of(_COLOURS, value)
     return named.get(value.casefold(), value)
 
 

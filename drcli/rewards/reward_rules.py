@@ -319,7 +319,7 @@ def _unknown_parameters(source: Source, known: Collection[str]) -> Iterator[Prob
 
 def likely_parameter(name: str) -> str:
     likely = closest(name, REWARD_PARAMETERS)
-    return f"Did you mean `{likely}`?" if likely else "`dr docs reward-functions` lists all of them."
+    return f"Did you mean `{likely}`?" if likely else "`dr docs reward-functions` lists them all."
 
 
 def _progress_of_one(source: Source) -> Iterator[Problem]:

@@ -258,7 +258,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         if plan.clashes and body.get("replace") is not True:
             names = ", ".join(plan.clashes)
             message = f"{plan.folder} already has {names}."
-            remedy = "Agree to replace them; the old ones are kept as .bak."
+            remedy = "Agree to replace this; what it was is kept as .bak."
             found = {"message": message, "remedy": remedy, "code": 2, "clashes": plan.clashes}
             return JSONResponse({"error": found}, 409)
         if model is None:

@@ -198,8 +198,8 @@ def init(
     if plan.clashes and not force:
         there = f"{plan.folder} already has {', '.join(plan.clashes)}."
         if not prompts.may_ask():
-            raise typer.BadParameter(f"{there} Add --force to replace them; they are kept as .bak.")
-        prompts.agree(f"{there} Replace them, and keep the old ones as .bak?", yes=False)
+            raise typer.BadParameter(f"{there} Add --force to replace this, kept as .bak.")
+        prompts.agree(f"{there} Replace this, and keep what it was as .bak?", yes=False)
     if ready_made is not None:
         looking = terminal.waiting("Looking at the bucket ...", only_live=True)
         transfer_ready_made.check_place(plan, experiment, looking)
@@ -209,7 +209,8 @@ def init(
         report = transfer_ready_made.put_into_bucket(report, plan, experiment, ready_made, progress)
     terminal.warn(*report.warnings)
     if report.backups:
-        terminal.warn(f"The old files are kept as {', '.join(report.backups)}.")
+        kept = "old file is" if len(report.backups) == 1 else "old files are"
+        terminal.warn(f"The {kept} kept as {', '.join(report.backups)}.")
     terminal.emit(report, None)
     kept = f"; {counted(len(report.unchanged), 'file')} kept" if report.unchanged else ""
     _say_where_it_goes(plan)

@@ -10,7 +10,7 @@ import yaml
 from pydantic import BeforeValidator, ValidationError
 from pydantic_core import ErrorDetails
 
-from drcli.base.errors import BadValue, Problem, ProblemsError, Severity, closest, one_of, shown
+from drcli.base.errors import BadValue, Problem, ProblemsError, Severity, closest, not_one_of, shown
 from drcli.base.files import decode
 
 KeyPath = tuple[str | int, ...]
@@ -162,7 +162,7 @@ def choice(literal: Any, spellings: Mapping[str, str] | None = None) -> BeforeVa
         by_fold = {word.casefold(): word for word in words} | dict(spellings or {})
         folded = written.strip().casefold() if isinstance(written, str) else ""
         if folded not in by_fold:
-            raise BadValue(f"is not one of {', '.join(words)}", one_of(words, str(written)))
+            raise not_one_of(words, str(written))
         return by_fold[folded]
 
     return BeforeValidator(read)

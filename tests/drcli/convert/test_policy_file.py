@@ -93,7 +93,7 @@ def test_a_pickle_is_refused_with_the_way_in(tmp_path, name):
         read_policy_file(tmp_path / name)
 
     assert "ONNX" in caught.value.remedy
-    assert "docs/formats.md" in caught.value.remedy
+    assert "`dr docs formats`" in caught.value.remedy
 
 
 def test_what_is_no_readable_file_is_refused_in_a_sentence(tmp_path):

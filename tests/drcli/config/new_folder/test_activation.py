@@ -45,6 +45,33 @@ def test_every_name_of_both_files_is_exported_with_its_references_filled_in(fold
     assert shell["DR_CONFIG"] == str(folder / "run.env")
 
 
+@pytest.mark.parametrize(
+    ("line", "name", "used"),
+    [
+        ("DR_LOCAL_S3_MODEL_PREFIX=/team//model-1/", "DR_LOCAL_S3_MODEL_PREFIX", "team/model-1"),
+        ("DR_UPLOAD_S3_PREFIX=$DR_WORLD_NAME/", "DR_UPLOAD_S3_PREFIX", "bean"),
+        ("DR_RACE_TYPE=time_trial", "DR_RACE_TYPE", "TIME_TRIAL"),
+        ("DR_CLOUD=azure", "DR_CLOUD", "local"),
+        ("DR_WORKERS=many", "DR_WORKERS", "many"),
+        ("DR_RACE_TYPE=rally", "DR_RACE_TYPE", "rally"),
+        ("DR_UPLOAD_S3_PREFIX=", "DR_UPLOAD_S3_PREFIX", ""),
+    ],
+)
+def test_a_value_is_exported_as_the_commands_read_it(folder, line, name, used):
+    (folder / "run.env").write_text(f"DR_WORLD_NAME=bean\n{line}\n")
+
+    assert activated(folder)[name] == used
+
+
+def test_what_is_made_of_a_prefix_has_no_double_slash(folder):
+    (folder / "run.env").write_text(
+        "DR_LOCAL_S3_MODEL_PREFIX=model-1/\n"
+        "DR_LOCAL_S3_METRICS_PREFIX=$DR_LOCAL_S3_MODEL_PREFIX/metrics\n"
+    )
+
+    assert activated(folder)["DR_LOCAL_S3_METRICS_PREFIX"] == "model-1/metrics"
+
+
 def test_what_scripts_of_the_reference_expect_besides_is_exported_too(folder):
     (folder / "system.env").write_text(
         "DR_CLOUD=remote\nDR_REMOTE_MINIO_URL=http://nas:9000\nDR_LOCAL_S3_PROFILE=minio\n"

@@ -250,10 +250,15 @@ def test_quiet_names_the_files_that_are_there_and_those_that_are_kept(dr, empty,
     dr("init", "-q")
     refused = capsys.readouterr().err
     dr("init", "-q", "--force")
-    replaced = capsys.readouterr().err
+    one = capsys.readouterr().err
+    for name in ("run.env", "system.env"):
+        (empty / name).write_text("mine again\n")
+    dr("init", "-q", "--force")
+    two = capsys.readouterr().err
 
     assert "already has run.env." in refused
-    assert "The old files are kept as run.env.bak." in replaced
+    assert "The old file is kept as run.env.bak." in one
+    assert "The old files are kept as run.env.bak1, system.env.bak." in two
 
 
 def test_force_replaces_them_and_keeps_a_copy_of_each_every_time(dr, empty, capsys):

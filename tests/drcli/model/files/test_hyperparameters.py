@@ -104,7 +104,7 @@ def test_a_whole_number_may_be_written_with_a_point():
         (
             '"exploration_type": "random"',
             'exploration_type="random" is not one of categorical, e-greedy, additive_noise',
-            "Write one of categorical, e-greedy, additive_noise.",
+            "Write one of these.",
         ),
     ],
 )

@@ -145,13 +145,13 @@ def test_the_action_space_is_kept_as_written_for_logs():
         pytest.param(
             {"action_space_type": "steps"},
             'action_space_type="steps" is not one of discrete, continuous',
-            "Write one of discrete, continuous.",
+            "Write one of these.",
             id="unknown-type",
         ),
         pytest.param(
             {"training_algorithm": "ppo"},
             'training_algorithm="ppo" is not one of clipped_ppo, sac',
-            "Write one of clipped_ppo, sac.",
+            "Write one of these.",
             id="unknown-algorithm",
         ),
         pytest.param(
