@@ -109,9 +109,8 @@ def _with_videos(
             options = make_video.VideoOptions(
                 episode="all", size=config.evaluation.eval_video_size, racer="", color=""
             )
-            on_progress(
-                f"Filming {make_video.frames_of(trace, options)} frames for {len(files)} videos ..."
-            )
+            frames = make_video.frames_of(trace, options, list(files.values()))
+            on_progress(f"Filming {frames} frames for {len(files)} videos ...")
             found = video_job.make_video(
                 video_job.Defaults.of(config.model, config.race()),
                 lambda: bucket,

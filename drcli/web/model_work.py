@@ -291,7 +291,7 @@ def make_lap_video(
                 **video_options,
             }
         )
-        progress(make_video.plan_of(trace, wanted))
+        progress(make_video.plan_of(trace, wanted, [target]))
         return video_job.make_video(
             defaults, lambda: bucket, trace, wanted, [("film", target)], on_progress=progress
         )

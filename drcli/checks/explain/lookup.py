@@ -267,8 +267,7 @@ def _told_on_pages() -> Iterator[Entry]:
                         found.setdefault(("finding", name), []).append(told)
         for (kind, name), rows in found.items():
             first, *more = (
-                _without_links(": ".join(filter(None, cells))).replace("\\|", "|")
-                for cells in rows
+                _without_links(": ".join(filter(None, cells))).replace("\\|", "|") for cells in rows
             )
             details = tuple(Detail("Also", _sentence(each)) for each in more)
             yield Entry(kind, name, _sentence(first), details, page)

@@ -271,7 +271,7 @@ def video(
         stuck_seconds=make_video.STUCK_SECONDS if seconds is None else None,
     )
     make_video.refuse_file(path, force=force)
-    doing = make_video.plan_of(trace, video_options)
+    doing = make_video.plan_of(trace, video_options, [path])
     stopped = until_sigterm("The video was stopped; no file was written.", "Run it again.")
     with stopped, terminal.waiting(doing):
         report = video_job.make_video(

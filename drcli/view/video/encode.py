@@ -3,7 +3,7 @@
 import math
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -174,6 +174,13 @@ def form_of(path: Path, film: Form) -> Form:
     fps = min(film.fps, GIF_FPS)
     frames = min(math.ceil(film.frames * fps / film.fps), MOST_GIF_PICTURES)
     return Form(GIF_COLUMNS, round(film.rows * GIF_COLUMNS / film.columns), fps, frames)
+
+
+def most_frames(paths: Sequence[Path], fps: int) -> float:
+    """How many frames of a film the longest of these files takes; infinity for a video."""
+    if any(path.suffix.lower() != ".gif" for path in paths):
+        return math.inf
+    return math.ceil((MOST_GIF_PICTURES - 1) * fps / min(fps, GIF_FPS)) + 1
 
 
 class _Gif:

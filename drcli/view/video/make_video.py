@@ -162,7 +162,7 @@ def film_trace(
     eye = CarEye(track, shapes)
     total = 0
     filmed: list[FilmedEpisode] = []
-    views = [view for view, _ in files]
+    views, paths = [view for view, _ in files], [path for _, path in files]
 
     def pictures() -> Iterator[list[Bytes]]:
         for lap in laps:
@@ -190,7 +190,7 @@ def film_trace(
                     begun_s = time.monotonic()
                 elif total == _TIMED_FRAMES:
                     frame_s = (time.monotonic() - begun_s) / (total - 1)
-                    rest_s = frame_s * (frames_of(trace, options) - total)
+                    rest_s = frame_s * (frames_of(trace, options, paths) - total)
                     if rest_s > _LONG_S:
                         on_progress(f"The film is done in about {duration(rest_s)}.")
                 if total >= options.most_frames or all(writer.full for writer in writers):
@@ -211,18 +211,20 @@ def film_trace(
         checkpoint=driver if subject is not None else "",
         renderer=options.renderer,
         episodes=filmed,
-        notes=[*trace.notes, *_cut(laps, options)],
+        notes=[*trace.notes, *_cut(laps, options, paths)],
     )
 
 
-def frames_of(trace: FoundTrace, options: VideoOptions) -> int:
+def frames_of(trace: FoundTrace, options: VideoOptions, paths: Sequence[Path]) -> int:
+    """Of the film whose views are written to these files."""
     laps = chosen_laps(trace.laps, options.episode, trace.origin)
-    return int(min(_frames(laps, options), options.most_frames))
+    most = min(options.most_frames, encode.most_frames(paths, options.fps))
+    return int(min(_frames(laps, options), most))
 
 
-def plan_of(trace: FoundTrace, options: VideoOptions) -> str:
+def plan_of(trace: FoundTrace, options: VideoOptions, paths: Sequence[Path]) -> str:
     """What is filmed and how long it will be, such as "Filming 12.4 s (187 frames) of m ..."."""
-    frames = frames_of(trace, options)
+    frames = frames_of(trace, options, paths)
     return f"Filming {frames / options.fps:.1f} s ({frames} frames) of {trace.origin} ..."
 
 
@@ -238,7 +240,7 @@ def _frames_until_stuck(lap: RecordedLap, options: VideoOptions) -> float:
     return 1 + math.ceil((lap.progressed_s + options.stuck_seconds) * options.fps)
 
 
-def _cut(laps: Sequence[RecordedLap], options: VideoOptions) -> list[str]:
+def _cut(laps: Sequence[RecordedLap], options: VideoOptions, paths: Sequence[Path]) -> list[str]:
     notes = []
     for lap in laps:
         stuck_s = lap.duration_s - lap.progressed_s
@@ -248,12 +250,16 @@ def _cut(laps: Sequence[RecordedLap], options: VideoOptions) -> list[str]:
                 f"the film shows {options.stuck_seconds} s of the {stuck_s:.1f} s after that "
                 "(`dr-video --seconds 0` shows all)."
             )
-    frames = _frames(laps, options)
-    if frames > options.most_frames:
-        what = "the episode takes" if len(laps) == 1 else "the episodes take"
+    frames, of_file = _frames(laps, options), encode.most_frames(paths, options.fps)
+    what = "the episode takes" if len(laps) == 1 else "the episodes take"
+    whole = f"{what} {math.ceil(frames / options.fps)} s"
+    if frames > of_file and of_file < options.most_frames:
+        most_s = round(of_file / options.fps)
+        notes.append(f"A GIF ends after {most_s} s; {whole} (an MP4 shows all of it).")
+    elif frames > options.most_frames:
         notes.append(
-            f"The film ends after {options.most_seconds} s; {what} "
-            f"{math.ceil(frames / options.fps)} s (`dr-video --seconds` moves the end)."
+            f"The film ends after {options.most_seconds} s; {whole} (`dr-video --seconds` moves "
+            "the end)."
         )
     return notes
 

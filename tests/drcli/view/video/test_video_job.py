@@ -16,7 +16,7 @@ from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.records.evaluation_task import RaceRecording, RecordedObjects
 from drcli.view.video import encode, overlay
-from drcli.view.video.make_video import VideoOptions, chosen_laps, frames_of, refuse_file
+from drcli.view.video.make_video import VideoOptions, chosen_laps, frames_of, plan_of, refuse_file
 from drcli.view.video.recorded_lap import find_world, read_laps
 from drcli.view.video.trace_source import trace_of_evaluation, trace_of_file, trace_of_iteration
 from drcli.view.video.video_job import CAMERAS, Defaults, PolicyOptions, make_video, put_videos
@@ -301,6 +301,36 @@ def test_nothing_is_filmed_for_a_gif_that_takes_no_more(tmp_path, defaults, monk
     assert [episode.episode for episode in report.episodes] == [0]
 
 
+@pytest.mark.parametrize(
+    ("fps", "most", "seconds", "note"),
+    [
+        (10, 3, "0.3 s (3 frames)", "A GIF ends after 0 s; the episodes take 4 s"),
+        (10, 20, "2.0 s (20 frames)", "A GIF ends after 2 s; the episodes take 4 s"),
+        (15, 20, "2.0 s (30 frames)", "A GIF ends after 2 s; the episodes take 4 s"),
+        (10, 50, "3.6 s (36 frames)", ""),
+    ],
+)
+def test_what_is_announced_of_a_gif_is_no_more_than_it_holds(
+    tmp_path, defaults, monkeypatch, fps, most, seconds, note
+):
+    monkeypatch.setattr(encode, "MOST_GIF_PICTURES", most)
+    path = tmp_path / "0-iteration.csv"
+    path.write_bytes(trace_csv(*(trace_rows(TRACK, episode=n, rows=16) for n in range(3))))
+    monkeypatch.setattr(WorldView, "frame", lambda *_: np.zeros((480, 640, 3), "u1"))
+    options, trace = VideoOptions(episode="all", fps=fps, color=""), trace_of_file(path)
+    gif, mp4 = tmp_path / "lap.gif", tmp_path / "lap.mp4"
+
+    announced = plan_of(trace, options, [gif])
+    report = make_video(defaults, no_bucket, trace, options, [("film", gif)])
+
+    assert announced.startswith(f"Filming {seconds} of ")
+    assert seconds.startswith(f"{report.seconds} s")
+    assert [each for each in report.notes if "GIF" in each] == (
+        [f"{note} (an MP4 shows all of it)."] if note else []
+    )
+    assert frames_of(trace, options, [gif, mp4]) >= 36
+
+
 @pytest.mark.parametrize(("most", "frames"), [(1, 10), (2, 20), (9, 36), (None, 36)])
 def test_a_film_ends_at_its_limit_and_says_so(tmp_path, defaults, monkeypatch, most, frames):
     path = tmp_path / "0-iteration.csv"
@@ -311,7 +341,7 @@ def test_a_film_ends_at_its_limit_and_says_so(tmp_path, defaults, monkeypatch, m
 
     report = make_video(defaults, no_bucket, trace, options, [("film", tmp_path / "lap.gif")])
 
-    assert report.frames == frames_of(trace, options) == frames
+    assert report.frames == frames_of(trace, options, [Path(report.file)]) == frames
     said = [note for note in report.notes if "film ends" in note]
     assert [f"after {most} s; the episodes take 4 s" in note for note in said] == (
         [True] if frames < 36 else []
@@ -348,7 +378,7 @@ def test_a_stuck_car_is_not_filmed_to_the_end(
 
     report = make_video(defaults, no_bucket, trace, options, [("film", tmp_path / "lap.gif")])
 
-    assert report.frames == frames_of(trace, options) == frames
+    assert report.frames == frames_of(trace, options, [Path(report.file)]) == frames
     assert any("comes no further after" in note for note in report.notes) == (frames == 32)
 
 
