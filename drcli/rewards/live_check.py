@@ -128,7 +128,7 @@ class LiveCheck:
         whole = report_of(tried, discount_of(settings))
         key = _key(settings.race, actions)
         course = None if known == key else _course_picture(key, tried[0].course)
-        found = [*whole.errors, *whole.warnings]
+        found = [*whole.errors, *whole.warnings, *whole.notes]
         return LiveReport(found, whole, _picture(key, tried[0]), course)
 
     def _course(self, own: DriveConfig, actions: Actions | None) -> Course:

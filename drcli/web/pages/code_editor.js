@@ -152,11 +152,12 @@ export function codeEditor({ label, change }) {
       element.scrollIntoView({ block: "center" });
       tell();
     },
-    /** Problems with lines; an error counts more than a warning. */
+    /** Problems with lines, without notes; an error counts more than a warning. */
     mark(problems) {
       marks = new Map();
       for (const each of problems)
-        if (each.line && marks.get(each.line)?.severity !== "error") marks.set(each.line, each);
+        if (each.line && each.severity !== "note" && marks.get(each.line)?.severity !== "error")
+          marks.set(each.line, each);
       drawLines();
       if (document.activeElement === area) tell();
     },

@@ -106,10 +106,12 @@ export function rewardStep(facts, { templates, parameters }, { saved }, signal) 
       );
       if (mine !== number || report.superseded) return;
       editor.mark(report.problems.filter((each) => /reward_function\.py$/.test(each.file ?? "")));
-      const errors = report.problems.filter((each) => each.severity === "error").length;
+      const count = (severity) =>
+        report.problems.filter((each) => each.severity === severity).length;
+      const errors = count("error");
       state.textContent = errors
         ? `${errors} ${errors > 1 ? "errors" : "error"}: a training would not start.`
-        : report.problems.length
+        : count("warning")
           ? "It works; read the warnings."
           : "It works.";
       fill(

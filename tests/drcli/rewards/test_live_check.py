@@ -57,6 +57,21 @@ def test_what_is_no_python_is_not_tried(live, settings):
     assert [problem.line for problem in found.problems] == [1]
 
 
+def test_notes_are_shown_too_behind_what_is_worse(live, settings):
+    found = check(
+        live,
+        settings,
+        b"""def reward_function(params):
+    if params["is_offtrack"] or not params["all_wheels_on_track"]:
+        return 0.0
+    return params["speed"]
+""",
+    )
+
+    assert [problem.rule for problem in found.report.notes] == ["cancels-out"]
+    assert found.problems[-1] == found.report.notes[0]
+
+
 def test_a_check_is_given_up(live, settings):
     given_up = Event()
     given_up.set()
