@@ -162,13 +162,19 @@ def waiting(what: str, *, only_live: bool = False) -> Iterator[None]:
 
 
 def suggest(
-    commands: list[tuple[str, str]], *, elsewhere: bool = False, model: str = "", usual: str = ""
+    commands: list[tuple[str, str]],
+    *,
+    elsewhere: bool = False,
+    model: str = "",
+    usual: str = "",
+    options: Mapping[str, str | None] | None = None,
 ) -> None:
     """Print commands to paste next, each below its purpose, unless --quiet is given.
 
     zsh takes a comment after a command for arguments. Ours get this call's variables for folder,
     bucket and model, unless they are for a place `elsewhere`. Commands for another `model` than
-    the `usual` one of the settings name it.
+    the `usual` one of the settings name it. Each gets the `options` of this call that have a value:
+    those which say where it acts.
     """
     if quiet or not commands:
         return
@@ -177,7 +183,8 @@ def suggest(
         places[activation.MODEL] = model
     err.print("Next:")
     for command, purpose in commands:
-        line = escape(_repeated(command, places))
+        given = [shlex.join([name, text]) for name, text in (options or {}).items() if text]
+        line = escape(" ".join([_repeated(command, places), *given]))
         err.print(f"  [dim]{escape(purpose)}:[/]\n    [bold]{line}[/]", soft_wrap=True)
 
 

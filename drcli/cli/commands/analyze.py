@@ -1,5 +1,6 @@
 """`dr analyze`."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -91,7 +92,7 @@ def analyze(
     terminal.warn(*report.problems)
     show(report)
     if not terminal.as_json and html is None:
-        given = f" {name}" if name else ""
+        given = f" {shlex.quote(name)}{' -L' * local}" if name else ""
         terminal.suggest(
             [(f"dr-analyze{given} --html report.html", "graphs, map and each episode")]
         )

@@ -16,6 +16,7 @@ from drcli.cli import prompts, terminal
 from drcli.cli.options import Force, Replace
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
+from drcli.config import activation
 from drcli.outside.car.car_address import CarAddress, forget_login, read_address
 from drcli.outside.car.car_certificate import readable
 from drcli.outside.car.car_web import CarWeb, first_login
@@ -113,7 +114,7 @@ def login(
         terminal.warn("Any machine at this address can pose as the car and read the password.")
     CarWeb(address, trusted).log_in(_password(address, password_file))
     show(CarLoginReport(address.place, trusted.trust, trusted.fingerprint))
-    terminal.suggest([("dr-car list", "list the models on the car")])
+    _suggest([("dr-car list", "list the models on the car")], car)
 
 
 @app.command()
@@ -149,7 +150,7 @@ def upload(
     if not report.usable:
         terminal.warn(f"The car cannot load {report.model} now: {report.why}.")
     show(report)
-    terminal.suggest([(f"dr-car load {report.model}", "load it")])
+    _suggest([(f"dr-car load {report.model}", "load it")], car)
 
 
 @app.command("list")
@@ -174,7 +175,7 @@ def load(name: _Model, car: _Car = None) -> None:
     with terminal.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
         report = car_models.load_model(web, name)
     show(report)
-    terminal.suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")])
+    _suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")], car)
 
 
 @app.command()
@@ -213,9 +214,9 @@ def start(
         report = car_driving.drive(web, seconds=seconds, warn=terminal.warn, say=terminal.say)
     show(report)
     if report.driving:
-        terminal.suggest([("dr-car stop", "stop it")])
+        _suggest([("dr-car stop", "stop it")], car)
     if report.imu_stop:
-        terminal.suggest([("dr-car start", "drive on, once its way is clear")])
+        _suggest([("dr-car start", "drive on, once its way is clear")], car)
     if report.interrupted:
         raise SystemExit(130)
 
@@ -349,6 +350,12 @@ def _race() -> "DriveConfig | None":
 
 def _open(car: str | None) -> "CarWeb":
     return CarWeb.opened(_address(car))
+
+
+def _suggest(commands: list[tuple[str, str]], car: str | None) -> None:
+    """What comes next must not reach another car than this call did."""
+    car = car or activation.chosen(os.environ).get(ADDRESS)
+    terminal.suggest(commands, options={"--car": car})
 
 
 def _address(car: str | None) -> "CarAddress":

@@ -106,7 +106,8 @@ def create_base(
     with terminal.waiting(f"Making the stack {stack} ..."):
         made = create_stack(ours, stack, base_template(stack), tags, roles=False)
     show(BaseReport(stack, ours.region, made.bucket, made.outputs["Topic"]))
-    terminal.suggest([(f"dr-spot create NAME --base {stack}", "start a training")])
+    where = {"--region": region, "--profile": profile}
+    terminal.suggest([(f"dr-spot create NAME --base {stack}", "start a training")], options=where)
 
 
 @app.command()
@@ -255,7 +256,8 @@ def create(
             ("dr-spot list", "see how it is"),
             (f"dr-spot logs {stack}", "read its log"),
             (f"dr-spot stop {stack}", "stop it, and remove the machine"),
-        ]
+        ],
+        options={"--region": region, "--profile": profile},
     )
 
 

@@ -161,6 +161,13 @@ def test_a_next_command_looks_where_this_one_did(working_folder, monkeypatch, ca
     ]
 
 
+def test_next_commands_have_the_options_that_say_where_this_one_acted(capsys):
+    where = {"--region": "eu-west-1", "--profile": None, "--car": "my car"}
+    terminal.suggest([("dr-spot list", "look")], options=where)
+
+    assert capsys.readouterr().err.endswith("    dr-spot list --region eu-west-1 --car 'my car'\n")
+
+
 def test_a_next_command_for_another_place_is_left_as_it_is(working_folder, monkeypatch, capsys):
     monkeypatch.setenv("DR_EXPERIMENT_NAME", "old")
 

@@ -246,7 +246,9 @@ def test_an_upload_waits_until_the_car_lists_the_model(logged_in, tmp_path, caps
 
     assert logged_in("upload", str(path), "--json") == 0
 
-    report = printed(capsys)
+    told = capsys.readouterr()
+    report = json.loads(told.out)
+    assert told.err.endswith(f"    dr-car load fast --car {logged_in.address}\n")
     assert (report["model"], report["usable"]) == ("fast", True)
     assert report["size_bytes"] == path.stat().st_size
     assert logged_in.car.models["fast"].metadata
