@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from drcli.base.errors import BadValue, ProblemsError
 from drcli.config import activation
+from drcli.config.loading import leave_out_slashes
 from drcli.config.settings import catalogue
 from drcli.config.settings_files import EXPERIMENT, Layers, SettingsFiles, given
 
@@ -50,6 +52,7 @@ def shell_change(
     if any(problem.severity == "error" for problem in files.problems):
         raise ProblemsError(files.problems)
 
+    deque(leave_out_slashes([outside, run, system]), maxlen=0)  # each command warns of them
     names = [key for key in {**system, **run} if key not in outside and key not in OURS]
     defaults = {key: setting.default_text for key, setting in catalogue().items()}
     layers = Layers([outside, run, system], defaults)
@@ -70,7 +73,7 @@ def shell_change(
 
 
 def _as_used(name: str, text: str) -> str:
-    """A text as the commands read it: a prefix without extra slashes, a word as it is spelt."""
+    """A text as the commands read it, such as TIME_TRIAL for time_trial."""
     setting = catalogue().get(name)
     if setting is None or setting.kind not in ("text", "choice"):
         return text

@@ -67,9 +67,13 @@ def test_what_is_made_of_a_prefix_has_no_double_slash(folder):
     (folder / "run.env").write_text(
         "DR_LOCAL_S3_MODEL_PREFIX=model-1/\n"
         "DR_LOCAL_S3_METRICS_PREFIX=$DR_LOCAL_S3_MODEL_PREFIX/metrics\n"
+        "MY_LOGS=logs/$DR_LOCAL_S3_MODEL_PREFIX/today\n"
     )
 
-    assert activated(folder)["DR_LOCAL_S3_METRICS_PREFIX"] == "model-1/metrics"
+    shell = activated(folder)
+
+    assert shell["DR_LOCAL_S3_METRICS_PREFIX"] == "model-1/metrics"
+    assert shell["MY_LOGS"] == "logs/model-1/today"
 
 
 def test_what_scripts_of_the_reference_expect_besides_is_exported_too(folder):
