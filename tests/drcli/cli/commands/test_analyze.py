@@ -116,3 +116,11 @@ def test_one_model_cannot_be_compared_with_itself(dr, models, capsys):
 
     error = " ".join(capsys.readouterr().err.split())
     assert "./slow and slow/ are the same model (slow), so there is nothing to compare" in error
+
+
+def test_what_comes_next_analyses_the_same_model(dr, working_folder, models, capsys):
+    (working_folder / "slow").rename(working_folder / "my slow")
+
+    assert dr("analyze", "./my slow", "-L") == 0
+
+    assert "    dr-analyze './my slow' -L --html report.html\n" in capsys.readouterr().err
