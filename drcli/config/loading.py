@@ -240,7 +240,7 @@ class _Loader:
         self._refuse_late_experiment(run, experiment)
 
         folder = f"experiments/{experiment}/" if experiment else ""
-        own = self._worker_file(folder, worker) if worker is not None else {}
+        own = self._worker_file(folder, worker, run) if worker is not None else {}
         if not self._files.complete:
             self._refuse_errors()
         entries = [own, *outside, run, system]
@@ -296,7 +296,7 @@ class _Loader:
         self._problems.append(file_problem(place, what, remedy, severity="warning"))
         return {}
 
-    def _worker_file(self, folder: str, worker: int) -> dict[str, Entry]:
+    def _worker_file(self, folder: str, worker: int, run: Mapping[str, Entry]) -> dict[str, Entry]:
         name = f"{folder}worker-{worker}.env"
         if not self._files.exist(name):
             what = (
@@ -310,7 +310,13 @@ class _Loader:
             self._problems.append(setting_problem("DR_WORKERS", Place(name), what, remedy))
             return {}
         entries = self._files.read(name)
-        idle = {key: entries.pop(key) for key in list(entries) if not is_of_worker(key)}
+        shared = {key: entries.pop(key) for key in list(entries) if not is_of_worker(key)}
+        # These files are copies of run.env, mostly.
+        idle = {
+            key: entry
+            for key, entry in shared.items()
+            if key not in run or run[key].value != entry.value
+        }
         if idle:
             first = next(iter(idle.values())).place
             names, are = shown(", ".join(idle)), "are" if len(idle) > 1 else "is"

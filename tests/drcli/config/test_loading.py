@@ -160,6 +160,13 @@ def test_an_old_name_gives_way_to_the_present_one(folder):
     assert "ignored, because both are set" in settings.warnings[0]
 
 
+@pytest.mark.parametrize("both", ["", "DR_CAMERA_KVS_ENABLE=True\n"])
+def test_an_old_name_of_a_setting_without_effect_is_not_worth_a_line_of_its_own(folder, both):
+    [warning] = folder.load(f"{both}DR_KINESIS_STREAM_ENABLE=True\n").warnings
+
+    assert "1 of the settings is for containers" in warning
+
+
 def test_a_repeated_line_counts_as_last_written(folder):
     settings = folder.load("DR_WORKERS=2\nDR_WORKERS=3\n")
 
