@@ -239,7 +239,8 @@ def _unused(settings: Settings) -> Iterator[_Unused]:
     for name, setting in catalogue().items():
         if setting.effect != "used":
             value = getattr(settings, setting.field)
-            missed = setting.effect == "planned" and value != setting.default
+            off = value == setting.default or str(value).casefold() in ("false", "none")
+            missed = setting.effect == "planned" and not off
             yield _Unused(name, str(value), setting.reason, missed)
     for name, value in settings.extra.items():
         if name in FORMER:
