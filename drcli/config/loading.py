@@ -73,12 +73,12 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             "learns, but DR_TRAIN_OVERLAP=off forbids that.",
             "Remove DR_TRAIN_MAX_LAG, or set DR_TRAIN_OVERLAP to auto.",
         )
-    shortest_s, longest_s = settings.h2b_lower_lane_change_time, settings.h2b_upper_lane_change_time
-    if settings.race_type == "HEAD_TO_BOT" and shortest_s > longest_s:
+    bots = settings.race_type == "HEAD_TO_BOT"
+    if bots and settings.h2b_lower_lane_change_time > settings.h2b_upper_lane_change_time:
         yield problem(
             ("DR_H2B_LOWER_LANE_CHANGE_TIME", "DR_H2B_UPPER_LANE_CHANGE_TIME"),
-            f"DR_H2B_LOWER_LANE_CHANGE_TIME={shortest_s} is more than "
-            f"DR_H2B_UPPER_LANE_CHANGE_TIME={longest_s}.",
+            f"DR_H2B_LOWER_LANE_CHANGE_TIME={settings.h2b_lower_lane_change_time} is more than "
+            f"DR_H2B_UPPER_LANE_CHANGE_TIME={settings.h2b_upper_lane_change_time}.",
             "Swap the two, or set both to the same time.",
         )
     if f"{settings.custom_files_prefix}/".startswith(f"{settings.model_prefix}/"):
