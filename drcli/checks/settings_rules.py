@@ -54,7 +54,8 @@ def _judged(settings: Settings) -> list[Problem]:
             value = getattr(settings, setting.field)
             what = f"{name}={value} is accepted and not needed: {setting.reason}."
             place, remedy = settings.place(name), "Keep or remove the line."
-            found.append(Problem("V-06", "warning", *place, what, remedy, name))
+            several = "settings for windows and displays"
+            found.append(Problem("V-06", "warning", *place, what, remedy, name, several))
     access = review_access(settings.storage, settings.directory)
     return [*found, *upload_problems(settings), *access]
 

@@ -12,6 +12,7 @@ from typing import Any
 from drcli.base.errors import BadValue, Place, Problem, ProblemsError, Severity, shown
 from drcli.config import activation
 from drcli.config.fields import Setting, file_problem, hidden, setting_problem
+from drcli.config.race_types import RACE_TYPES
 from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Override, Settings, catalogue
 from drcli.config.settings_files import EXPERIMENT, Entry, Layers, SettingsFiles, given, references
@@ -72,7 +73,8 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             "learns, but DR_TRAIN_OVERLAP=off forbids that.",
             "Remove DR_TRAIN_MAX_LAG, or set DR_TRAIN_OVERLAP to auto.",
         )
-    if settings.h2b_lower_lane_change_time > settings.h2b_upper_lane_change_time:
+    bots = settings.race_type == "HEAD_TO_BOT"
+    if bots and settings.h2b_lower_lane_change_time > settings.h2b_upper_lane_change_time:
         yield problem(
             ("DR_H2B_LOWER_LANE_CHANGE_TIME", "DR_H2B_UPPER_LANE_CHANGE_TIME"),
             f"DR_H2B_LOWER_LANE_CHANGE_TIME={settings.h2b_lower_lane_change_time} is more than "
@@ -240,7 +242,7 @@ class _Loader:
         self._refuse_late_experiment(run, experiment)
 
         folder = f"experiments/{experiment}/" if experiment else ""
-        own = self._worker_file(folder, worker) if worker is not None else {}
+        own = self._worker_file(folder, worker, run) if worker is not None else {}
         if not self._files.complete:
             self._refuse_errors()
         entries = [own, *outside, run, system]
@@ -296,7 +298,7 @@ class _Loader:
         self._problems.append(file_problem(place, what, remedy, severity="warning"))
         return {}
 
-    def _worker_file(self, folder: str, worker: int) -> dict[str, Entry]:
+    def _worker_file(self, folder: str, worker: int, run: Mapping[str, Entry]) -> dict[str, Entry]:
         name = f"{folder}worker-{worker}.env"
         if not self._files.exist(name):
             what = (
@@ -310,7 +312,13 @@ class _Loader:
             self._problems.append(setting_problem("DR_WORKERS", Place(name), what, remedy))
             return {}
         entries = self._files.read(name)
-        idle = {key: entries.pop(key) for key in list(entries) if not is_of_worker(key)}
+        shared = {key: entries.pop(key) for key in list(entries) if not is_of_worker(key)}
+        # These files are copies of run.env, mostly.
+        idle = {
+            key: entry
+            for key, entry in shared.items()
+            if key not in run or run[key].value != entry.value
+        }
         if idle:
             first = next(iter(idle.values())).place
             names, are = shown(", ".join(idle)), "are" if len(idle) > 1 else "is"
@@ -377,10 +385,11 @@ class _Loader:
         texts: dict[str, str] = {}
         values: dict[str, Any] = {}
         bad: dict[str, BadValue] = {}
+        faults: dict[str, Problem] = {}
         for name, setting in catalogue().items():
             text = layers.text(name)
             if name in layers.problems:
-                self._blame(name, layers.problems[name], dropped)
+                faults[name] = layers.problems[name]
             elif text is not None and (text.strip() or setting.kind == "text"):
                 texts[name] = text.strip()
                 try:
@@ -396,8 +405,14 @@ class _Loader:
             what = f"{name}={shown(hidden(name, texts[name]))} {fault.reason}"
             if written != texts[name]:
                 what += f" (written {shown(hidden(name, written))})"
-            problem = setting_problem(name, place, f"{what}.", fault.remedy)
-            self._blame(name, problem, dropped)
+            faults[name] = setting_problem(name, place, f"{what}.", fault.remedy)
+        for name, problem in faults.items():
+            harmless = _harmless(name, values)
+            if harmless:
+                message = f"{problem.message} {harmless}"
+                problem = replace(problem, severity="warning", message=message)
+                dropped.add(name)
+            self._add([problem])
         return values, dropped
 
     def _value(self, setting: Setting, text: str) -> Any:
@@ -413,18 +428,24 @@ class _Loader:
             reason = "begins with ~, but the home folder of this user is not known"
             raise BadValue(reason, "Write the whole path, or set HOME.") from e
 
-    def _blame(self, name: str, problem: Problem, dropped: set[str]) -> None:
-        setting = catalogue()[name]
-        harmless = ""
-        if setting.effect != "used":
-            harmless = "It has no effect here."
-        elif setting.cosmetic:
-            harmless = f"{setting.default_text} is used instead."
-        if harmless:
-            message = f"{problem.message} {harmless}"
-            problem = replace(problem, severity="warning", message=message)
-            dropped.add(name)
-        self._add([problem])
+
+def _harmless(name: str, values: Mapping[str, Any]) -> str:
+    """Why a wrong value of a setting does not matter, in a sentence; empty if it does."""
+    setting = catalogue()[name]
+    if setting.effect != "used":
+        return "It has no effect here."
+    if setting.cosmetic:
+        return f"{setting.default_text} is used instead."
+    if name == "DR_LOCAL_S3_PRETRAINED_PREFIX" and values.get("pretrained") is False:
+        return "It has no effect with DR_LOCAL_S3_PRETRAINED=False."
+    uploads = ("regular_upload", "upload_best_model", "upload_model_on_completion")
+    if name == "DR_UPLOAD_S3_BUCKET" and not any(values.get(field, True) for field in uploads):
+        return "It has no effect as long as no upload is asked for."
+    race_type = values.get("race_type")
+    for kind, race in RACE_TYPES.items():
+        if race.settings and name.startswith(race.settings) and race_type not in (kind, None):
+            return f"It has no effect with DR_RACE_TYPE={race_type}."
+    return ""
 
 
 def leave_out_slashes(layers: Iterable[dict[str, Entry]]) -> Iterator[Problem]:

@@ -109,12 +109,13 @@ def old_names() -> dict[str, str]:
 
 
 def rename_old(layers: Sequence[dict[str, Entry]]) -> list[Problem]:
-    """Replace old names in the layers, with a warning about each."""
+    """Replace old names in the layers, with a warning about each that has an effect."""
     warnings = []
     for old, name in old_names().items():
         layer = next((layer for layer in layers if old in layer), None)
         if layer is None:
             continue
+        idle = catalogue()[name].effect != "used"  # one line tells of all without effect
         what = f"{old} is the old name of {name}"
         if any(name in other for other in layers):
             what, remedy = f"{what} and is ignored, because both are set.", "Remove the line."
@@ -122,7 +123,8 @@ def rename_old(layers: Sequence[dict[str, Entry]]) -> list[Problem]:
             layer[name] = replace(layer[old], name=name)
             what, remedy = f"{what}; write the new name.", "Correct the name."
         place = layer[old].place
-        warnings.append(setting_problem(name, place, what, remedy, severity="warning"))
+        if not idle:
+            warnings.append(setting_problem(name, place, what, remedy, severity="warning"))
     return warnings
 
 
@@ -237,7 +239,8 @@ def _unused(settings: Settings) -> Iterator[_Unused]:
     for name, setting in catalogue().items():
         if setting.effect != "used":
             value = getattr(settings, setting.field)
-            missed = setting.effect == "planned" and value != setting.default
+            off = value == setting.default or str(value).casefold() in ("false", "none")
+            missed = setting.effect == "planned" and not off
             yield _Unused(name, str(value), setting.reason, missed)
     for name, value in settings.extra.items():
         if name in FORMER:

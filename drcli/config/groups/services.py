@@ -72,6 +72,7 @@ class KeySettings(Group, title="Places in the bucket"):
         "DR_LOCAL_S3_PRETRAINED_CHECKPOINT",
         "last",
         "Which of its checkpoints: last, best, first-lap, three-laps, best-lap or a number.",
+        cosmetic=True,  # other trainers read any other word as last
     )
     model_description: ModelText = setting(
         "DR_MODEL_DESCRIPTION", "", "What the model is, in a few words; lists of models show it."

@@ -76,7 +76,8 @@ def read_json_object(data: bytes, name: str, rule: str) -> JsonFile:
     try:
         values = json.loads(text)
     except json.JSONDecodeError as e:
-        what = _SYNTAX.get(e.msg, e.msg)
+        comment = text.startswith(("//", "/*", "#"), e.pos)
+        what = "JSON has no comments" if comment else _SYNTAX.get(e.msg, e.msg)
         message = f"The file is not valid JSON at column {e.colno}: {what}."
         raise problem(e.lineno, message, correct) from e
     except RecursionError as e:

@@ -21,8 +21,10 @@ from drsim.track.ways import Ways
 from drsim.track.worlds import load_track
 
 POSITIONS = 40
-OFFSETS = (0.0, 0.3, -0.3, 1.0)
-"""To the left, in road widths."""
+OFFSETS = (0.01, 0.3, -0.3, 1.0)
+"""To the left, in road widths. No car is exactly on the centre line, or parallel to it."""
+
+_TURNED_DEG = (1.7, -0.6, 4.3, -2.9)
 
 Floats = NDArray[np.float64]
 
@@ -80,9 +82,10 @@ def sample_params(
     off = np.repeat([abs(offset) > 0.5 for offset in OFFSETS], len(lap_m))
     steps = 2 + np.round((along_m - _FIRST_M) / _STEP_M).astype(np.int64)
     choices = np.array(_choices(actions))[np.arange(count) // 2 % len(_choices(actions))]
+    turned_deg = np.array(_TURNED_DEG)[np.arange(count) // 2 % len(_TURNED_DEG)]
     situation = Situation(
         xy=xy,
-        heading_deg=np.degrees(yaw_rad),
+        heading_deg=(np.degrees(yaw_rad) + turned_deg + 180.0) % 360.0 - 180.0,
         where=track.locate(xy),
         all_on=~off,
         none_on=off,

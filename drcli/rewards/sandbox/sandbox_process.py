@@ -7,6 +7,7 @@ racer's code, and at the end.
 
 import contextlib
 import faulthandler
+import math
 import os
 import signal
 import statistics
@@ -55,6 +56,9 @@ from drsim.errors import RewardError
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
 _GRACE_S = 2.0
 _MEMORY_BYTES = 16 << 30
+_ROUNDING = 1e-4
+"""Rewards that differ by a smaller share are the same to a training."""
+
 Values = dict[CallIndex, float | None]
 
 
@@ -253,7 +257,7 @@ class _Passes:
         others = self._play(function, places, OTHER_PASS_S)
         both = [where for where in others if where in values]
         unlike = sorted(
-            (where for where in both if others[where] != values[where]),
+            (where for where in both if _differ(values[where], others[where])),
             key=lambda where: (where.sequence, where.index),
         )
         if not unlike:
@@ -305,6 +309,12 @@ class _Passes:
         sample = where.sequence - self._driven
         race = self._races[sample] if sample >= 0 and self._races[1:] else ""
         return state_of(self._calls[where.sequence][where.index], race)
+
+
+def _differ(one: float | None, other: float | None) -> bool:
+    if one is None or other is None:
+        return one is not other
+    return not math.isclose(one, other, rel_tol=_ROUNDING)
 
 
 @dataclass

@@ -154,7 +154,7 @@ def test_the_first_call_is_the_first_of_an_episode(settings, try_here):
     assert found == []
 
 
-SHARED = "LAST = {}\nVERBOSE = False\nTABLE = [1.0] * 117\n"
+SHARED = "import math\n\nLAST = {}\nVERBOSE = False\nTABLE = [1.0] * 117\n"
 WORKS = {
     "a bonus for the pace": "return 1e4 * (params['progress'] / params['steps']) ** 3",
     "progress is above 0": "return 1.0 / params['progress']",
@@ -163,6 +163,15 @@ WORKS = {
     LAST["progress"] = params["progress"]
     return 3e4 * max(0.0, gained)
 """,
+    "a car is never exactly parallel to the road": """
+    ways, (behind, ahead) = params["waypoints"], params["closest_waypoints"]
+    (x, y), (next_x, next_y) = ways[behind], ways[ahead]
+    road = math.degrees(math.atan2(next_y - y, next_x - x))
+    return min(1.0 / abs(params["heading"] - road), 100.0)
+""",
+    "a car is never exactly on the centre line": (
+        "return min(0.01 / params['distance_from_center'], 100.0)"
+    ),
     "a lap in few steps": """
     if params["progress"] == 100 and params["steps"] < 60:
         return 1e6

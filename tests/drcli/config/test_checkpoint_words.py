@@ -53,6 +53,15 @@ def test_settings_take_words_and_numbers(folder):
     assert settings.eval_opp_checkpoint == ""
 
 
+def test_a_pretrained_model_continues_from_the_last_checkpoint_with_any_other_word(folder):
+    settings = folder.load("DR_LOCAL_S3_PRETRAINED=True\nDR_LOCAL_S3_PRETRAINED_CHECKPOINT=bets")
+
+    [warning] = settings.warnings
+    assert settings.pretrained_checkpoint == "last"
+    assert "run.env line 2" in warning
+    assert "last is used instead" in warning
+
+
 def test_a_wrong_word_names_its_line(folder):
     error = folder.refusal("\nDR_EVAL_CHECKPOINT=newest")
 

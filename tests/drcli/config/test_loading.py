@@ -47,6 +47,38 @@ def test_words_are_matched_in_any_letter_case(folder):
     assert settings.car_color == "Blue"
 
 
+IDLE = [
+    ("DR_OA_NUMBER_OF_OBSTACLES=many", "", "DR_RACE_TYPE=OBJECT_AVOIDANCE"),
+    ("DR_OA_OBJECT_POSITIONS=left", "DR_RACE_TYPE=HEAD_TO_BOT", "DR_RACE_TYPE=OBJECT_AVOIDANCE"),
+    ("DR_H2B_IS_LANE_CHANGE=perhaps", "DR_RACE_TYPE=TIME_TRIAL", "DR_RACE_TYPE=HEAD_TO_BOT"),
+    ("DR_LOCAL_S3_PRETRAINED_PREFIX=not yet", "", "DR_LOCAL_S3_PRETRAINED=True"),
+]
+
+
+def test_lane_changes_of_bots_that_no_race_has_are_not_compared(folder):
+    assert folder.load("DR_H2B_UPPER_LANE_CHANGE_TIME=2.0").warnings == ()
+
+
+@pytest.mark.parametrize("upload", ["DR_REGULAR_UPLOAD=60", "DR_UPLOAD_BEST_MODEL=True"])
+def test_a_place_of_uploads_that_is_not_set_matters_only_to_uploads(folder, upload):
+    line = "DR_UPLOAD_S3_BUCKET=$TEAM_BUCKET"
+
+    [warning] = folder.load(line).warnings
+
+    assert "TEAM_BUCKET, which is not set" in warning
+    assert "no upload is asked for" in warning
+    assert line in str(folder.refusal(f"{line}\n{upload}"))
+
+
+@pytest.mark.parametrize(("line", "idle", "used"), IDLE)
+def test_a_wrong_value_that_nothing_reads_is_a_warning(folder, line, idle, used):
+    [warning] = folder.load(f"{idle}\n{line}\n").warnings
+
+    assert "run.env line 2" in warning
+    assert "It has no effect with DR_" in warning
+    assert line in str(folder.refusal(f"{used}\n{line}\n"))
+
+
 @pytest.mark.parametrize("name", ["DR_WORKERS", "DR_EVAL_IS_CONTINUOUS", "DR_TRAIN_SEED"])
 def test_an_empty_value_means_not_set(folder, name):
     folder.write("system.env", f"{name}=1")
@@ -158,6 +190,13 @@ def test_an_old_name_gives_way_to_the_present_one(folder):
 
     assert settings.eval_collision_penalty == 3.0
     assert "ignored, because both are set" in settings.warnings[0]
+
+
+@pytest.mark.parametrize("both", ["", "DR_CAMERA_KVS_ENABLE=True\n"])
+def test_an_old_name_of_a_setting_without_effect_is_not_worth_a_line_of_its_own(folder, both):
+    [warning] = folder.load(f"{both}DR_KINESIS_STREAM_ENABLE=True\n").warnings
+
+    assert "1 of the settings is for containers" in warning
 
 
 def test_a_repeated_line_counts_as_last_written(folder):

@@ -164,7 +164,7 @@ from drcli.config.loading import load_settings
             id="long-prefix",
         ),
         pytest.param(
-            "DR_OA_OBJECT_POSITIONS=0.5,inf",
+            "DR_OA_OBJECT_POSITIONS=0.5,inf\nDR_RACE_TYPE=OBJECT_AVOIDANCE",
             "run.env line 2: DR_OA_OBJECT_POSITIONS=0.5,inf is not a list of progress,lane pairs.",
             'Write progress 0 to 1 and lane 1 or -1, as in "0.23,-1;0.46,1".',
             id="infinite-lane",
@@ -209,7 +209,7 @@ from drcli.config.loading import load_settings
             id="clone-onto-itself",
         ),
         pytest.param(
-            "DR_H2B_UPPER_LANE_CHANGE_TIME=2.0",
+            "DR_H2B_UPPER_LANE_CHANGE_TIME=2.0\nDR_RACE_TYPE=HEAD_TO_BOT",
             "run.env line 2: DR_H2B_LOWER_LANE_CHANGE_TIME=3.0 is more than "
             "DR_H2B_UPPER_LANE_CHANGE_TIME=2.0.",
             "Swap the two, or set both to the same time.",

@@ -41,7 +41,9 @@ def test_settings_that_miss_their_effect_for_one_reason_share_a_sentence(folder)
     )
 
 
-@pytest.mark.parametrize("value", ["DR_TELEGRAF_HOST=", "DR_KINESIS_STREAM_NAME="])
+@pytest.mark.parametrize(
+    "value", ["DR_TELEGRAF_HOST=", "DR_KINESIS_STREAM_NAME=", "DR_KINESIS_STREAM_NAME=False"]
+)
 def test_a_switch_that_is_off_is_missed_by_nobody(folder, value):
     settings = folder.load(f"{value}\n")
 

@@ -86,7 +86,16 @@ def test_what_all_workers_share_is_ignored_there_with_a_warning(folder, files):
     )
 
 
-def test_a_copy_of_the_whole_run_env_gets_one_line(folder, files):
+def test_what_a_worker_file_repeats_of_run_env_is_not_told(folder, files):
+    shared = "DR_CAR_NAME=Beetle\nDR_TRAIN_RTF=2.0\n"
+    files(f"DR_WORLD_NAME=willow\n{shared}")
+
+    warnings = folder.load(MULTI + shared).warnings
+
+    assert not [text for text in warnings if "same for all workers" in text]
+
+
+def test_a_copy_of_another_run_env_gets_one_line(folder, files):
     names = [name for name in catalogue() if not is_of_worker(name)][:30]
     files("".join(f"{name}={catalogue()[name].default_text}\n" for name in names))
 

@@ -164,6 +164,18 @@ def test_a_bad_value_is_named_with_file_line_key_value_and_remedy(line, sentence
             "a key in double quotes is missing, "
             'as in "lr": 0.0003, or there is a comma too many.',
         ),
+        (
+            '{\n"lr": 0.001, // smaller later\n"stack_size": 1}',
+            "h.json line 2: The file is not valid JSON at column 14: JSON has no comments.",
+        ),
+        (
+            '{"lr": 0.001 # smaller later\n}',
+            "h.json line 1: The file is not valid JSON at column 14: JSON has no comments.",
+        ),
+        (
+            "/* mine */ {}",
+            "h.json line 1: The file is not valid JSON at column 1: JSON has no comments.",
+        ),
         ('{"a":' * 5000, "h.json: The file is nested too deeply."),
         (
             '{"lr": ' + "9" * 5000 + "}",

@@ -224,6 +224,18 @@ def test_what_outlives_the_episode_is_told_with_a_place(found):
     assert memory.value != memory.other
 
 
+def test_differences_of_rounding_are_no_memory(found):
+    text = function(
+        "global total\ntotal += 1e3\nreturn (total + params['x']) - total + 5.0",
+        before="total = 0.0",
+    )
+
+    result = found(text)
+
+    assert result.memory is None
+    assert result.random is None
+
+
 @pytest.mark.parametrize("value", ["random.random()", "time.perf_counter() % 1"])
 def test_chance_and_clocks_are_told_with_two_values(found, value):
     random = found(function(f"return {value}", before="import random, time")).random
