@@ -62,7 +62,7 @@ export function modelActions({ prefix, page, path, showTab, signal }) {
       { prefix, max_minutes: values.minutes ? Number(values.minutes) : null },
       { button, signal },
     );
-    for (const sentence of started?.warnings ?? []) notify(sentence, "bad");
+    for (const sentence of started?.warnings ?? []) notify(sentence, "warn");
     if (started) notify(started.ends);
   }
 
@@ -233,7 +233,7 @@ export function modelActions({ prefix, page, path, showTab, signal }) {
     const made = await act("download", { prefix, ...values }, { button, signal });
     if (!made) return;
     for (const problem of made.report?.problems ?? [])
-      notify(problem.message ?? String(problem), "bad");
+      notify(problem.message ?? String(problem), "warn");
     save(made);
   }
 

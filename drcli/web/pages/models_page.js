@@ -420,7 +420,7 @@ function importer(signal) {
       }
       const { task } = await post("/api/models/import", { upload, prefix: values.prefix });
       const report = await taskEnd(task, signal);
-      for (const sentence of report.warnings) notify(sentence, "bad");
+      for (const sentence of report.warnings) notify(sentence, "warn");
       location.hash = modelLink(values.prefix);
     } catch (error) {
       if (error.name !== "AbortError" && !error.ofTask) notify(error.message, "bad", error.remedy);

@@ -321,7 +321,7 @@ function offerFolder(main, folder, next, signal) {
       notify(
         `${made.written.length} files written to ${made.folder}.${made.model ? ` ${made.model} is the trained model.` : ""}`,
       );
-      for (const warning of made.warnings) notify(warning, "bad");
+      for (const warning of made.warnings) notify(warning, "warn");
       await next();
       main.focus({ preventScroll: true });
     } catch (error) {

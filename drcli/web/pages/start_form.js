@@ -301,7 +301,7 @@ export function startSteps({ unsaved, lead }, signal) {
       mine = 0;
       startState.textContent = "The training runs.";
       notify(`The training of ${task.result.model} runs. ${task.result.ends}`);
-      for (const text of task.result.warnings) notify(text, "bad");
+      for (const text of task.result.warnings) notify(text, "warn");
       location.hash = "#/";
     } else startState.textContent = task.text || "Starting ...";
   }

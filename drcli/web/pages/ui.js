@@ -1,0 +1,67 @@
+// Components that all pages use.
+
+import { html, useEffect, useRef } from "/vendor/preact/preact.js";
+
+export * from "/vendor/preact/preact.js";
+
+/** Text in which words in backticks are code. */
+export const Prose = ({ text }) =>
+  String(text ?? "")
+    .split("`")
+    .map((piece, k) => (k % 2 ? html`<code>${piece}</code>` : piece));
+
+/** Something that failed, with its remedy. */
+export const Failure = ({ error }) => html`
+  <div class="problem" role="alert">
+    <p><${Prose} text=${error.message} /></p>
+    ${error.remedy && html`<p class="remedy"><${Prose} text=${error.remedy} /></p>`}
+  </div>`;
+
+/** A sentence where there is nothing yet, and what to do next. */
+export const Empty = ({ text, children = null }) => html`
+  <div class="empty">
+    <p><${Prose} text=${text} /></p>
+    ${children && html`<p class="actions">${children}</p>`}
+  </div>`;
+
+/** Names and values as tiles. @param {{values: [string, any][]}} props */
+export const Tiles = ({ values }) => html`
+  <dl class="tiles">
+    ${values.map(([name, value]) => html`<div key=${name}><dt>${name}</dt><dd>${value ?? "–"}</dd></div>`)}
+  </dl>`;
+
+/** A button that stays where it is while its action runs, so that it keeps the focus. */
+export const Button = ({ busy = false, onClick, children, class: kind = null, ...more }) => html`
+  <button type="button" class=${kind} aria-disabled=${busy ? "true" : null}
+    onClick=${(event) => !busy && onClick(event)} ...${more}>${children}</button>`;
+
+/** A labelled choice. @param {{label: string, options: (string | [string, string])[], value: string, onChange: (value: string) => void}} props */
+export const Choice = ({ label, options, value, onChange, ...more }) => html`
+  <label class="choice"><span>${label}</span>
+    <select value=${value} onChange=${(event) => onChange(event.currentTarget.value)} ...${more}>
+      ${options.map((each) => {
+        const [key, text] = Array.isArray(each) ? each : [each, each];
+        return html`<option key=${key} value=${key}>${text}</option>`;
+      })}
+    </select>
+  </label>`;
+
+/** A part that is folded until somebody opens it; what is in it is made then. */
+export const Folded = ({ title, open, onToggle, children }) => html`
+  <details class="folded" open=${open} onToggle=${(event) => onToggle(event.currentTarget.open)}>
+    <summary>${title}</summary>
+    ${open && children}
+  </details>`;
+
+/** Calls with whether an element can be seen. */
+export function useSeen(listener) {
+  const place = useRef(null);
+  useEffect(() => {
+    const watcher = new IntersectionObserver((entries) => listener(entries.at(-1).isIntersecting), {
+      rootMargin: "80px",
+    });
+    watcher.observe(place.current);
+    return () => watcher.disconnect();
+  }, []);
+  return place;
+}
