@@ -1,6 +1,7 @@
 """The files of the page: complete, without inline code, and nothing else can be read."""
 
 import asyncio
+import hashlib
 import re
 from importlib.resources import files
 from pathlib import Path
@@ -14,7 +15,12 @@ from starlette.testclient import TestClient
 from drcli.web.console_app import page_routes
 
 PAGES = Path(str(files("drcli.web") / "pages"))
-SCRIPTS = sorted(path.relative_to(PAGES).as_posix() for path in PAGES.rglob("*.js"))
+OURS = [path for path in PAGES.rglob("*.js") if "vendor" not in path.parts]
+SCRIPTS = sorted(path.relative_to(PAGES).as_posix() for path in OURS)
+VENDORED = {
+    "preact/preact.js": "216bb8e8b95cb0a0b2b3440dfec1beff978d52a28cf341d7be33d1884e070c11",
+}
+"""SHA-256 of what scripts/vendor_preact.sh makes."""
 STYLES = sorted(path.relative_to(PAGES).as_posix() for path in PAGES.rglob("*.css"))
 
 
@@ -49,6 +55,14 @@ def test_scripts_obey_the_policy(page, script):
     assert not re.search(r"\beval\(|new Function\(|\.innerHTML|insertAdjacentHTML", text)
     assert not re.search(r"""["']?style["']?\s*:\s*["'`]|setAttribute\(["']style""", text)
     assert not re.search(r"""["'`](https?:)?//[a-z]""", text), "nothing is loaded from elsewhere"
+
+
+def test_vendored_scripts_are_those_of_their_script(page):
+    folder = PAGES / "vendor"
+    scripts = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*.js")}
+
+    assert {n: hashlib.sha256(p.read_bytes()).hexdigest() for n, p in scripts.items()} == VENDORED
+    assert all((path.parent / "LICENSE").is_file() for path in scripts.values())
 
 
 @pytest.mark.parametrize("style", STYLES)
