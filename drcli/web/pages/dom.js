@@ -1,9 +1,10 @@
 // Elements without Preact, for the pages that are not components yet.
 
+import { confirmed } from "/dialogs.js";
 import { notify } from "/notices.js";
 
 export * from "/text.js";
-export { notify };
+export { confirmed, notify };
 
 /** An element; attributes that are functions become listeners, null and false are left out. */
 export function h(tag, attributes = {}, ...children) {
@@ -107,32 +108,4 @@ export function tiles(names) {
         if (values[k].textContent !== text) values[k].textContent = text;
       }),
   ];
-}
-
-/** Ask before something that cannot be undone; resolves to whether it was confirmed. */
-export function confirmed(question, { action, detail = "" }) {
-  return new Promise((resolve) => {
-    const dialog = h(
-      "dialog",
-      { "aria-labelledby": "question" },
-      h(
-        "form",
-        { method: "dialog" },
-        h("h2", { id: "question" }, question),
-        detail ? h("p", {}, detail) : null,
-        h(
-          "p",
-          { class: "actions" },
-          h("button", { value: "no", autofocus: true }, "Cancel"),
-          h("button", { value: "yes", class: "danger" }, action),
-        ),
-      ),
-    );
-    dialog.addEventListener("close", () => {
-      resolve(dialog.returnValue === "yes");
-      dialog.remove();
-    });
-    document.body.append(dialog);
-    dialog.showModal();
-  });
 }

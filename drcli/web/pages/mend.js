@@ -1,7 +1,7 @@
 // Where in the page something can be mended that a sentence names.
 
 const STEPS = [
-  [/hyperparameters\.json/, "learning", "Open the hyperparameters"],
+  [/hyperparameters\.json/, "hyperparameters", "Open the hyperparameters"],
   [/model_metadata\.json/, "actions", "Open the actions"],
 ];
 

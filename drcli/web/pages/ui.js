@@ -65,3 +65,13 @@ export function useSeen(listener) {
   }, []);
   return place;
 }
+
+/** A table with a caption; cells are texts, numbers (right-aligned) or elements. @param {{caption: string, heads: any[], rows: any[][]}} props */
+export const Table = ({ caption, heads, rows }) => html`
+  <div class="scroll" tabindex="0" role="region" aria-label=${caption}>
+    <table>
+      <caption>${caption}</caption>
+      <thead><tr>${heads.map((head) => html`<th scope="col">${head}</th>`)}</tr></thead>
+      <tbody>${rows.map((row) => html`<tr>${row.map((cell) => html`<td class=${typeof cell === "number" ? "number" : null}>${cell ?? "–"}</td>`)}</tr>`)}</tbody>
+    </table>
+  </div>`;

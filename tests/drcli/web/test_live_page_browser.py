@@ -149,7 +149,7 @@ def test_names_of_settings_in_advice_are_shown_as_code(served, visit):
         ),
         (
             "custom_files/hyperparameters.json: lr is 5, above 1.",
-            ["Open the hyperparameters", "#/new?step=learning"],
+            ["Open the hyperparameters", "#/new?step=hyperparameters"],
         ),
         (
             "run.env, line 3: DR_WORKERS is 0, below 1.",
