@@ -116,7 +116,7 @@ export function CodeEditor({ label, text, onInput, problems, area }) {
                 html`<div key=${line} class=${`code-band ${severity}`} style=${{ top: `${(line - 1) * LINE_PX}px` }}></div>`,
             )}
           </div>
-          <textarea class="code-area" ref=${area} wrap="off" spellcheck="false" autocapitalize="off" autocomplete="off"
+          <textarea class="code-area" ref=${area} wrap="off" spellcheck=${false} autocapitalize="off" autocomplete="off"
             aria-label=${label} aria-describedby="code-keys" value=${text} onInput=${(event) => onInput(event.currentTarget.value)}
             onKeyDown=${onKey} onFocus=${(event) => {
               setFree(false);

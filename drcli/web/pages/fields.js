@@ -110,7 +110,7 @@ export const TextField = ({
 }) => html`
   <${Field} ...${more} control=${(
     common,
-  ) => html`<input ...${common} type=${type} autocomplete="off" spellcheck="false"
+  ) => html`<input ...${common} type=${type} autocomplete="off" spellcheck=${false}
     inputmode=${numeric ? "decimal" : null} placeholder=${placeholder} value=${value}
     onInput=${(event) => onInput(event.currentTarget.value)} />`} />`;
 
