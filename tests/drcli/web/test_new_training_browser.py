@@ -137,7 +137,7 @@ def by_link(page):
 
 def by_back(page):
     page.go_back()
-    page.get_by_role("heading", name="Live").wait_for()
+    editor(page).wait_for(state="detached")
     page.go_forward()
 
 
