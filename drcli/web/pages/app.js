@@ -19,6 +19,7 @@ const MORE = [
   [/^\/race\/([a-z0-9-]+)$/, "/race_page.js", "/races"],
   [/^\/night\/([a-z0-9-]+)$/, "/night_page.js", "/races"],
 ];
+const RESTORE_MS = 3000;
 const byId = (name) => document.getElementById(name);
 const main = byId("main");
 const connected = signal(false);
@@ -205,10 +206,29 @@ byId("skip").addEventListener("click", (event) => {
   event.preventDefault(); // the part of the address after # names the page
   main.focus();
 });
+
+// A page that somebody comes back to is scrolled to where it was, as soon as it is long enough.
+const scrolled = new Map();
+history.scrollRestoration = "manual";
+let went = false;
+addEventListener("popstate", () => {
+  went = true;
+});
+addEventListener("click", () => {
+  went = false;
+});
+addEventListener("scrollend", () => scrolled.set(location.hash, scrollY));
 addEventListener("hashchange", () => {
   clearNotices();
   scrollTo(0, 0);
   main.focus({ preventScroll: true });
+  const wanted = went ? scrolled.get(location.hash) : 0;
+  const until = Date.now() + RESTORE_MS;
+  const restore = () => {
+    if (document.documentElement.scrollHeight >= wanted + innerHeight) scrollTo(0, wanted);
+    else if (Date.now() < until) requestAnimationFrame(restore);
+  };
+  if (wanted) restore();
 });
 addEventListener("keydown", (event) => {
   if (event.key === "Escape" && !document.querySelector("dialog[open]") && notices.value.length)

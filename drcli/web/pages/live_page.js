@@ -4,7 +4,7 @@ import { LossPlots, RewardPlot } from "/learning_plots.js";
 import { LogPanel, MachinePanel } from "/live_panels.js";
 import { Worker } from "/live_worker.js";
 import { mendLink } from "/mend.js";
-import { act } from "/model_tasks.js";
+import { runTask } from "/model_tasks.js";
 import { useAction, useGet, useRows, useTopic } from "/store.js";
 import { duration, number } from "/text.js";
 import {
@@ -169,8 +169,8 @@ export function State({ runId, run, rows, elsewhere, folder }) {
   const about = folder.value;
   const own = about?.run_id === runId;
   const away = elsewhere?.host && !isActive(run);
-  const [stop, stopping] = useAction(() => act("stop", { prefix: run.prefix }));
-  const [resume, resuming] = useAction(() => act("start", { prefix: run.prefix }));
+  const [stop, stopping] = useAction(() => runTask("/api/model/stop", { prefix: run.prefix }));
+  const [resume, resuming] = useAction(() => runTask("/api/model/start", { prefix: run.prefix }));
   const link = (text, href, main = false) =>
     html`<a class=${main ? "button main" : "button"} href=${href}>${text}</a>`;
   const failed = run.state === "failed" && !away;

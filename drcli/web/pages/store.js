@@ -12,9 +12,25 @@ function readRoute() {
   const [path, query = ""] = (location.hash.slice(1) || "/").split("?");
   return { path, query: new URLSearchParams(query) };
 }
+// Pages change the query themselves, without a step of the history: `setQuery`.
 addEventListener("hashchange", () => {
   route.value = readRoute();
 });
+
+/**
+ * Keep a choice in the address, so that Back, a reload and a bookmark have it, too.
+ * @param {Record<string, string>} changes of the query; "" leaves a name out
+ */
+export function setQuery(changes) {
+  const { path, query } = readRoute();
+  for (const [name, value] of Object.entries(changes)) {
+    if (value) query.set(name, value);
+    else query.delete(name);
+  }
+  const text = query.toString();
+  history.replaceState(history.state, "", `#${path}${text ? `?${text}` : ""}`);
+  route.value = { path, query };
+}
 
 /** "dark" or "light", for what is drawn on a canvas. */
 export const theme = signal(document.documentElement.dataset.theme);
@@ -73,11 +89,12 @@ export function useTopic(topic) {
 export const useRows = (topic) => useFollowed(followRows, topic);
 
 /**
- * The answer to a request; `reload` asks again.
+ * The answer to a request; `reload` asks again, and so does another version of what is asked for.
  * @param {string | null} path null to wait
+ * @param {any} version
  * @returns {{value: any, error: any, reload: () => void}}
  */
-export function useGet(path) {
+export function useGet(path, version = null) {
   const [asked, setAsked] = useState(0);
   const [state, setState] = useState({ path: null, value: null, error: null });
   useWhile(
@@ -90,7 +107,7 @@ export function useGet(path) {
       // What is asked for again later is not known until then.
       else setState({ path: null, value: null, error: null });
     },
-    [path, asked],
+    [path, asked, version],
   );
   const { value, error } = path && state.path === path ? state : { value: null, error: null };
   return { value, error, reload: () => setAsked((times) => times + 1) };

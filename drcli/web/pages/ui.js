@@ -75,3 +75,40 @@ export const Table = ({ caption, heads, rows }) => html`
       <tbody>${rows.map((row) => html`<tr>${row.map((cell) => html`<td class=${typeof cell === "number" ? "number" : null}>${cell ?? "–"}</td>`)}</tr>`)}</tbody>
     </table>
   </div>`;
+
+/**
+ * Tabs by the pattern of the ARIA guide: arrow keys move, the panel is shown at once.
+ * @param {{label: string, parts: [string, string, () => any][], chosen: string, onChoose: (key: string) => void}} props
+ */
+export function Tabs({ label, parts, chosen, onChoose }) {
+  const list = useRef(null);
+  const at = Math.max(
+    0,
+    parts.findIndex(([key]) => key === chosen),
+  );
+  const [key, , content] = parts[at];
+  const move = (event) => {
+    const last = parts.length - 1;
+    const next = {
+      ArrowRight: at === last ? 0 : at + 1,
+      ArrowLeft: at ? at - 1 : last,
+      Home: 0,
+      End: last,
+    }[event.key];
+    if (next === undefined) return;
+    event.preventDefault();
+    onChoose(parts[next][0]);
+    list.current.children[next].focus();
+  };
+  return html`
+    <div class="part-tabs" role="tablist" aria-label=${label} ref=${list} onKeyDown=${move}>
+      ${parts.map(
+        (
+          [each, text],
+          k,
+        ) => html`<button type="button" role="tab" class="part-tab" key=${each} id=${`tab-${each}`} aria-controls="panel"
+        aria-selected=${String(k === at)} tabindex=${k === at ? 0 : -1} onClick=${() => onChoose(each)}>${text}</button>`,
+      )}
+    </div>
+    <div class="part-panel" role="tabpanel" tabindex="0" id="panel" aria-labelledby=${`tab-${key}`} key=${key}>${content()}</div>`;
+}

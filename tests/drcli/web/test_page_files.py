@@ -87,6 +87,17 @@ def test_files_have_their_types_and_are_never_old(page):
         assert answer.headers["cache-control"] == "no-cache"
 
 
+def test_files_are_compressed_and_not_sent_again(page):
+    first = page.get("/app.js", headers={"accept-encoding": "gzip"})
+    plain = page.get("/app.js", headers={"accept-encoding": "identity"})
+    again = page.get("/app.js", headers={"if-none-match": first.headers["etag"]})
+
+    assert first.headers["content-encoding"] == "gzip"
+    assert int(first.headers["content-length"]) < len(plain.content) / 2
+    assert first.text == plain.text
+    assert (again.status_code, again.content) == (304, b"")
+
+
 FUZZED = [
     "/../security.py",
     "/..%2fsecurity.py",
