@@ -117,6 +117,8 @@ def action_routes(
             raise BadRequest(f"A clone can take {', '.join(FILE_RULES)}.")
         bucket = reader.open(prefix)[1]
         files = files_of(ModelStore(bucket, prefix))
+        if world:  # refused before anything is changed
+            set_values(directory, {"DR_WORLD_NAME": world}, write=False)
         increment = clone_model(reader, prefix, target, choice, description)
         settings = folder.settings()
         for name in take:
