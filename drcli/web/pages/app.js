@@ -14,6 +14,7 @@ const PAGES = [
   { path: "/settings", name: "Settings", module: "/settings_page.js" },
 ];
 // Pages below an entry of the menu: pattern of the path, module, path of the entry.
+/** @type {[RegExp, string, string][]} */
 const MORE = [
   [/^\/model$/, "/model_page.js", "/models"],
   [/^\/race\/([a-z0-9-]+)$/, "/race_page.js", "/races"],
@@ -38,7 +39,7 @@ function find(path) {
 function Main() {
   const { path, query } = route.value;
   const found = find(path);
-  const [loaded, setLoaded] = useState({ path: null });
+  const [loaded, setLoaded] = useState(/** @type {any} */ ({ path: null }));
   const [tries, setTries] = useState(0);
   const folder = useGet(path === "/new" ? null : "/api/new-folder");
   const page = loaded.path === path ? loaded : null;
@@ -118,7 +119,9 @@ function Menu() {
 
 /** Use the style sheets of a page only: two pages may give one class different looks. */
 function styles(name) {
-  for (const link of document.querySelectorAll("link[data-pages]"))
+  for (const link of /** @type {NodeListOf<HTMLLinkElement>} */ (
+    document.querySelectorAll("link[data-pages]")
+  ))
     link.disabled = !link.dataset.pages.split(" ").includes(name);
 }
 

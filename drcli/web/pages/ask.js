@@ -9,7 +9,7 @@ import { html, useState } from "/ui.js";
  * @property {string} name
  * @property {string} label
  * @property {any} value what it begins with; true or false for a check box
- * @property {(string | [string, string])[]} [options] of a choice
+ * @property {(string | string[])[]} [options] of a choice
  * @property {string} [help]
  * @property {boolean} [lines] several lines of text
  * @property {Object} [more] attributes of the control, such as min and required

@@ -20,7 +20,9 @@ function ownTab() {
   const fresh = [...crypto.getRandomValues(new Uint32Array(2))].join("-");
   try {
     // The copy of a tab begins with the storage of the first one: its navigation says that it is no reload.
-    const [entry] = performance.getEntriesByType("navigation");
+    const [entry] = /** @type {PerformanceNavigationTiming[]} */ (
+      performance.getEntriesByType("navigation")
+    );
     const kept =
       entry?.type === "navigate" && window.opener ? null : sessionStorage.getItem("dr-tab");
     sessionStorage.setItem("dr-tab", kept ?? fresh);

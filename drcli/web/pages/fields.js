@@ -99,7 +99,7 @@ export function Field({
     </div>`;
 }
 
-/** A text field. @param {{label: any, value: string, onInput: (text: string) => void, numeric?: boolean}} props */
+/** A text field. @param {{label: any, value: string, onInput: (text: string) => void, numeric?: boolean, placeholder?: string, type?: string} & Record<string, any>} props */
 export const TextField = ({
   value,
   onInput,
@@ -114,7 +114,7 @@ export const TextField = ({
     inputmode=${numeric ? "decimal" : null} placeholder=${placeholder} value=${value}
     onInput=${(event) => onInput(event.currentTarget.value)} />`} />`;
 
-/** A choice. @param {{label: any, options: (string | [string, string])[], value: string, onChange: (value: string) => void}} props */
+/** A choice. @param {{label: any, options: (string | string[])[], value: string, onChange: (value: string) => void}} props */
 export const SelectField = ({ options, value, onChange, ...more }) => html`
   <${Field} ...${more} control=${(common) => html`<select ...${common} value=${value}
     onChange=${(event) => onChange(event.currentTarget.value)}>${options.map((each) => {
@@ -208,14 +208,14 @@ export function leadTo(problem) {
     .map((name) => document.querySelector(`[data-key="${CSS.escape(name)}"]`))
     .find(Boolean);
   if (!place) return false;
-  for (let at = place; at; at = at.parentElement) {
+  for (let at = /** @type {any} */ (place); at; at = at.parentElement) {
     if (at.tagName === "DETAILS") at.open = true;
     at.hidden = false;
   }
   const control = place.matches("input, select, textarea")
     ? place
     : place.querySelector("input, select, textarea");
-  control?.focus();
+  /** @type {HTMLElement | null} */ (control)?.focus();
   place.scrollIntoView({ block: "center" });
   return true;
 }

@@ -35,6 +35,7 @@ const known = (value) => (Number.isFinite(value) ? value : null);
  */
 export function rewardPoints(iterations, episodes) {
   const every = Math.max(1, Math.ceil(episodes.length / MOST_DOTS));
+  /** @param {number[]} episode */
   const key = ([iteration, evaluation]) => 2 * iteration + evaluation;
   const counts = new Map();
   for (const each of episodes) counts.set(key(each), (counts.get(key(each)) ?? 0) + 1);
@@ -99,6 +100,7 @@ export function RewardPlot({ iterations, episodes, best, height = 300 }) {
     read=${(index) => readPoint(index === null ? points.findLast((each) => !Array.isArray(each[7])) : points[index])} />`;
 }
 
+/** @type {[string, string, (string | number)[][]][]} */
 const LOSSES = [
   [
     "Entropy",

@@ -1,5 +1,6 @@
 // Where in the page something can be mended that a sentence names.
 
+/** @type {[RegExp, string, string][]} */
 const STEPS = [
   [/hyperparameters\.json/, "hyperparameters", "Open the hyperparameters"],
   [/model_metadata\.json/, "actions", "Open the actions"],

@@ -100,6 +100,7 @@ function Single({ one }) {
     <p class="quiet fine">Times are those of the simulation, penalties included.${known(off) && ` Leaving the track costs ${number(off, 1)} s, a crash ${number(hit, 1)} s.`}</p>`;
 }
 
+/** @type {[string, (each: any) => string, ((each: any) => number)?][]} */
 const FIGURES = [
   ["Track", (each) => each.world || "–"],
   ["Direction", (each) => (known(each.reverse) ? (each.reverse ? "reverse" : "as built") : "–")],

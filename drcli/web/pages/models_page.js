@@ -19,6 +19,7 @@ const byName = (a, b) => a.model.prefix.localeCompare(b.model.prefix, "en", { nu
 const lapOf = (each) => each.training?.best_lap_s ?? Infinity;
 const worldOf = (each) => each.training?.world ?? "";
 // Head, key of the order, comparison: the first click shows what is sought most often first.
+/** @type {[string, string, ((a: any, b: any) => number) | null][]} */
 const COLUMNS = [
   ["Model", "name", byName],
   ["Track", "track", (a, b) => worldOf(a).localeCompare(worldOf(b), "en") || lapOf(a) - lapOf(b)],

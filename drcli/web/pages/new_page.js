@@ -178,7 +178,7 @@ function Form({ parts, reload, query }) {
       ([each, prefix]) => name.startsWith(prefix) && each !== kind,
     );
   const pretrained = model.value("DR_LOCAL_S3_PRETRAINED") === "True";
-  const fields = (edits, labels, hidden = () => false) =>
+  const fields = (edits, labels, hidden = (_name) => false) =>
     html`<div class="fields">${Object.entries(labels)
       .filter(([name]) => edits.facts.has(name))
       .map(([name, label]) => edits.field(name, { label, hidden: hidden(name) }))}</div>`;

@@ -194,6 +194,7 @@ export function Plot(props) {
     </figure>`;
 }
 
+/** @param {any} props */
 function readout({ x = "Iteration", series, data, read, nothing = " " }, index) {
   if (read) return read(index) || nothing;
   const at = index ?? data[0].length - 1;

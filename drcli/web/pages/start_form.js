@@ -120,7 +120,7 @@ export function StartStep({ number, saveAll, lead, changes }) {
   const { value: facts, error: broken, reload } = useGet("/api/start");
   const run = useTopic("run").value;
   const tasks = useTopic("tasks").value?.tasks ?? [];
-  const [wanted, setWanted] = useState({});
+  const [wanted, setWanted] = useState(/** @type {Record<string, string>} */ ({}));
   const [mine, setMine] = useState(0);
   const [error, setError] = useState(null);
   useEffect(() => {

@@ -17,7 +17,10 @@ import {
 } from "/ui.js";
 
 /** Where steps announce themselves: to the list of steps, and to the start, which saves them all. */
-export const Steps = createContext({ announce: (_id, _step) => {} });
+export const Steps = createContext({
+  announce: (_id, _step) => {},
+  numbers: /** @type {any} */ ({}),
+});
 
 const time = (at) =>
   new Date(at).toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });

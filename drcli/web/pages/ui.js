@@ -35,7 +35,7 @@ export const Button = ({ busy = false, onClick, children, class: kind = null, ..
   <button type="button" class=${kind} aria-disabled=${busy ? "true" : null}
     onClick=${(event) => !busy && onClick(event)} ...${more}>${children}</button>`;
 
-/** A labelled choice. @param {{label: string, options: (string | [string, string])[], value: string, onChange: (value: string) => void}} props */
+/** A labelled choice. @param {{label: string, options: (string | string[])[], value: string, onChange: (value: string) => void}} props */
 export const Choice = ({ label, options, value, onChange, ...more }) => html`
   <label class="choice"><span>${label}</span>
     <select value=${value} onChange=${(event) => onChange(event.currentTarget.value)} ...${more}>
