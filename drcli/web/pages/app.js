@@ -44,13 +44,13 @@ function Main() {
   const folder = useGet(path === "/new" ? null : "/api/new-folder");
   const page = loaded.path === path ? loaded : null;
   useEffect(() => {
-    styles(path.split("/")[1] || "live");
+    const styled = styles(path.split("/")[1] || "live");
     if (!found) return undefined;
     let here = true;
     const take = (value) => here && setLoaded({ path, ...value });
     // A module that could not be loaded is remembered as such: another address asks again.
-    import(found.module + (tries ? `?${tries}` : "")).then(
-      (module) => take({ module }),
+    Promise.all([import(found.module + (tries ? `?${tries}` : "")), styled]).then(
+      ([module]) => take({ module }),
       (error) => take({ error }),
     );
     return () => {
@@ -117,12 +117,26 @@ function Menu() {
   )}</ul>`;
 }
 
-/** Use the style sheets of a page only: two pages may give one class different looks. */
+/**
+ * Use the style sheets of a page only: two pages may give one class different looks, and those of others
+ * need not be there before the first picture.
+ * @param {string} name of the page
+ * @returns {Promise<any>} when they are loaded
+ */
 function styles(name) {
-  for (const link of /** @type {NodeListOf<HTMLLinkElement>} */ (
+  const links = /** @type {NodeListOf<HTMLLinkElement>} */ (
     document.querySelectorAll("link[data-pages]")
-  ))
-    link.disabled = !link.dataset.pages.split(" ").includes(name);
+  );
+  const loading = [...links].map((link) => {
+    const wanted = link.dataset.pages.split(" ").includes(name);
+    link.media = wanted ? "all" : "not all";
+    if (!wanted || link.sheet) return null;
+    return new Promise((resolve) => {
+      link.addEventListener("load", resolve, { once: true });
+      link.addEventListener("error", resolve, { once: true });
+    });
+  });
+  return Promise.all(loading);
 }
 
 function Connection() {

@@ -245,7 +245,7 @@ function ends(run) {
   ].filter(Boolean);
   return left.length
     ? `It stops by itself after ${left.join(", or ")} more, or earlier.`
-    : "It has no limit: it runs until you stop it.";
+    : "It runs until you stop it, or a goal of its settings is reached.";
 }
 
 /** How well it drives first, then how far it is. */

@@ -142,7 +142,7 @@ export function modelActions({ prefix, path, about, checkpoints, names }) {
       ],
     });
     if (!values) return;
-    setQuery({ tab: "evaluations" });
+    setQuery({ tab: "evaluations" }, true);
     const { opponent, ...others } = values;
     const rival = values.race_type === "HEAD_TO_MODEL" ? { opponent } : {};
     await act("evaluate", { ...others, ...rival, video: values.video ? "True" : "False" });

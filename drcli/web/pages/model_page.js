@@ -129,7 +129,7 @@ function Model({ prefix, query }) {
       <${Act} action=${actions.upload} text="Upload" />
       <${Act} action=${actions.remove} text="Delete" />
     </div>
-    <${Tabs} label=${`Parts of ${prefix}`} parts=${parts} chosen=${query.get("tab") ?? "overview"} onChoose=${(tab) => setQuery({ tab: tab === "overview" ? "" : tab })} />`;
+    <${Tabs} label=${`Parts of ${prefix}`} parts=${parts} chosen=${query.get("tab") ?? "overview"} onChoose=${(tab) => setQuery({ tab: tab === "overview" ? "" : tab }, true)} />`;
 }
 
 /** A button of an action of the model; `action` says itself what went wrong. */

@@ -20,15 +20,18 @@ addEventListener("hashchange", () => {
 /**
  * Keep a choice in the address, so that Back, a reload and a bookmark have it, too.
  * @param {Record<string, string>} changes of the query; "" leaves a name out
+ * @param {boolean} step whether Back takes it back
  */
-export function setQuery(changes) {
+export function setQuery(changes, step = false) {
   const { path, query } = readRoute();
   for (const [name, value] of Object.entries(changes)) {
     if (value) query.set(name, value);
     else query.delete(name);
   }
   const text = query.toString();
-  history.replaceState(history.state, "", `#${path}${text ? `?${text}` : ""}`);
+  const address = `#${path}${text ? `?${text}` : ""}`;
+  if (step) history.pushState(null, "", address);
+  else history.replaceState(history.state, "", address);
   route.value = { path, query };
 }
 

@@ -50,6 +50,9 @@ def test_a_model_is_read_by_keyboard_alone(served, visit, models):
     page.keyboard.press("ArrowRight")
     page.get_by_role("cell", name="11.00 s").wait_for()
     assert "tab=evaluations" in page.url
+    page.go_back()
+    page.get_by_role("cell", name="1 of 2").first.wait_for()
+    page.go_forward()
 
     page.get_by_label("Compare with").select_option(STAMP)
 
