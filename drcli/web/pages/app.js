@@ -1,6 +1,7 @@
 // The frame of the console: pages by the part of the address after #, connection, tasks, theme, notices.
 
 import { clearNotices, dismiss, notices, notify } from "/notices.js";
+import { mendLink } from "/mend.js";
 import { follow, onConnection } from "/socket.js";
 import { route, useGet } from "/store.js";
 import { Empty, Prose, html, render, signal, useEffect, useRef, useState } from "/ui.js";
@@ -203,8 +204,15 @@ const seen = new Map();
 follow("tasks", ({ tasks: list = [] }) => {
   for (const task of list) {
     const before = seen.get(task.id);
-    if (before && before !== task.state && task.state === "failed")
-      notify(`${task.title}: ${task.error.message}`, "bad", task.error.remedy);
+    // The step "Start" says itself what went wrong.
+    const isTold = task.kind === "start-training" && route.value.path === "/new";
+    if (before && before !== task.state && task.state === "failed" && !isTold)
+      notify(
+        `${task.title}: ${task.error.message}`,
+        "bad",
+        task.error.remedy,
+        mendLink(task.error.message),
+      );
     if (before && before !== task.state && task.state === "done") notify(`${task.title}: done.`);
     seen.set(task.id, task.state);
   }

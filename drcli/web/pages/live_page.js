@@ -79,7 +79,6 @@ function Run({ runId, folder }) {
         ? html`<section class="live-state" aria-label="State of the run">
             <p class="live-sentence" role="status"><span class="dot bad"></span>The state of the run cannot be read. The page goes on by itself when it can.</p>
             <${Failure} error=${run.error} />
-            <${Mend} text=${`${run.error.message} ${run.error.remedy ?? ""}`} />
           </section>`
         : run.value
           ? html`<${State} runId=${runId} run=${run.value} rows=${rows} elsewhere=${elsewhere} folder=${folder} />`
@@ -156,14 +155,6 @@ function Runs({ runId, runs }) {
     options=${known.map((run) => [String(run.run_id), `${run.run_id}: ${run.prefix}${run.alive ? ", runs" : ""}`])} />`;
 }
 
-/** Leads to the place in the page where a problem can be mended. */
-function Mend({ text }) {
-  const link = mendLink(text);
-  return (
-    link && html`<p class="actions"><a class="button main" href=${link.href}>${link.text}</a></p>`
-  );
-}
-
 /** The run in a sentence, what to do next, its figures, and what its watches say. */
 export function State({ runId, run, rows, elsewhere, folder }) {
   const about = folder.value;
@@ -208,7 +199,7 @@ export function State({ runId, run, rows, elsewhere, folder }) {
     hint = resuming
       ? "It is being started."
       : [...(failed ? [] : [run.message, run.remedy]), restart].filter(Boolean).join(" ");
-    const mend = failed && mendLink(`${run.message} ${run.remedy}`);
+    const mend = failed && mendLink(run.message);
     const again =
       own &&
       html`<${Button} class=${mend ? null : "main"} busy=${resuming} onClick=${resume}>Resume the training<//>`;

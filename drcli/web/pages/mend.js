@@ -19,5 +19,8 @@ export function mendLink(text) {
   for (const [pattern, step, name] of STEPS)
     if (pattern.test(text)) return { text: name, href: `#/new?step=${step}` };
   const setting = /\bDR_[A-Z0-9_]+/.exec(text)?.[0];
-  return setting ? { text: `Open ${setting}`, href: `#/settings?name=${setting}` } : null;
+  if (setting) return { text: `Open ${setting}`, href: `#/settings?name=${setting}` };
+  return /\b(run|system|worker-\d+)\.env\b/.test(text)
+    ? { text: "Open the settings", href: "#/settings" }
+    : null;
 }

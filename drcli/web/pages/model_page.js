@@ -6,7 +6,6 @@ import { Evaluations } from "/model_evaluations.js";
 import { Files } from "/model_files.js";
 import { Notes } from "/model_notes.js";
 import { Overview } from "/model_overview.js";
-import { mendLink } from "/mend.js";
 import { Badges, checkpointText, modelLink } from "/models_page.js";
 import { setQuery, useAction, useGet, useTopic } from "/store.js";
 import { bytes, duration, lapTime, moment, number } from "/text.js";
@@ -106,7 +105,7 @@ function Model({ prefix, query }) {
     <${AllModels} />
     <h1>${prefix} <${Badges} prefix=${prefix} data=${state} model=${{ ...model, training: trains }} training=${training} /></h1>
     <p class="state" role="status"><${Story} training=${training} trains=${trains} note=${model?.note} names=${names} /></p>
-    ${!trains && training?.state === "failed" && training.message && html`<${WhatFailed} training=${training} />`}
+    ${!trains && training?.state === "failed" && training.message && html`<${Failure} error=${training} />`}
     <${Tiles} values=${[
       ["Best clean lap", lapTime(training?.best_lap_s)],
       ["Best checkpoint", checkpointText(model?.best)],
@@ -155,9 +154,4 @@ function Story({ training, trains, note, names }) {
     ${trains ? "It is being trained. " : `${end}${training.state !== "failed" && training.message ? `${training.message} ` : ""}`}
     ${parent && html`It began with the weights of ${names.includes(parent) ? html`<a href=${modelLink(parent)}>${parent}</a>` : parent}, checkpoint ${training.parent_checkpoint.split("_")[0]}. `}
     ${note && html`<q>${note}</q>`}`;
-}
-
-function WhatFailed({ training }) {
-  const link = mendLink(training.message);
-  return html`<${Failure} error=${training} />${link && html`<p class="actions"><a class="button main" href=${link.href}>${link.text}</a></p>`}`;
 }

@@ -1,8 +1,10 @@
 // run.env and system.env as forms by group.
 
-import { Problems, leadTo } from "/fields.js";
+import { notify } from "/notices.js";
+import { Problems, TextField, leadTo } from "/fields.js";
 import { DraftNote, useSettings } from "/steps.js";
-import { get } from "/api.js";
+import { useAction } from "/store.js";
+import { get, put } from "/api.js";
 import { Button, Failure, html, useEffect, useRef, useState } from "/ui.js";
 
 export const title = "Settings";
@@ -73,7 +75,38 @@ function Form({ form, reload, query }) {
     <p class="readout" role="status">${filtered && `${count} settings`}</p>
     ${error && !error.problems && html`<${Failure} error=${error} />`}
     <${Problems} problems=${problems} lead=${leadTo} />
+    ${form.problems
+      .filter((each) => each.line && !each.key)
+      .map(
+        (each) => html`<${WrongLine} key=${each.where} problem=${each}
+      version=${form.versions[each.file]} mended=${reload} />`,
+      )}
     ${groups.map((group) => html`<${Group} key=${group.name} ...${group} edits=${edits} filtered=${filtered} />`)}`;
+}
+
+/** A line of which nobody knows the setting: it is written again, or becomes a comment. */
+function WrongLine({ problem, version, mended }) {
+  const { file, line, where } = problem;
+  const [text, setText] = useState("");
+  const [error, setError] = useState(null);
+  const [write, busy] = useAction(async (written) => {
+    try {
+      await put(`${PATH}/line`, { file, line, text: written, version });
+      notify(`${where} is written; the old file is kept as .bak.`);
+      mended();
+    } catch (failure) {
+      setError(failure);
+    }
+  });
+  return html`
+    <form class="row" onSubmit=${(event) => {
+      event.preventDefault();
+      write(text);
+    }}>
+      <${TextField} label=${`Write ${where} again`} value=${text} onInput=${setText} placeholder="NAME=value, # comment, or nothing"
+        problems=${error ? (error.problems ?? [{ severity: "error", message: error.message, remedy: error.remedy }]) : []} />
+      <button type="submit" aria-disabled=${busy ? "true" : null}>Replace the line</button>
+    </form>`;
 }
 
 function Group({ name, settings, shown, edits, filtered }) {

@@ -1,5 +1,6 @@
 // Components that all pages use.
 
+import { mendLink } from "/mend.js";
 import { html, useEffect, useRef } from "/vendor/preact/preact.js";
 
 export * from "/vendor/preact/preact.js";
@@ -10,12 +11,17 @@ export const Prose = ({ text }) =>
     .split("`")
     .map((piece, k) => (k % 2 ? html`<code>${piece}</code>` : piece));
 
-/** Something that failed, with its remedy. */
-export const Failure = ({ error }) => html`
-  <div class="problem" role="alert">
-    <p><${Prose} text=${error.message} /></p>
-    ${error.remedy && html`<p class="remedy"><${Prose} text=${error.remedy} /></p>`}
-  </div>`;
+/** Something that failed, with its remedy, and a link to where it can be mended in the page. */
+export function Failure({ error }) {
+  const [first] = error.problems ?? [];
+  const link = mendLink(`${first?.where ?? ""} ${first?.key ?? ""} ${error.message}`);
+  return html`
+    <div class="problem" role="alert">
+      <p><${Prose} text=${error.message} /></p>
+      ${error.remedy && html`<p class="remedy"><${Prose} text=${error.remedy} /></p>`}
+      ${link && link.href !== location.hash && html`<p><a class="button" href=${link.href}>${link.text}</a></p>`}
+    </div>`;
+}
 
 /** A sentence where there is nothing yet, and what to do next. */
 export const Empty = ({ text, children = null }) => html`

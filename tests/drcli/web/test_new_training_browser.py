@@ -258,3 +258,24 @@ def test_wrong_fields_and_actions_are_marked(served, visit, made):
         color = control.evaluate("each => getComputedStyle(each).borderTopColor")
         usual = page.get_by_label("batch_size").evaluate("e => getComputedStyle(e).borderTopColor")
         assert color != usual
+
+
+def test_a_line_that_stops_every_page_is_mended_in_the_page(served, visit, made):
+    run_env = made / "run.env"
+    run_env.write_text(run_env.read_text() + "DR_WORKERS several\n")
+    visited = visit(f"{served.url}/#/new")
+    page = visited.page
+    page.get_by_role("link", name="Open the settings").click()
+    line = page.get_by_label("Write run.env line")
+    line.fill("DR_WORKERS many")
+    page.get_by_role("button", name="Replace the line").click()
+    page.locator("main").get_by_text("DR_WORKERS many is not").first.wait_for()
+    line.fill("# later")
+    page.get_by_role("button", name="Replace the line").click()
+    line.wait_for(state="detached")
+    page.get_by_role("link", name="New training").click()
+    page.locator("#step-model").wait_for()
+
+    assert run_env.read_text().endswith("\n# later\n")
+    # The browser itself reports what was refused meanwhile.
+    visited.problems[:] = [each for each in visited.problems if "422" not in each]
