@@ -116,6 +116,39 @@ def set_values(
     return Edit(str(directory), tuple(files.changes), (*stronger, *warnings))
 
 
+def replace_line(directory: Path, name: str, line: int, text: str, seen: str) -> None:
+    """Write another text into a line that is wrong, and keep the old file as NAME.bak.
+
+    Args:
+        directory: The working folder.
+        name: run.env, its own name in an experiment, or system.env.
+        line: From 1.
+        text: A NAME=value line, a comment, or nothing.
+        seen: Version of the file that has this line.
+
+    Raises:
+        FilesChanged: It is another version.
+        ProblemsError: The text would be wrong there, too; nothing was changed.
+        SettingsError: The file has no such line, or cannot be read or written.
+    """
+    with only_writer(directory):
+        files = _Texts(directory, name)
+        files.refuse_other(name, seen)
+        data = files.original(name)
+        lines = text_of(data, name).splitlines(keepends=True)
+        if not 1 <= line <= len(lines) or LINE_END.search(text):
+            raise SettingsError(f"{name} has no such line.", remedy="Read the page again.")
+        end = LINE_END.search(lines[line - 1])
+        lines[line - 1] = text + ("" if end is None else end[0])
+        mark = codecs.BOM_UTF8 if data.startswith(codecs.BOM_UTF8) else b""
+        changed = mark + "".join(lines).encode()
+        wrong = [each for each in parse_env(changed, name).problems if each.line == line]
+        if wrong:
+            raise ProblemsError(wrong)
+        rewrite(directory / f"{name}.bak", data)
+        rewrite(directory / name, changed)
+
+
 def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
     """The content of a settings file with other values for some names.
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import gzip
 import json
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -27,6 +28,7 @@ from drcli.base.log import get_logger
 from drcli.config.editing import FilesChanged
 
 MOST_BYTES = 1 << 20
+LONG_BYTES = 2000
 MOST_DEPTH = 20
 _STATUS: dict[type[DrError], int] = {
     FilesChanged: 409,
@@ -108,9 +110,18 @@ def answers(function: Callable[[Request], Any]) -> Handler:
             value = await anyio.to_thread.run_sync(function, request)
         except Exception as error:
             return JSONResponse(error_of(error), status_of(error))
-        return value if isinstance(value, Response) else report(value)
+        return value if isinstance(value, Response) else packed(request, report(value))
 
     return handle
+
+
+def packed(request: Request, response: Response) -> Response:
+    """Compressed, if it is long and the browser takes that."""
+    if len(response.body) > LONG_BYTES and "gzip" in request.headers.get("accept-encoding", ""):
+        response.body = gzip.compress(response.body, 5)
+        response.headers["content-length"] = str(len(response.body))
+        response.headers["content-encoding"] = "gzip"
+    return response
 
 
 def accepts(function: Callable[[Request, dict[str, Any]], Any]) -> Handler:
@@ -123,7 +134,7 @@ def accepts(function: Callable[[Request, dict[str, Any]], Any]) -> Handler:
             value = await anyio.to_thread.run_sync(function, request, body)
         except Exception as error:
             return JSONResponse(error_of(error), status_of(error))
-        return value if isinstance(value, Response) else report(value)
+        return value if isinstance(value, Response) else packed(request, report(value))
 
     return handle
 

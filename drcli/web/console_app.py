@@ -1,9 +1,12 @@
 """The application of the console: all routes behind the guard."""
 
 import asyncio
+import gzip
+import hashlib
 from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
+from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -177,6 +180,12 @@ def _collect(folder: Traversable, at: str) -> dict[str, Traversable]:
     return found
 
 
+@cache
+def compressed(data: bytes) -> bytes:
+    """Half a megabyte for all files together."""
+    return gzip.compress(data, mtime=0)
+
+
 def page_routes() -> list[Route]:
     """Only for files of the package, whatever the path says."""
     known = _collect(files("drcli.web") / "pages", "/")
@@ -189,12 +198,17 @@ def page_routes() -> list[Route]:
         item = known.get("/index.html" if path == "/" else path)
         if item is None:
             return PlainTextResponse("There is no such page.", 404)
-        # No cache: after an update of the package, old and new modules must not be mixed.
-        return Response(
-            item.read_bytes(),
-            media_type=_TYPES[path.rpartition(".")[2] if path != "/" else "html"],
-            headers={"cache-control": "no-cache"},
-        )
+        data = item.read_bytes()
+        # The browser asks each time: old and new modules of an update must not be mixed.
+        headers = {"cache-control": "no-cache", "vary": "accept-encoding"}
+        headers["etag"] = f'"{hashlib.sha256(data).hexdigest()[:32]}"'
+        if request.headers.get("if-none-match") == headers["etag"]:
+            return Response(status_code=304, headers=headers)
+        if "gzip" in request.headers.get("accept-encoding", ""):
+            data = compressed(data)
+            headers["content-encoding"] = "gzip"
+        kind = _TYPES[path.rpartition(".")[2] if path != "/" else "html"]
+        return Response(data, media_type=kind, headers=headers)
 
     return [Route("/{path:path}", serve, methods=["GET"])]
 

@@ -5,6 +5,7 @@ import secrets
 import shutil
 import time
 from collections.abc import Sequence
+from difflib import unified_diff
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,19 +17,25 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.errors import BadValue, DiskFull, DrError, SettingsError, WorkerDied
 from drcli.base.files import safe_name
 from drcli.base.processes import is_alive
+from drcli.config.editing import set_values
 from drcli.config.settings import catalogue
 from drcli.config.track_names import built_in, own
 from drcli.config.value_types import CheckpointChoice, parse_checkpoint
+from drcli.model.files.custom_files import FILE_RULES
+from drcli.model.model_store import ModelStore
 from drcli.records.run_record import log_file
 from drcli.run import stopping
 from drcli.run.evaluation import STOPPED
 from drcli.run.increment import Increment, Overrides, make_increment, plan_increment
 from drcli.run.read_logs import text_tail
 from drcli.transfer.model_removal import plan_removal
+from drcli.transfer.record_training import files_of
+from drcli.transfer.training_list import entry_of
 from drcli.web import model_work
 from drcli.web.answers import BadRequest, accepts, answers, error_of, status_of, text_of
 from drcli.web.download_folder import DownloadFolder
 from drcli.web.model_reader import ModelReader, checked, prefix_of
+from drcli.web.own_files import own_file, save_own_file
 from drcli.web.subprocess_work import WorkFailed, in_subprocess
 from drcli.web.tasks import Progress, Task
 
@@ -105,7 +112,38 @@ def action_routes(
         prefix, target = _existing(reader, body), checked(body.get("to"), "name of the new model")
         choice = choice_of(body)
         description = text_of(body, "description", "") or None
-        return clone_model(reader, prefix, target, choice, description)
+        take, world = body.get("take", []), text_of(body, "world", "")
+        if not isinstance(take, list) or not all(name in FILE_RULES for name in take):
+            raise BadRequest(f"A clone can take {', '.join(FILE_RULES)}.")
+        bucket = reader.open(prefix)[1]
+        files = files_of(ModelStore(bucket, prefix))
+        if world:  # refused before anything is changed
+            set_values(directory, {"DR_WORLD_NAME": world}, write=False)
+        increment = clone_model(reader, prefix, target, choice, description)
+        settings = folder.settings()
+        for name in take:
+            if name in files:
+                seen = own_file(settings, name).version
+                save_own_file(settings, name, files[name].encode(), seen)
+        if world:
+            set_values(directory, {"DR_WORLD_NAME": world})
+        return increment
+
+    def clone_plan(request: Request) -> Any:
+        prefix = prefix_of(request)
+        settings, bucket = reader.open(prefix)
+        record = reader.record(prefix)
+        texts = files_of(ModelStore(bucket, prefix))
+        own = {name: own_file(settings, name).text for name in FILE_RULES}
+        return {
+            "files": [
+                {"name": name, "diff": changed_lines(own[name], texts[name])}
+                for name in FILE_RULES
+                if name in texts
+            ],
+            "world": None if record is None else entry_of(record, exists=True).world,
+            "folder_world": settings.world_name,
+        }
 
     def upload(_: Request, body: dict[str, Any]) -> Any:
         # As dr-upload-model: the last one.
@@ -198,6 +236,7 @@ def action_routes(
         ),
         Route("/api/model/removal", answers(removal)),
         Route("/api/model/choices", answers(choices)),
+        Route("/api/model/clone-plan", answers(clone_plan)),
     ]
 
 
@@ -313,6 +352,12 @@ def clone_model(
     overrides = Overrides(choice, description=description)
     planned = plan_increment(settings, prefix=target, overrides=overrides)
     return make_increment(planned, settings.storage)
+
+
+def changed_lines(before: str, after: str) -> list[str]:
+    """A unified difference without its head; empty where only spaces at ends of lines differ."""
+    old, new = ([line.rstrip() for line in text.strip().splitlines()] for text in (before, after))
+    return list(unified_diff(old, new, n=2, lineterm=""))[2:]
 
 
 def _driven(reader: ModelReader, prefix: str, began: dict[str, Any]) -> dict[str, Any]:

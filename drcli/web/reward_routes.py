@@ -47,7 +47,8 @@ class RewardChecks:
         self._numbers = itertools.count(1)
         self._newest: dict[str, int] = {}
         self._lock = threading.Lock()
-        self._turn = threading.Lock()
+        self._turns = threading.Condition()
+        self._is_checking = False
         self._waiting = 0
         self._running: tuple[str, int] | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -69,7 +70,7 @@ class RewardChecks:
             BadRequest: Too many checks wait.
             WorkerDied: The process does not answer.
         """
-        with self._lock:
+        with self._turns:
             if self._waiting >= MOST_WAITING:
                 raise BadRequest("Too many checks wait; try again in a moment.", 429)
             number = next(self._numbers)
@@ -77,25 +78,31 @@ class RewardChecks:
             self._newest[page] = number
             while len(self._newest) > MOST_PAGES:
                 del self._newest[next(iter(self._newest))]
-            self._waiting += 1
             if self._running is not None and self._running[0] == page:
-                self._send({"cancel": self._running[1]})
-        try:
-            with self._turn:
-                time.sleep(max(0.0, self._ended_s + COOL_DOWN_S - time.monotonic()))
                 with self._lock:
-                    if self._newest.get(page) != number:
-                        return {"superseded": True}
-                    self._running = (page, number)
-                try:
-                    return self._ask(number, text, known)
-                finally:
-                    with self._lock:
-                        self._running = None
-                    self._ended_s = time.monotonic()
+                    self._send({"cancel": self._running[1]})
+            self._turns.notify_all()  # those that wait for an older text of the page end
+            self._waiting += 1
+            self._turns.wait_for(lambda: not self._is_checking or self._is_old(page, number))
+            self._waiting -= 1
+            if self._is_old(page, number):
+                return {"superseded": True}
+            self._is_checking = True
+        try:
+            time.sleep(max(0.0, self._ended_s + COOL_DOWN_S - time.monotonic()))
+            with self._turns:
+                if self._is_old(page, number):
+                    return {"superseded": True}
+                self._running = (page, number)
+            return self._ask(number, text, known)
         finally:
-            with self._lock:
-                self._waiting -= 1
+            self._ended_s = time.monotonic()
+            with self._turns:
+                self._running, self._is_checking = None, False
+                self._turns.notify_all()
+
+    def _is_old(self, page: str, number: int) -> bool:
+        return self._newest.get(page) != number
 
     def close(self) -> None:
         if self._idle is not None:
@@ -160,11 +167,9 @@ class RewardChecks:
         self._idle.start()
 
     def _close_idle(self) -> None:
-        if self._turn.acquire(blocking=False):
-            try:
+        with self._turns:
+            if not self._is_checking:
                 self.close()
-            finally:
-                self._turn.release()
 
 
 def _templates() -> list[dict[str, str]]:

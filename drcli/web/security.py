@@ -15,6 +15,7 @@ from html import escape
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -47,13 +48,27 @@ _PAGE = """<!doctype html>
 <p class="command"><code>dr console</code></p>
 <p>It opens the page with its token; <code>dr console start</code> only prints the link. A browser
 that has opened the link keeps the token for a year, so a bookmark works without it.</p>
-<form action="/enter" method="get">
+<form action="/enter" method="post">
 <label for="token">Token, the end of the link</label>
 <input id="token" name="token" autocomplete="off" required>
 <button>Open</button>
 </form>
 </main>
 </body>
+</html>
+"""
+
+
+_REFUSED = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>DeepRacer console</title>
+<link rel="stylesheet" href="{style}">
+<main>
+<h1>DeepRacer console</h1>
+<p role="alert">{sentence}</p>
+</main>
 </html>
 """
 
@@ -70,6 +85,7 @@ LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?")
 MOST_TRIES = 10
 """Per minute and address."""
 
+MOST_FORM_BYTES = 4096
 KEPT_S = 365 * 86_400
 """Browsers keep no cookie longer than 400 days."""
 
@@ -99,6 +115,9 @@ _HEADERS = {
     "cross-origin-opener-policy": "same-origin",
     "permissions-policy": "camera=(), geolocation=(), microphone=()",
 }
+
+_ENTER_HEADERS = {**_HEADERS, "cache-control": "no-store", "referrer-policy": "same-origin"}
+"""Without a referrer, a browser says that the form comes from nowhere."""
 
 _POLICY_VIOLATION = 1008
 """RFC 6455, section 7.4.1."""
@@ -177,7 +196,7 @@ class Guard:
         if self._token is None or self._knows(self._given(headers)):
             return True
         given = _token_in(scope) if scope["path"] == STREAM else ""
-        return bool(given) and not self._must_wait(scope) and self._tries(scope, given)
+        return bool(given) and self._tries(scope, given)
 
     def _given(self, headers: Headers) -> str:
         for part in headers.get("cookie", "").split(";"):
@@ -192,14 +211,20 @@ class Guard:
         )
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
-        given = _token_in(scope)
+        """By a link, or by the form, whose token does not stay in the history of the browser."""
+        given = _token_in(scope) or await _posted_token(scope, receive)
+        waits = self._must_wait(scope)
         response: Response
         if not given:
             response = HTMLResponse(enter_page(NEEDS_TOKEN))
-        elif self._must_wait(scope):
-            response = HTMLResponse(enter_page("Too many wrong tokens. Wait a minute."), 429)
         elif not self._tries(scope, given):
-            response = HTMLResponse(enter_page("This is not the token of this console."), 401)
+            # The right one is let in at any time: it is too long to be guessed.
+            text = (
+                "Too many wrong tokens. Wait a minute."
+                if waits
+                else "This is not the token of this console."
+            )
+            response = HTMLResponse(enter_page(text), 429 if waits else 401)
         else:
             response = RedirectResponse("/", 303)
             response.set_cookie(
@@ -211,8 +236,7 @@ class Guard:
                 samesite="strict",
                 secure=scope.get("scheme") == "https",
             )
-        response.headers.update(_HEADERS)
-        response.headers["cache-control"] = "no-store"
+        response.headers.update(_ENTER_HEADERS)
         await response(scope, receive, send)
 
     def _must_wait(self, scope: Scope) -> bool:
@@ -246,6 +270,17 @@ def _token_in(scope: Scope) -> str:
     return parse_qs(query).get("token", [""])[0]
 
 
+async def _posted_token(scope: Scope, receive: Receive) -> str:
+    if scope["method"] != "POST":
+        return ""
+    data = b""
+    async for chunk in Request(scope, receive).stream():
+        data += chunk
+        if len(data) > MOST_FORM_BYTES:
+            return ""
+    return parse_qs(data.decode("latin-1")).get("token", [""])[0]
+
+
 def _add_headers(message: Message) -> None:
     headers = MutableHeaders(scope=message)
     for name, value in _HEADERS.items():
@@ -264,8 +299,12 @@ async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, sente
         # A browser sends no cookie of ours with a link from elsewhere, such as a chat; it does if
         # this page asks once more.
         from_elsewhere = headers.get("sec-fetch-site") in ("cross-site", "same-site")
-        response = HTMLResponse(enter_page(sentence, asks_again=from_elsewhere), 401, _HEADERS)
-        response.headers["cache-control"] = "no-store"
+        page = enter_page(sentence, asks_again=from_elsewhere)
+        response = HTMLResponse(page, 401, _ENTER_HEADERS)
+    elif "text/html" in headers.get("accept", ""):
+        response = HTMLResponse(
+            _REFUSED.format(style=STYLE, sentence=escape(sentence)), status, _HEADERS
+        )
     else:
         body = {"message": sentence, "remedy": GET_LINK if status == 401 else "", "code": 2}
         response = JSONResponse({"error": body}, status, _HEADERS)

@@ -15,7 +15,7 @@ from drcli.base.errors import Problem, ProblemsError
 from drcli.base.json_record import plain
 from drcli.bucket.bucket import Watch
 from drcli.config import activation
-from drcli.config.editing import FilesChanged, set_values, version_of
+from drcli.config.editing import FilesChanged, replace_line, set_values, version_of
 from drcli.config.fields import HIDDEN, FileName, Setting, hidden
 from drcli.config.loading import active_run_file, load_settings
 from drcli.config.new_folder import plan_folder, write
@@ -30,7 +30,7 @@ from drcli.transfer.ready_made import (
     read_recipe,
     values_with,
 )
-from drcli.web.answers import BadRequest, accepts, answers, error_of, placed
+from drcli.web.answers import BadRequest, accepts, answers, error_of, placed, text_of
 from drcli.web.served_folder import ServedFolder
 
 # run.env and system.env for the page.
@@ -231,6 +231,14 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             return {"problems": [placed(each) for each in error.errors], "warnings": []}
         return {"problems": [], "warnings": edit.warnings}
 
+    def mend(_: Request, body: dict[str, Any]) -> Any:
+        name, line = text_of(body, "file"), body.get("line")
+        versions = FolderFiles.read(folder.directory).versions
+        if name not in versions or not isinstance(line, int):
+            raise BadRequest("The request needs a line of run.env or system.env.")
+        replace_line(folder.directory, name, line, text_of(body, "text"), text_of(body, "version"))
+        return {"file": name, "line": line}
+
     def about_folder(_: Request) -> Any:
         return {
             "exists": is_folder(folder.directory),
@@ -270,6 +278,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         Route("/api/settings", answers(show), methods=["GET"]),
         Route("/api/settings", accepts(save), methods=["PUT"]),
         Route("/api/settings/check", accepts(check), methods=["POST"]),
+        Route("/api/settings/line", accepts(mend), methods=["PUT"]),
         Route("/api/new-folder", answers(about_folder), methods=["GET"]),
         Route("/api/new-folder", accepts(create), methods=["POST"]),
     ]

@@ -95,7 +95,7 @@ def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, t
 
     page.get_by_role("link", name="Open the model").click()
     page.get_by_role("button", name="Evaluate").click()
-    page.get_by_label("Laps").fill("1")
+    page.get_by_role("dialog").get_by_label("Laps").fill("1")
     page.get_by_label("Make videos of it").check()
     page.get_by_role("dialog").get_by_role("button", name="Evaluate").click()
     page.get_by_text("Clean lap", exact=True).first.wait_for()

@@ -1,460 +1,271 @@
-// Sensors, algorithm, network and actions: model_metadata.json.
+// Sensors, algorithm, network and actions: two steps that are one file, model_metadata.json.
 
 import { get, post } from "/api.js";
-import { failure, fill, h } from "/dom.js";
-import { brokenFile, editStep, savedText, writeOwnFile } from "/edit_step.js";
-import { polar } from "/polar.js";
-import { debounced } from "/setting_fields.js";
+import { useDraft } from "/drafts.js";
+import { SelectField, TextField, useChecked } from "/fields.js";
+import { Polar } from "/polar.js";
+import { writeOwnFile } from "/saving.js";
+import { BrokenFile, Step, useSaving } from "/steps.js";
+import { useAction } from "/store.js";
+import { html, useRef, useState } from "/ui.js";
 
 const PATH = "/api/metadata";
-const WORDS = {
+const NETWORKS = {
   DEEP_CONVOLUTIONAL_NETWORK_SHALLOW: "shallow, of the reference",
   DEEP_CONVOLUTIONAL_NETWORK: "middle, of the reference",
   DEEP_CONVOLUTIONAL_NETWORK_DEEP: "deep, of the reference",
   COMPACT_CONVOLUTIONAL_NETWORK: "compact: learns fastest",
 };
-let count = 0;
+const DEFAULTS = {
+  sensor: ["FRONT_FACING_CAMERA"],
+  training_algorithm: "clipped_ppo",
+  neural_network: "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
+  action_space: [],
+};
+const KEYS = {
+  sensors: ["sensor", "training_algorithm", "neural_network"],
+  actions: ["action_space"],
+};
+const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+const isOfSensors = (each) =>
+  /^(sensor|lidar|training_algorithm|neural_network|version|exploration)/.test(each.key);
+/** A number if it is written as one; else the text, of which the check says what is wrong. */
+const read = (text) => (/^\s*[-+]?(\d+\.?\d*|\.\d+)\s*$/.test(text) ? Number(text) : text.trim());
 
-function field(label, control, help = "") {
-  control.id ||= `action-${++count}`;
-  return h(
-    "div",
-    { class: "field" },
-    h("label", { for: control.id }, label),
-    control,
-    help ? h("p", { class: "help" }, help) : null,
-  );
-}
-const choice = (values, change, words = WORDS) =>
-  h(
-    "select",
-    { change },
-    values.map((value) => h("option", { value }, words[value] ?? value)),
-  );
-const figure = (value, change) =>
-  h("input", {
-    type: "text",
-    inputmode: "decimal",
-    autocomplete: "off",
-    value: String(value),
-    input: change,
-  });
-const read = (control) =>
-  /^\s*[-+]?(\d+\.?\d*|\.\d+)\s*$/.test(control.value)
-    ? Number(control.value)
-    : control.value.trim();
-
-/** Two steps, "sensors" with the algorithm and "actions", which are one file. */
-export function actionSteps(facts, { saved, algorithmChanged }, signal) {
-  let space,
-    chosen = -1;
-  const later = debounced(check, 400, signal);
-  const changed = () => {
-    for (const step of steps) step.mark(isChanged(step.keys), isChanged(step.keys) ? null : "");
-    later();
+/**
+ * The edits of model_metadata.json, for both steps.
+ * @param {{facts: Object, reload: () => Promise<void>, folder: string, saved: () => void}} options `facts` is the answer of /api/metadata
+ */
+export function useMetadata({ facts, reload, folder, saved }) {
+  const draft = useDraft(`${folder}/model_metadata`, facts.version);
+  const before = { ...DEFAULTS, ...facts.values };
+  before.training_algorithm = String(before.training_algorithm).toLowerCase();
+  const now = { ...before, ...draft.edits };
+  const { edits } = draft;
+  const set = (key, value) => {
+    const { [key]: _, ...others } = edits;
+    draft.set(same(value, before[key]) ? others : { ...others, [key]: value });
   };
-
-  const camera = choice(
-    facts.cameras.filter(
-      (name) => !facts.old_names.includes(name) || facts.values.sensor?.includes(name),
-    ),
-    changed,
-    facts.words,
-  );
-  const lidar = h(
-    "select",
-    { change: changed },
-    h("option", { value: "" }, "none"),
-    facts.lidars.map((value) => h("option", { value }, facts.words[value])),
-  );
-  const algorithm = choice(
-    facts.algorithms,
-    () => {
-      changed();
-      algorithmChanged();
-      draw();
-    },
-    facts.words,
-  );
-  const network = choice(facts.networks, changed);
-  const sensors = editStep(
-    {
-      id: "sensors",
-      title: "Sensors, network and algorithm",
-      hint: "What the car sees, and how it learns. These cannot change later in the same model.",
-      save: () => save(sensors),
-    },
-    h(
-      "div",
-      { class: "fields" },
-      field("Camera", camera),
-      field(
-        "Lidar",
-        lidar,
-        "Sees other cars and boxes behind and beside the car; a time trial does not need it.",
-      ),
-      field(
-        "Algorithm",
-        algorithm,
-        "PPO is steady and the usual choice. SAC learns from every step again and needs a continuous action space.",
-      ),
-      field("Network", network),
-    ),
-  );
-  sensors.keys = ["sensor", "training_algorithm", "neural_network"];
-
-  const kind = h(
-    "select",
-    {
-      change: () => {
-        switchKind();
-        changed();
-        draw();
-      },
-    },
-    h("option", { value: "discrete" }, "Discrete: a list of actions"),
-    h("option", { value: "continuous" }, "Continuous: ranges"),
-  );
-  const picture = polar({
-    choose: (k) => {
-      chosen = k;
-      draw();
-      body.querySelector(`[data-row="${k}"] input`)?.focus();
-    },
-  });
-  const body = h("div", { class: "action-table" });
-  const generated = h("p", { class: "field-problem", role: "status" });
-  const generator = {
-    max_angle: figure(30, () => {}),
-    angles: figure(5, () => {}),
-    max_speed: figure(1, () => {}),
-    speeds: figure(2, () => {}),
-  };
-  const maker = h(
-    "fieldset",
-    { class: "maker" },
-    h("legend", {}, "Generate a list"),
-    h(
-      "div",
-      { class: "fields narrow" },
-      field("Maximum steering, degrees", generator.max_angle, "0.5 to 30"),
-      field("Steering granularity", generator.angles, "Number of angles; 3, 5 or 7 are usual"),
-      field("Maximum speed, m/s", generator.max_speed, "0.1 to 4"),
-      field("Speed granularity", generator.speeds, "Number of speeds; 1, 2 or 3 are usual"),
-    ),
-    h("div", { class: "actions" }, h("button", { type: "button", click: generate }, "Generate")),
-    generated,
-  );
-  const actions = editStep(
-    {
-      id: "actions",
-      title: "Action space",
-      hint: "What the car can do in each step. Steering to the left is positive.",
-      save: () => save(actions),
-    },
-    field("Kind", kind),
-    h("div", { class: "split" }, picture.element, h("div", {}, maker, body)),
-  );
-  actions.keys = ["action_space"];
-  const steps = [sensors, actions];
-
-  function take(values) {
-    facts.values = values;
-    camera.value =
-      values.sensor?.find((name) => facts.cameras.includes(name)) ?? "FRONT_FACING_CAMERA";
-    lidar.value = values.sensor?.find((name) => facts.lidars.includes(name)) ?? "";
-    algorithm.value = String(values.training_algorithm ?? "clipped_ppo").toLowerCase();
-    network.value = values.neural_network ?? "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW";
-    space = structuredClone(values.action_space ?? []);
-    kind.value = Array.isArray(space) ? "discrete" : "continuous";
-    chosen = -1;
-  }
-  function present() {
-    return {
-      sensor: [camera.value, lidar.value].filter(Boolean),
-      training_algorithm: algorithm.value,
-      neural_network: network.value,
-      action_space: space,
-    };
-  }
-  function changes(keys) {
-    const now = present(),
-      before = {
-        sensor: ["FRONT_FACING_CAMERA"],
-        training_algorithm: "clipped_ppo",
-        neural_network: "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
-        ...facts.values,
-      };
-    return Object.fromEntries(
-      keys
-        .filter((key) => JSON.stringify(now[key]) !== JSON.stringify(before[key]))
-        .map((key) => [key, now[key]]),
-    );
-  }
-  const isChanged = (keys) => Object.keys(changes(keys)).length > 0;
-
-  function switchKind() {
-    const listed = Array.isArray(space);
-    if ((kind.value === "discrete") === listed) return;
-    if (listed) {
-      const angles = space.map((each) => each.steering_angle).filter(Number.isFinite),
-        speeds = space.map((each) => each.speed).filter(Number.isFinite);
-      const [low, high] = [Math.min(...speeds, 4), Math.max(...speeds, 0.1)];
-      space = {
-        steering_angle: { low: Math.min(...angles, -5), high: Math.max(...angles, 5) },
-        speed: { low: low < high ? low : high / 2, high },
-      };
-    } else {
-      const { steering_angle: turn, speed } = space,
-        fast = Number.isFinite(speed?.high) ? speed.high : 1,
-        wide = Number.isFinite(turn?.high) ? turn.high : 30;
-      space = [-1, -0.5, 0, 0.5, 1].map((part) => ({
-        steering_angle: part * wide,
-        speed: Math.round(fast * (1 - 0.4 * Math.abs(part)) * 100) / 100,
-      }));
-    }
-  }
-  async function generate() {
-    try {
-      const wanted = Object.fromEntries(
-        Object.entries(generator).map(([key, control]) => [key, read(control)]),
-      );
-      const made = await post(`${PATH}/generate`, wanted, signal);
-      space = made.actions;
-      chosen = -1;
-      generated.textContent = made.note || `${made.actions.length} actions.`;
-      changed();
-      draw();
-    } catch (error) {
-      if (error.name !== "AbortError")
-        fill(generated, h("span", { class: "bad" }, `${error.message} ${error.remedy}`));
-    }
-  }
-  function draw() {
-    maker.hidden = kind.value !== "discrete";
-    picture.show(space, chosen);
-    if (kind.value === "continuous") {
-      const one = (name, unit, end, word) =>
-        field(
-          `${word} ${name}, ${unit[0]}`,
-          figure(space[unit[1]]?.[end] ?? "", (event) => {
-            space[unit[1]] = { ...space[unit[1]], [end]: read(event.currentTarget) };
-            picture.show(space);
-            changed();
-          }),
-        );
-      fill(
-        body,
-        h(
-          "div",
-          { class: "fields narrow" },
-          one("steering", ["degrees", "steering_angle"], "low", "Rightmost"),
-          one("steering", ["degrees", "steering_angle"], "high", "Leftmost"),
-          one("speed", ["m/s", "speed"], "low", "Least"),
-          one("speed", ["m/s", "speed"], "high", "Greatest"),
-        ),
-        h(
-          "p",
-          { class: "help" },
-          "Steering from -30 (right) to 30 (left) degrees, speed from 0.1 to 4 m/s.",
-        ),
-      );
-      return;
-    }
-    const edit = (k, key, label) =>
-      h("input", {
-        type: "text",
-        inputmode: "decimal",
-        autocomplete: "off",
-        "aria-label": `${label} of action ${k}`,
-        value: String(space[k][key] ?? ""),
-        "data-key": key,
-        focus: () => {
-          chosen = k;
-          picture.show(space, chosen);
-        },
-        input: (event) => {
-          space[k] = { ...space[k], [key]: read(event.currentTarget) };
-          picture.show(space, chosen);
-          changed();
-        },
-      });
-    fill(
-      body,
-      h(
-        "div",
-        { class: "scroll", tabindex: "0", role: "region", "aria-label": "Actions" },
-        h(
-          "table",
-          {},
-          h("caption", {}, "Actions, as the network numbers them"),
-          h(
-            "thead",
-            {},
-            h(
-              "tr",
-              {},
-              ["No.", "Steering, degrees", "Speed, m/s", "Remove"].map((head) =>
-                h("th", { scope: "col" }, head),
-              ),
-            ),
-          ),
-          h(
-            "tbody",
-            {},
-            space.map((_, k) =>
-              h(
-                "tr",
-                { "data-row": k },
-                h("td", {}, String(k)),
-                h("td", {}, edit(k, "steering_angle", "Steering")),
-                h("td", {}, edit(k, "speed", "Speed")),
-                h(
-                  "td",
-                  {},
-                  h(
-                    "button",
-                    {
-                      type: "button",
-                      class: "plain",
-                      "aria-label": `Remove action ${k}`,
-                      disabled: space.length < 2,
-                      click: () => {
-                        space.splice(k, 1);
-                        chosen = -1;
-                        changed();
-                        draw();
-                        body
-                          .querySelector(`[data-row="${Math.min(k, space.length - 1)}"] input`)
-                          ?.focus();
-                      },
-                    },
-                    "×",
-                  ),
-                ),
-              ),
-            ),
-          ),
-        ),
-      ),
-      h(
-        "div",
-        { class: "actions" },
-        h(
-          "button",
-          {
-            type: "button",
-            click: () => {
-              space.push({ steering_angle: 0, speed: 1 });
-              chosen = space.length - 1;
-              changed();
-              draw();
-              body.querySelector(`[data-row="${chosen}"] input`)?.focus();
-            },
-          },
-          "Add an action",
-        ),
-      ),
-    );
-  }
-  function show(found) {
-    const ofSensors = (each) =>
-      /^(sensor|lidar|training_algorithm|neural_network|version|exploration)/.test(each.key);
-    sensors.problems(found.filter(ofSensors));
-    actions.problems(
-      found.filter((each) => !ofSensors(each)),
-      lead,
-    );
-  }
-  async function check() {
-    try {
-      show(
-        (
-          await post(
-            `${PATH}/check`,
-            { values: changes([...sensors.keys, ...actions.keys]) },
-            signal,
-          )
-        ).problems,
-      );
-    } catch (error) {
-      if (error.name !== "AbortError") fill(generated, failure(error));
-    }
-  }
-  async function save(step) {
+  const checked = useChecked(`${PATH}/check`, { values: edits }, 400);
+  const problems = checked.answer?.problems ?? facts.problems;
+  const pick = (keys) =>
+    Object.fromEntries(Object.entries(edits).filter(([key]) => keys.includes(key)));
+  const write = (step) => async () => {
     // PPO with ranges may become SAC only together with them: what belongs together is saved together.
-    const both = changes([...sensors.keys, ...actions.keys]),
-      alone = changes(step.keys);
-    const together = "training_algorithm" in both && "action_space" in both;
-    const values = together ? both : alone;
-    const answer = await writeOwnFile(
+    const together = "training_algorithm" in edits && "action_space" in edits;
+    const values = together ? edits : pick(KEYS[step]);
+    const mine = JSON.stringify({ ...facts.values, ...values }, null, 2);
+    const done = await writeOwnFile(
       PATH,
-      { values, version: facts.version },
-      {
-        mine: JSON.stringify({ ...facts.values, ...values }, null, 2),
-        read: () => get(PATH, signal),
-        signal,
-      },
+      { values, version: draft.version },
+      { mine, read: () => get(PATH) },
     );
-    if (!answer) {
-      step.mark(true, "Not saved.");
-      return;
-    }
-    const kept =
-      together || answer.disk
-        ? null
-        : { step: steps.find((each) => each !== step), now: present() };
-    Object.assign(facts, answer.disk ?? answer);
-    const text = answer.disk ? "Taken from the disk." : savedText(answer);
-    if (kept) {
-      // The other step keeps what was edited there.
-      facts.values = answer.values;
-      space = kept.now.action_space;
-    } else {
-      take(facts.values);
-      draw();
-    }
-    for (const each of steps)
-      each.mark(
-        isChanged(each.keys),
-        isChanged(each.keys) ? null : each === step || together ? text : "",
-      );
-    await check();
+    if (!done) return null;
+    await reload();
+    draft.set({});
+    // The other step keeps what was edited there, for the file as it is now.
+    if (!together && done.text !== "Taken from the disk.")
+      draft.set(Object.fromEntries(Object.entries(edits).filter(([key]) => !(key in values))));
     saved();
+    return done.text;
+  };
+  const dirty = {
+    sensors: Object.keys(pick(KEYS.sensors)).length > 0,
+    actions: "action_space" in edits,
+  };
+  const saving = {
+    sensors: useSaving(dirty.sensors, write("sensors")),
+    actions: useSaving(dirty.actions, write("actions")),
+  };
+  return { facts, draft, now, set, problems, dirty, saving, reload, checkFailed: checked.error };
+}
+
+export function SensorStep({ metadata }) {
+  const { facts, now, set, problems, dirty, saving, draft, reload } = metadata;
+  const cameras = facts.cameras.filter(
+    (name) => !facts.old_names.includes(name) || now.sensor?.includes(name),
+  );
+  const camera = facts.cameras.find((name) => now.sensor?.includes(name)) ?? "";
+  const lidar = facts.lidars.find((name) => now.sensor?.includes(name)) ?? "";
+  const named = (names, words) => names.map((name) => [name, words[name] ?? name]);
+  const sense = (one, other) => set("sensor", [one, other].filter(Boolean));
+  return html`
+    <${Step} id="sensors" title="Sensors, network and algorithm" dirty=${dirty.sensors} saving=${saving.sensors} draft=${draft}
+      hint="What the car sees, and how it learns. These cannot change later in the same model." problems=${problems.filter(isOfSensors)}>
+      <${BrokenFile} facts=${facts} path=${PATH} again=${reload} />
+      <div class="fields">
+        <${SelectField} label="Camera" data-key="sensor" options=${named(cameras, facts.words)} value=${camera} onChange=${(name) => sense(name, lidar)} />
+        <${SelectField} label="Lidar" data-key="lidar_config" options=${[["", "none"], ...named(facts.lidars, facts.words)]} value=${lidar}
+          onChange=${(name) => sense(camera, name)} help="Sees other cars and boxes behind and beside the car; a time trial does not need it." />
+        <${SelectField} label="Algorithm" data-key="training_algorithm" options=${named(facts.algorithms, facts.words)} value=${now.training_algorithm}
+          onChange=${(name) => set("training_algorithm", name)} help="PPO is steady and the usual choice. SAC learns from every step again and needs a continuous action space." />
+        <${SelectField} label="Network" data-key="neural_network" options=${named(facts.networks, NETWORKS)} value=${now.neural_network} onChange=${(name) => set("neural_network", name)} />
+      </div>
+    <//>`;
+}
+
+/** A list as ranges around it, or ranges as a list of five. */
+function otherKind(space) {
+  if (!Array.isArray(space)) {
+    const fast = Number.isFinite(space.speed?.high) ? space.speed.high : 1;
+    const wide = Number.isFinite(space.steering_angle?.high) ? space.steering_angle.high : 30;
+    return [-1, -0.5, 0, 0.5, 1].map((part) => ({
+      steering_angle: part * wide,
+      speed: Math.round(fast * (1 - 0.4 * Math.abs(part)) * 100) / 100,
+    }));
   }
-  function lead(problem) {
-    const row = /^action_space\[(\d+)\](?:\.(\w+))?/.exec(problem.key);
-    if (row) {
-      const control = body.querySelector(
-        `[data-row="${row[1]}"] input${row[2] ? `[data-key="${row[2]}"]` : ""}`,
-      );
-      control?.focus();
-      control?.scrollIntoView({ block: "center" });
-      return Boolean(control);
+  const angles = space.map((each) => each.steering_angle).filter(Number.isFinite);
+  const speeds = space.map((each) => each.speed).filter(Number.isFinite);
+  const [low, high] = [Math.min(...speeds, 4), Math.max(...speeds, 0.1)];
+  return {
+    steering_angle: { low: Math.min(...angles, -5), high: Math.max(...angles, 5) },
+    speed: { low: low < high ? low : high / 2, high },
+  };
+}
+
+export function ActionStep({ metadata }) {
+  const { now, set, problems, dirty, saving, draft } = metadata;
+  const [chosen, setChosen] = useState(-1);
+  const place = useRef(null);
+  const space = now.action_space;
+  const listed = Array.isArray(space);
+  const own = problems.filter((each) => !isOfSensors(each));
+  const change = (value) => set("action_space", value);
+  const focus = (k) =>
+    setTimeout(() => place.current.querySelector(`[data-row="${k}"] input`)?.focus());
+  const choose = (k) => {
+    setChosen(k);
+    focus(k);
+  };
+  return html`
+    <${Step} id="actions" title="Action space" dirty=${dirty.actions} saving=${saving.actions} draft=${dirty.sensors ? null : draft}
+      hint="What the car can do in each step. Steering to the left is positive." problems=${own}>
+      <div class="split">
+        <div>
+          <${SelectField} label="Kind" data-key="action_space" value=${listed ? "discrete" : "continuous"}
+            options=${[
+              ["discrete", "Discrete: a list of actions"],
+              ["continuous", "Continuous: ranges"],
+            ]}
+            onChange=${() => {
+              setChosen(-1);
+              change(otherKind(space));
+            }} />
+          <${Polar} space=${space} chosen=${chosen} choose=${choose} />
+        </div>
+        <div>
+          ${
+            listed &&
+            html`<${Generator} made=${(actions) => {
+              setChosen(-1);
+              change(actions);
+            }} />`
+          }
+          <div class="action-table" ref=${place}>
+            ${
+              listed
+                ? html`<${ActionTable} space=${space} problems=${own} change=${change} chosen=${chosen} choose=${setChosen} focus=${focus} />`
+                : html`<${Ranges} space=${space} problems=${own} change=${change} />`
+            }
+          </div>
+        </div>
+      </div>
+    <//>`;
+}
+
+function Generator({ made }) {
+  const [wanted, setWanted] = useState({
+    max_angle: "30",
+    angles: "5",
+    max_speed: "1",
+    speeds: "2",
+  });
+  const [said, setSaid] = useState("");
+  const [generate, busy] = useAction(async () => {
+    const values = Object.fromEntries(
+      Object.entries(wanted).map(([key, text]) => [key, read(text)]),
+    );
+    try {
+      const { actions, note } = await post(`${PATH}/generate`, values);
+      made(actions);
+      setSaid(note || `${actions.length} actions.`);
+    } catch (error) {
+      setSaid(html`<span class="bad">${error.message} ${error.remedy}</span>`);
     }
-    const control =
-      {
-        sensor: camera,
-        training_algorithm: algorithm,
-        neural_network: network,
-        lidar_config: lidar,
-      }[problem.key.split(/[.[]/)[0]] ?? kind;
-    control.focus();
-    control.scrollIntoView({ block: "center" });
-    return true;
-  }
-  for (const step of steps) step.lead = lead;
-  take(facts.values);
-  draw();
-  show(facts.problems);
-  brokenFile(sensors, facts, PATH, reread, signal);
-  async function reread() {
-    Object.assign(facts, await get(PATH, signal));
-    take(facts.values);
-    draw();
-    show(facts.problems);
-    brokenFile(sensors, facts, PATH, reread, signal);
-    for (const step of steps) step.mark(false, "");
-  }
-  return { sensors, actions, algorithm: () => algorithm.value };
+  });
+  const field = (
+    key,
+    label,
+    help,
+  ) => html`<${TextField} label=${label} help=${help} numeric=${true} value=${wanted[key]}
+    onInput=${(text) => setWanted({ ...wanted, [key]: text })} />`;
+  return html`
+    <fieldset class="maker">
+      <legend>Generate a list</legend>
+      <div class="fields narrow">
+        ${field("max_angle", "Maximum steering, degrees", "0.5 to 30")}
+        ${field("angles", "Steering granularity", "Number of angles; 3, 5 or 7 are usual")}
+        ${field("max_speed", "Maximum speed, m/s", "0.1 to 4")}
+        ${field("speeds", "Speed granularity", "Number of speeds; 1, 2 or 3 are usual")}
+      </div>
+      <div class="actions"><button type="button" aria-disabled=${busy ? "true" : null} onClick=${generate}>Generate</button></div>
+      <p class="field-problem" role="status">${said}</p>
+    </fieldset>`;
+}
+
+function Ranges({ space, problems, change }) {
+  const one = (
+    label,
+    key,
+    end,
+  ) => html`<${TextField} label=${label} numeric=${true} data-key=${`action_space.${key}`}
+    problems=${problems.filter((each) => each.key === `action_space.${key}.${end}`)} value=${String(space[key]?.[end] ?? "")}
+    onInput=${(text) => change({ ...space, [key]: { ...space[key], [end]: read(text) } })} />`;
+  return html`
+    <div class="fields narrow">
+      ${one("Rightmost steering, degrees", "steering_angle", "low")}
+      ${one("Leftmost steering, degrees", "steering_angle", "high")}
+      ${one("Least speed, m/s", "speed", "low")}
+      ${one("Greatest speed, m/s", "speed", "high")}
+    </div>
+    <p class="help">Steering from -30 (right) to 30 (left) degrees, speed from 0.1 to 4 m/s.</p>`;
+}
+
+function ActionTable({ space, problems, change, chosen, choose, focus }) {
+  const edit = (k, key, label) => {
+    const name = `action_space[${k}].${key}`;
+    const bad = problems.some(
+      (each) =>
+        each.severity === "error" && (each.key === name || each.key === `action_space[${k}]`),
+    );
+    return html`<input type="text" inputmode="decimal" autocomplete="off" aria-label=${`${label} of action ${k}`} data-key=${name}
+      aria-invalid=${bad ? "true" : null} value=${String(space[k][key] ?? "")} onFocus=${() => choose(k)}
+      onInput=${(event) => change(space.map((each, at) => (at === k ? { ...each, [key]: read(event.currentTarget.value) } : each)))} />`;
+  };
+  const remove = (k) => {
+    choose(-1);
+    change(space.filter((_, at) => at !== k));
+    focus(Math.min(k, space.length - 2));
+  };
+  const add = () => {
+    choose(space.length);
+    change([...space, { steering_angle: 0, speed: 1 }]);
+    focus(space.length);
+  };
+  return html`
+    <div class="scroll" tabindex="0" role="region" aria-label="Actions">
+      <table>
+        <caption>Actions, as the network numbers them</caption>
+        <thead><tr>${["No.", "Steering, degrees", "Speed, m/s", "Remove"].map((head) => html`<th scope="col">${head}</th>`)}</tr></thead>
+        <tbody>${space.map(
+          (_, k) => html`<tr key=${k} data-row=${k} class=${k === chosen ? "chosen" : null}>
+          <td>${k}</td>
+          <td>${edit(k, "steering_angle", "Steering")}</td>
+          <td>${edit(k, "speed", "Speed")}</td>
+          <td><button type="button" class="plain" aria-label=${`Remove action ${k}`} disabled=${space.length < 2} onClick=${() => remove(k)}>×</button></td>
+        </tr>`,
+        )}</tbody>
+      </table>
+    </div>
+    <div class="actions"><button type="button" onClick=${add}>Add an action</button></div>`;
 }

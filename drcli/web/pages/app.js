@@ -1,8 +1,10 @@
-// The frame of the console: pages by the part of the address after #, connection, tasks, theme.
+// The frame of the console: pages by the part of the address after #, connection, tasks, theme, notices.
 
-import { get } from "/api.js";
-import { empty, fill, h, notify } from "/dom.js";
+import { clearNotices, dismiss, notices, notify } from "/notices.js";
+import { mendLink } from "/mend.js";
 import { follow, onConnection } from "/socket.js";
+import { route, useGet } from "/store.js";
+import { Empty, Prose, html, render, signal, useEffect, useRef, useState } from "/ui.js";
 
 const PAGES = [
   { path: "/", name: "Live", module: "/live_page.js" },
@@ -13,206 +15,253 @@ const PAGES = [
   { path: "/settings", name: "Settings", module: "/settings_page.js" },
 ];
 // Pages below an entry of the menu: pattern of the path, module, path of the entry.
+/** @type {[RegExp, string, string][]} */
 const MORE = [
   [/^\/model$/, "/model_page.js", "/models"],
   [/^\/race\/([a-z0-9-]+)$/, "/race_page.js", "/races"],
   [/^\/night\/([a-z0-9-]+)$/, "/night_page.js", "/races"],
 ];
+const RESTORE_MS = 3000;
+const byId = (name) => document.getElementById(name);
+const main = byId("main");
+const connected = signal(false);
 
-const main = document.getElementById("main");
-let current = null;
-
+/** The module of a path and what its pattern found; null for an unknown path. */
 function find(path) {
   const page = PAGES.find((each) => each.path === path);
-  if (page) return [page.module, []];
+  if (page) return { module: page.module, params: [] };
   for (const [pattern, module] of MORE) {
     const found = pattern.exec(path);
-    if (found) return [module, found.slice(1).map(decodeURIComponent)];
+    if (found) return { module, params: found.slice(1) };
   }
-  return [null, []];
+  return null;
 }
 
-async function show() {
-  const [path, query = ""] = (location.hash.slice(1) || "/").split("?");
-  current?.abort();
-  const mine = (current = new AbortController());
-  menu(path);
-  styles(path.split("/")[1] || "live");
-  let found;
-  try {
-    found = find(path);
-  } catch {
-    found = [null, []];
-  }
-  const [module, params] = found;
-  if (!module) {
-    fill(
-      main,
-      h("h1", {}, "There is no such page"),
-      h("p", {}, h("a", { href: "#/" }, "Open the live page")),
+function Main() {
+  const { path, query } = route.value;
+  const found = find(path);
+  const [loaded, setLoaded] = useState(/** @type {any} */ ({ path: null }));
+  const [tries, setTries] = useState(0);
+  const folder = useGet(path === "/new" ? null : "/api/new-folder");
+  const page = loaded.path === path ? loaded : null;
+  useEffect(() => {
+    const styled = styles(path.split("/")[1] || "live");
+    if (!found) return undefined;
+    let here = true;
+    const take = (value) => here && setLoaded({ path, ...value });
+    // A module that could not be loaded is remembered as such: another address asks again.
+    Promise.all([import(found.module + (tries ? `?${tries}` : "")), styled]).then(
+      ([module]) => take({ module }),
+      (error) => take({ error }),
     );
-    return;
-  }
-  try {
-    if (path !== "/new" && !(await folderExists(mine.signal))) return;
-    const page = await import(module);
-    if (mine.signal.aborted) return;
-    document.title = `${page.title} – DeepRacer console`;
-    main.replaceChildren();
-    await page.show(main, params, { signal: mine.signal, query: new URLSearchParams(query) });
-  } catch (error) {
-    if (mine.signal.aborted || error.name === "AbortError") return;
-    console.error(error);
-    fill(
-      main,
-      h("h1", {}, "This page cannot be shown"),
-      h("p", {}, error.message),
-      error.remedy ? h("p", {}, error.remedy) : null,
-      h("p", {}, h("button", { type: "button", click: show }, "Try again")),
-    );
-  }
-  if (!mine.signal.aborted && mine.moved) main.focus({ preventScroll: true });
+    return () => {
+      here = false;
+    };
+  }, [path, tries]);
+  useEffect(() => {
+    if (page?.module) document.title = `${page.module.title} – DeepRacer console`;
+  }, [page?.module]);
+  const again = () => setTries(tries + 1);
+  useEffect(() => {
+    if (connected.value && page?.error) again();
+  }, [connected.value]);
+
+  if (!found) return html`<h1>There is no such page</h1><p><a href="#/">Open the live page</a></p>`;
+  if (folder.value?.exists === false && path !== "/new")
+    return html`
+    <h1>Welcome</h1>
+    <${Empty} text=${`${folder.value.directory} is not a working folder yet: it has no run.env.`}>
+      <a class="button main" href="#/new">Create a working folder</a>
+    <//>`;
+  if (page?.error) return html`<${Broken} error=${page.error} again=${again} />`;
+  // The page itself says what is wrong with a folder that cannot be read.
+  if (!page || (path !== "/new" && !folder.value && !folder.error)) return null;
+  const { module } = page;
+  const props = { params: found.params, query };
+  return module.Page
+    ? html`<${module.Page} key=${path} ...${props} />`
+    : html`<${Drawn} key=${`${path}?${query}`} show=${module.show} ...${props} />`;
 }
 
-let known = false;
-/** Whether the folder of the console has settings; otherwise the page says how to make them. */
-async function folderExists(signal) {
-  if (known) return true;
-  const folder = await get("/api/new-folder", signal).catch((error) => {
-    if (error.name === "AbortError") throw error;
-    return { exists: true };
-  }); // the page says what is wrong
-  known = folder.exists;
-  if (!known) {
-    document.title = "DeepRacer console";
-    fill(
-      main,
-      h("h1", {}, "Welcome"),
-      empty(
-        `${folder.directory} is not a working folder yet: it has no run.env.`,
-        h("a", { class: "button main", href: "#/new" }, "Create a working folder"),
-      ),
-    );
-  }
-  return known;
+const Broken = ({ error, again }) => html`
+  <h1>This page cannot be shown</h1>
+  <p><${Prose} text=${error.message} /></p>
+  ${error.remedy && html`<p><${Prose} text=${error.remedy} /></p>`}
+  <p><button type="button" onClick=${again}>Try again</button></p>`;
+
+/** A page that draws itself into an element. */
+function Drawn({ show, params, query }) {
+  const place = useRef(null);
+  const [error, setError] = useState(null);
+  useEffect(() => {
+    if (error) return undefined;
+    const own = new AbortController();
+    Promise.resolve(show(place.current, params, { signal: own.signal, query })).catch((reason) => {
+      if (own.signal.aborted || reason.name === "AbortError") return;
+      console.error(reason);
+      setError(reason);
+    });
+    return () => own.abort();
+  }, [error]);
+  if (error) return html`<${Broken} error=${error} again=${() => setError(null)} />`;
+  return html`<div ref=${place}></div>`;
 }
 
-function menu(path) {
+function Menu() {
+  const { path } = route.value;
   const above = MORE.find(([pattern]) => pattern.test(path))?.[2];
-  fill(
-    document.getElementById("pages"),
-    h(
-      "ul",
-      {},
-      PAGES.map((page) =>
-        h(
-          "li",
-          {},
-          h(
-            "a",
-            {
-              href: `#${page.path}`,
-              "aria-current": page.path === path ? "page" : page.path === above ? "true" : null,
-            },
-            page.name,
-          ),
-        ),
-      ),
-    ),
-  );
+  return html`<ul>${PAGES.map(
+    (page) => html`<li key=${page.path}>
+      <a href=${`#${page.path}`}
+        aria-current=${page.path === path ? "page" : page.path === above ? "true" : null}>${page.name}</a>
+    </li>`,
+  )}</ul>`;
 }
 
-/** Use the style sheets of a page only: two pages may give one class different looks. */
+/**
+ * Use the style sheets of a page only: two pages may give one class different looks, and those of others
+ * need not be there before the first picture.
+ * @param {string} name of the page
+ * @returns {Promise<any>} when they are loaded
+ */
 function styles(name) {
-  for (const link of document.querySelectorAll("link[data-pages]"))
-    link.disabled = !link.dataset.pages.split(" ").includes(name);
+  const links = /** @type {NodeListOf<HTMLLinkElement>} */ (
+    document.querySelectorAll("link[data-pages]")
+  );
+  const loading = [...links].map((link) => {
+    const wanted = link.dataset.pages.split(" ").includes(name);
+    link.media = wanted ? "all" : "not all";
+    if (!wanted || link.sheet) return null;
+    return new Promise((resolve) => {
+      link.addEventListener("load", resolve, { once: true });
+      link.addEventListener("error", resolve, { once: true });
+    });
+  });
+  return Promise.all(loading);
 }
 
-function theme() {
-  const button = document.getElementById("theme"),
-    root = document.documentElement;
-  const label = () => {
-    button.textContent = root.dataset.theme === "dark" ? "Light" : "Dark";
-  };
-  button.addEventListener("click", () => {
-    root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
+function Connection() {
+  const [away, setAway] = useState("");
+  const open = connected.value;
+  useEffect(() => {
+    byId("connection").classList.toggle("away", !open);
+    if (open) {
+      setAway("");
+      return undefined;
+    }
+    const timer = setTimeout(
+      () =>
+        fetch("/api/folder").then(
+          (answer) => setAway(answer.status === 401 ? "token" : "gone"),
+          () => setAway("gone"),
+        ),
+      200,
+    );
+    return () => clearTimeout(timer);
+  }, [open]);
+  if (open) return html`<span class="dot good"></span>Connected`;
+  if (!away) return null;
+  return html`<span class="dot bad"></span>${
+    away === "token"
+      ? html`This console needs its token: open it with <code>dr console</code>, or <a href="/enter">enter the token</a>.`
+      : html`No connection. The page tries again by itself; if the console was stopped, start it with <code>dr console start</code>.`
+  }`;
+}
+
+function Theme() {
+  const root = document.documentElement;
+  const [theme, setTheme] = useState(root.dataset.theme);
+  const other = theme === "dark" ? "light" : "dark";
+  const change = () => {
+    root.dataset.theme = other;
     try {
-      localStorage.setItem("dr-theme", root.dataset.theme);
+      localStorage.setItem("dr-theme", other);
     } catch {
       /* storage is switched off */
     }
-    label();
+    setTheme(other);
     dispatchEvent(new Event("themechange"));
-  });
-  label();
-}
-
-function connection() {
-  const place = document.getElementById("connection");
-  let timer = 0,
-    connected = false;
-  const away = async () => {
-    const refused = await fetch("/api/folder").then(
-      (answer) => answer.status === 401,
-      () => false,
-    );
-    if (connected) return;
-    fill(
-      place,
-      h("span", { class: "dot bad" }),
-      refused
-        ? [
-            "This console needs its token: open it with ",
-            h("code", {}, "dr console"),
-            ", or ",
-            h("a", { href: "/enter" }, "enter the token"),
-            ".",
-          ]
-        : [
-            "No connection. The page tries again by itself; if the console was stopped, start it with ",
-            h("code", {}, "dr console start"),
-            ".",
-          ],
-    );
   };
-  onConnection((open) => {
-    clearTimeout(timer);
-    connected = open;
-    place.classList.toggle("away", !open);
-    if (open) fill(place, h("span", { class: "dot good" }), "Connected");
-    else timer = setTimeout(away, 200);
-  });
+  return html`<button id="theme" type="button" class="plain" aria-label="Dark or light" onClick=${change}>
+    ${other === "dark" ? "Dark" : "Light"}
+  </button>`;
 }
 
+const Notices = () =>
+  notices.value.map(
+    ({ id, text, kind, remedy, link }) => html`
+      <div key=${id} class=${`notice ${kind}`}>
+        <p>
+          <${Prose} text=${text} />${remedy && html` <span class="remedy"><${Prose} text=${remedy} /></span>`}
+          ${link && html` <a href=${link.href}>${link.text}</a>`}
+        </p>
+        <button type="button" class="plain" aria-label="Close this notice" onClick=${() => dismiss(id)}>×</button>
+      </div>`,
+  );
+
+const open = signal([]);
 const seen = new Map();
-function tasks() {
-  const place = document.getElementById("tasks");
-  follow("tasks", ({ tasks: list = [] }) => {
-    for (const task of list) {
-      const before = seen.get(task.id);
-      if (before && before !== task.state && task.state === "failed")
-        notify(`${task.title}: ${task.error.message}`, "bad", task.error.remedy);
-      if (before && before !== task.state && task.state === "done") notify(`${task.title}: done.`);
-      seen.set(task.id, task.state);
-    }
-    const open = list.filter((task) => task.ended === null);
-    place.hidden = !open.length;
-    fill(
-      place,
-      open.map((task) =>
-        h("p", {}, h("strong", {}, task.title), task.text ? ` ${task.text}` : " …"),
-      ),
-    );
-  });
-}
-
-addEventListener("hashchange", () => {
-  show().then(() => {
-    if (!main.contains(document.activeElement)) main.focus({ preventScroll: true });
-  });
-  scrollTo(0, 0);
+follow("tasks", ({ tasks: list = [] }) => {
+  for (const task of list) {
+    const before = seen.get(task.id);
+    // The step "Start" says itself what went wrong.
+    const isTold = task.kind === "start-training" && route.value.path === "/new";
+    if (before && before !== task.state && task.state === "failed" && !isTold)
+      notify(
+        `${task.title}: ${task.error.message}`,
+        "bad",
+        task.error.remedy,
+        mendLink(task.error.message),
+      );
+    if (before && before !== task.state && task.state === "done") notify(`${task.title}: done.`);
+    seen.set(task.id, task.state);
+  }
+  open.value = list.filter((task) => task.ended === null);
+  byId("tasks").hidden = !open.value.length;
 });
-theme();
-connection();
-tasks();
-show();
+const Tasks = () =>
+  open.value.map(
+    (task) => html`<p key=${task.id}><strong>${task.title}</strong> ${task.text || "…"}</p>`,
+  );
+
+onConnection((value) => {
+  connected.value = value;
+});
+byId("skip").addEventListener("click", (event) => {
+  event.preventDefault(); // the part of the address after # names the page
+  main.focus();
+});
+
+// A page that somebody comes back to is scrolled to where it was, as soon as it is long enough.
+const scrolled = new Map();
+history.scrollRestoration = "manual";
+let went = false;
+addEventListener("popstate", () => {
+  went = true;
+});
+addEventListener("click", () => {
+  went = false;
+});
+addEventListener("scrollend", () => scrolled.set(location.hash, scrollY));
+addEventListener("hashchange", () => {
+  clearNotices();
+  scrollTo(0, 0);
+  main.focus({ preventScroll: true });
+  const wanted = went ? scrolled.get(location.hash) : 0;
+  const until = Date.now() + RESTORE_MS;
+  const restore = () => {
+    if (document.documentElement.scrollHeight >= wanted + innerHeight) scrollTo(0, wanted);
+    else if (Date.now() < until) requestAnimationFrame(restore);
+  };
+  if (wanted) restore();
+});
+addEventListener("keydown", (event) => {
+  if (event.key === "Escape" && !document.querySelector("dialog[open]") && notices.value.length)
+    dismiss(notices.value.at(-1).id);
+});
+render(html`<${Menu} />`, byId("pages"));
+render(html`<${Connection} />`, byId("connection"));
+render(html`<${Theme} />`, byId("themes"));
+render(html`<${Notices} />`, byId("notices"));
+render(html`<${Tasks} />`, byId("tasks"));
+render(html`<${Main} />`, main);

@@ -1,165 +1,132 @@
 // A plain editor for Python: line numbers, marks at lines with problems, Tab that Escape lets go.
 
-import { fill, h } from "/dom.js";
+import { wantedLine } from "/fields.js";
+import { html, useLayoutEffect, useRef, useState } from "/ui.js";
 
 const INDENT = "    ";
+const LINE_PX = 20; // as in new.css
+
+/** Insert as if it was typed, so that it can be undone. */
+function type(area, text) {
+  if (!document.execCommand("insertText", false, text))
+    area.setRangeText(text, area.selectionStart, area.selectionEnd, "end");
+}
+
+/** Indent the chosen lines, or take it back. */
+function shift(area, back) {
+  const start = area.value.lastIndexOf("\n", area.selectionStart - 1) + 1;
+  let end = area.value.indexOf("\n", Math.max(area.selectionEnd - 1, area.selectionStart));
+  if (end < 0) end = area.value.length;
+  const moved = area.value
+    .slice(start, end)
+    .split("\n")
+    .map((line) => (back ? line.replace(/^( {1,4}|\t)/, "") : line && INDENT + line))
+    .join("\n");
+  area.setSelectionRange(start, end);
+  type(area, moved);
+  area.setSelectionRange(start, start + moved.length);
+}
+
+function indent(area, back) {
+  const several = area.value.slice(area.selectionStart, area.selectionEnd).includes("\n");
+  if (back || several) {
+    shift(area, back);
+    return;
+  }
+  const column = area.selectionStart - area.value.lastIndexOf("\n", area.selectionStart - 1) - 1;
+  type(area, INDENT.slice(column % 4));
+}
+
+function newLine(area) {
+  const line = area.value.slice(
+    area.value.lastIndexOf("\n", area.selectionStart - 1) + 1,
+    area.selectionStart,
+  );
+  type(area, `\n${/^[ \t]*/.exec(line)[0]}${line.trimEnd().endsWith(":") ? INDENT : ""}`);
+}
+
+/** Replace everything, so that it can be undone. */
+export function replaceText(area, text) {
+  area.focus();
+  area.select();
+  type(area, text);
+}
 
 /**
- * An editor around a textarea.
- * @param {{label: string, describedBy?: string, change: function(string): void}} options
- * @returns {{element: HTMLElement, area: HTMLTextAreaElement, text: string, goTo: function(number): void, mark: function(Object[]): void}}
+ * @param {{label: string, text: string, onInput: (text: string) => void, problems: Object[], area: {current: any}}} props
+ *   `area` gets the textarea; problems have lines
  */
-export function codeEditor({ label, change }) {
-  const area = h("textarea", {
-    class: "code-area",
-    wrap: "off",
-    spellcheck: "false",
-    autocapitalize: "off",
-    autocomplete: "off",
-    "aria-label": label,
-    "aria-describedby": "code-keys",
-  });
-  const gutter = h("div", { class: "code-gutter", "aria-hidden": "true" });
-  const bands = h("div", { class: "code-bands", "aria-hidden": "true" });
-  const place = h("p", { class: "readout", role: "status" });
-  const element = h(
-    "div",
-    { class: "code" },
-    h("div", { class: "code-frame" }, gutter, h("div", { class: "code-body" }, bands, area)),
-    h(
-      "p",
-      { class: "help", id: "code-keys" },
-      "Tab indents, Shift+Tab takes it back. To leave the editor with Tab, press Escape first.",
-    ),
-    place,
-  );
-  let marks = new Map(),
-    lines = 0,
-    free = false;
+export function CodeEditor({ label, text, onInput, problems, area }) {
+  const [scrolled, setScrolled] = useState(0);
+  const [at, setAt] = useState(1);
+  const [free, setFree] = useState(false);
+  const frame = useRef(null);
+  const lines = text.split("\n");
+  const marks = new Map();
+  // An error counts more than a warning, and notes mark nothing.
+  for (const each of problems)
+    if (each.line && each.severity !== "note" && marks.get(each.line)?.severity !== "error")
+      marks.set(each.line, each);
 
-  const lineHeight = () => parseFloat(getComputedStyle(area).lineHeight);
-  const lineAt = (offset) => area.value.slice(0, offset).split("\n").length;
+  const wanted = wantedLine.value;
+  useLayoutEffect(() => {
+    if (!wanted.times) return;
+    const line = Math.min(Math.max(wanted.line, 1), lines.length);
+    const offset = lines.slice(0, line - 1).reduce((sum, each) => sum + each.length + 1, 0);
+    area.current.focus();
+    area.current.setSelectionRange(offset, offset + lines[line - 1].length);
+    area.current.scrollTop = Math.max(0, (line - 5) * LINE_PX);
+    frame.current.scrollIntoView({ block: "center" });
+    setAt(line);
+  }, [wanted.times]);
 
-  function drawLines() {
-    const count = area.value.split("\n").length;
-    if (count !== lines) lines = count;
-    fill(
-      gutter,
-      Array.from({ length: lines }, (_, k) => {
-        const mark = marks.get(k + 1);
-        return h(
-          "div",
-          { class: mark ? `code-line ${mark.severity}` : "code-line", title: mark?.message },
-          String(k + 1),
-        );
-      }),
-    );
-    const height = lineHeight();
-    fill(
-      bands,
-      [...marks]
-        .filter(([line]) => line <= lines)
-        .map(([line, mark]) => {
-          const band = h("div", { class: `code-band ${mark.severity}` });
-          band.style.setProperty("top", `${(line - 1) * height}px`);
-          return band;
-        }),
-    );
-    scroll();
-  }
-  function scroll() {
-    gutter.style.setProperty("transform", `translateY(${-area.scrollTop}px)`);
-    bands.style.setProperty("transform", `translateY(${-area.scrollTop}px)`);
-  }
-  function tell() {
-    const line = lineAt(area.selectionStart),
-      mark = marks.get(line);
-    place.textContent = mark
-      ? `Line ${line}: ${mark.message}`
-      : `The cursor is in line ${line}; the file has ${lines}.`;
-  }
-  function insert(text) {
-    // As typed, so that it can be undone.
-    if (!document.execCommand("insertText", false, text))
-      area.setRangeText(text, area.selectionStart, area.selectionEnd, "end");
-  }
-  function shift(back) {
-    const start = area.value.lastIndexOf("\n", area.selectionStart - 1) + 1;
-    let end = area.value.indexOf("\n", Math.max(area.selectionEnd - 1, area.selectionStart));
-    if (end < 0) end = area.value.length;
-    const block = area.value.slice(start, end);
-    const moved = block
-      .split("\n")
-      .map((line) => (back ? line.replace(/^( {1,4}|\t)/, "") : line && INDENT + line))
-      .join("\n");
-    area.setSelectionRange(start, end);
-    insert(moved);
-    area.setSelectionRange(start, start + moved.length);
-  }
-  area.addEventListener("keydown", (event) => {
-    if (event.key === "Escape") {
-      free = true;
-      place.textContent = "Tab now leaves the editor.";
+  const onKey = (event) => {
+    const { key } = event;
+    if (key === "Escape") {
+      setFree(true);
       return;
     }
-    if (event.key === "Tab" && !free) {
+    if (key === "Tab" && !free) {
       event.preventDefault();
-      const several = area.value.slice(area.selectionStart, area.selectionEnd).includes("\n");
-      if (event.shiftKey || several) shift(event.shiftKey);
-      else {
-        const column =
-          area.selectionStart - area.value.lastIndexOf("\n", area.selectionStart - 1) - 1;
-        insert(INDENT.slice(column % 4));
-      }
-    } else if (event.key === "Enter" && !event.ctrlKey && !event.metaKey && !event.isComposing) {
+      indent(event.currentTarget, event.shiftKey);
+    } else if (key === "Enter" && !event.ctrlKey && !event.metaKey && !event.isComposing) {
       event.preventDefault();
-      const line = area.value.slice(
-        area.value.lastIndexOf("\n", area.selectionStart - 1) + 1,
-        area.selectionStart,
-      );
-      insert("\n" + /^[ \t]*/.exec(line)[0] + (line.trimEnd().endsWith(":") ? INDENT : ""));
+      newLine(event.currentTarget);
     }
-    if (event.key !== "Tab" && event.key !== "Shift") free = false;
-  });
-  area.addEventListener("focus", () => {
-    free = false;
-  });
-  area.addEventListener("input", () => {
-    drawLines();
-    change(area.value);
-  });
-  area.addEventListener("scroll", scroll);
-  for (const name of ["keyup", "click", "focus"]) area.addEventListener(name, tell);
-
-  return {
-    element,
-    area,
-    get text() {
-      return area.value;
-    },
-    set text(value) {
-      area.value = value;
-      drawLines();
-    },
-    /** Put the cursor at the begin of a line, and show it. */
-    goTo(line) {
-      const all = area.value.split("\n"),
-        at = Math.min(Math.max(line ?? 1, 1), all.length);
-      const offset = all.slice(0, at - 1).reduce((sum, each) => sum + each.length + 1, 0);
-      area.focus();
-      area.setSelectionRange(offset, offset + all[at - 1].length);
-      area.scrollTop = Math.max(0, (at - 5) * lineHeight());
-      element.scrollIntoView({ block: "center" });
-      tell();
-    },
-    /** Problems with lines, without notes; an error counts more than a warning. */
-    mark(problems) {
-      marks = new Map();
-      for (const each of problems)
-        if (each.line && each.severity !== "note" && marks.get(each.line)?.severity !== "error")
-          marks.set(each.line, each);
-      drawLines();
-      if (document.activeElement === area) tell();
-    },
+    if (key !== "Tab" && key !== "Shift") setFree(false);
   };
+  const tell = ({ currentTarget }) =>
+    setAt(currentTarget.value.slice(0, currentTarget.selectionStart).split("\n").length);
+  const mark = marks.get(at);
+  const place = mark
+    ? `Line ${at}: ${mark.message}`
+    : `The cursor is in line ${at}; the file has ${lines.length}.`;
+  const moved = { transform: `translateY(${-scrolled}px)` };
+  return html`
+    <div class="code" ref=${frame}>
+      <div class="code-frame">
+        <div class="code-gutter" aria-hidden="true" style=${moved}>${lines.map((_, k) => {
+          const found = marks.get(k + 1);
+          return html`<div key=${k} class=${`code-line ${found?.severity ?? ""}`} title=${found?.message}>${k + 1}</div>`;
+        })}</div>
+        <div class="code-body">
+          <div class="code-bands" aria-hidden="true" style=${moved}>${[...marks]
+            .filter(([line]) => line <= lines.length)
+            .map(
+              ([line, { severity }]) =>
+                html`<div key=${line} class=${`code-band ${severity}`} style=${{ top: `${(line - 1) * LINE_PX}px` }}></div>`,
+            )}
+          </div>
+          <textarea class="code-area" ref=${area} wrap="off" spellcheck=${false} autocapitalize="off" autocomplete="off"
+            aria-label=${label} aria-describedby="code-keys" value=${text} onInput=${(event) => onInput(event.currentTarget.value)}
+            onKeyDown=${onKey} onFocus=${(event) => {
+              setFree(false);
+              tell(event);
+            }} onKeyUp=${tell} onClick=${tell}
+            onScroll=${(event) => setScrolled(event.currentTarget.scrollTop)}></textarea>
+        </div>
+      </div>
+      <p class="help" id="code-keys">Tab indents, Shift+Tab takes it back. To leave the editor with Tab, press Escape first.</p>
+      <p class="readout" role="status">${free ? "Tab now leaves the editor." : place}</p>
+    </div>`;
 }

@@ -1,4 +1,10 @@
-// Elements, numbers with units, and the few controls that all pages use.
+// Elements without Preact, for the pages that are not components yet.
+
+import { confirmed } from "/dialogs.js";
+import { notify } from "/notices.js";
+
+export * from "/text.js";
+export { confirmed, notify };
 
 /** An element; attributes that are functions become listeners, null and false are left out. */
 export function h(tag, attributes = {}, ...children) {
@@ -32,58 +38,6 @@ export function fillButtons(element, ...children) {
     ? focused
     : element.querySelector("button:not(:disabled), a[href]");
   (next ?? document.getElementById("main")).focus({ preventScroll: true });
-}
-
-/** A number with digits behind the point; a dash for nothing. */
-export function number(value, digits = 0, unit = "") {
-  if (value === null || value === undefined || Number.isNaN(value)) return "–";
-  const text = Number(value).toLocaleString("en", {
-    minimumFractionDigits: digits,
-    maximumFractionDigits: digits,
-  });
-  return unit ? `${text} ${unit}` : text;
-}
-
-/** Seconds as "1 h 02 min", "3 min 20 s" or "12 s". */
-export function duration(seconds) {
-  if (seconds === null || seconds === undefined) return "–";
-  const whole = Math.round(seconds),
-    hours = Math.floor(whole / 3600),
-    minutes = Math.floor(whole / 60) % 60;
-  if (hours) return `${hours} h ${String(minutes).padStart(2, "0")} min`;
-  return minutes ? `${minutes} min ${String(whole % 60).padStart(2, "0")} s` : `${whole} s`;
-}
-
-/** The name of an evaluation, fourteen digits of its local time, as a time; other names stay as they are. */
-export function stampText(stamp) {
-  const found = /^(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)$/.exec(stamp);
-  return found ? `${found[1]}-${found[2]}-${found[3]} ${found[4]}:${found[5]}:${found[6]}` : stamp;
-}
-
-/** A lap time as the console writes it: MM:SS.mmm. */
-export function lapTime(seconds) {
-  if (seconds === null || seconds === undefined) return "–";
-  const ms = Math.round(seconds * 1000);
-  const pad = (value, width) => String(value).padStart(width, "0");
-  return `${pad(Math.floor(ms / 60000), 2)}:${pad(Math.floor(ms / 1000) % 60, 2)}.${pad(ms % 1000, 3)}`;
-}
-
-/** Resets after another text: ", 1 reset", ", 2 resets", or nothing. */
-export const andResets = (count) => (count ? `, ${count} reset${count === 1 ? "" : "s"}` : "");
-
-/** Bytes as MB or GB. */
-export function bytes(value) {
-  if (value === null || value === undefined) return "–";
-  if (value >= 1e9) return number(value / 1e9, 1, "GB");
-  if (value >= 1e6) return number(value / 1e6, 1, "MB");
-  return number(value / 1e3, 0, "kB");
-}
-
-/** A date and time of this machine, from Unix seconds. */
-export function moment(unix) {
-  return unix
-    ? new Date(unix * 1000).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "short" })
-    : "–";
 }
 
 /** A short sentence where there is nothing yet, and what to do next. */
@@ -154,55 +108,4 @@ export function tiles(names) {
         if (values[k].textContent !== text) values[k].textContent = text;
       }),
   ];
-}
-
-/** Ask before something that cannot be undone; resolves to whether it was confirmed. */
-export function confirmed(question, { action, detail = "" }) {
-  return new Promise((resolve) => {
-    const dialog = h(
-      "dialog",
-      { "aria-labelledby": "question" },
-      h(
-        "form",
-        { method: "dialog" },
-        h("h2", { id: "question" }, question),
-        detail ? h("p", {}, detail) : null,
-        h(
-          "p",
-          { class: "actions" },
-          h("button", { value: "no", autofocus: true }, "Cancel"),
-          h("button", { value: "yes", class: "danger" }, action),
-        ),
-      ),
-    );
-    dialog.addEventListener("close", () => {
-      resolve(dialog.returnValue === "yes");
-      dialog.remove();
-    });
-    document.body.append(dialog);
-    dialog.showModal();
-  });
-}
-
-const notices = document.getElementById("notices");
-
-/** A notice that stays until it is closed; a good one leaves after some seconds. */
-export function notify(text, kind = "good", remedy = "") {
-  const note = h(
-    "div",
-    { class: `notice ${kind}` },
-    h("p", {}, text, remedy ? h("span", { class: "remedy" }, ` ${remedy}`) : null),
-    h(
-      "button",
-      {
-        type: "button",
-        class: "plain",
-        "aria-label": "Close this notice",
-        click: () => note.remove(),
-      },
-      "×",
-    ),
-  );
-  notices.append(note);
-  if (kind === "good") setTimeout(() => note.remove(), 8000);
 }

@@ -1,216 +1,114 @@
 // Hyperparameters: each with its explanation, limits and problems.
 
-import { get, post } from "/api.js";
-import { fill, h, prose } from "/dom.js";
-import { brokenFile, editStep, savedText, writeOwnFile } from "/edit_step.js";
-import { debounced } from "/setting_fields.js";
+import { get } from "/api.js";
+import { useDraft } from "/drafts.js";
+import { SelectField, TextField, useChecked } from "/fields.js";
+import { writeOwnFile } from "/saving.js";
+import { BrokenFile, Step, useSaving } from "/steps.js";
+import { html } from "/ui.js";
 
 const PATH = "/api/hyperparameters";
 const USUAL = [
-  "batch_size",
-  "num_epochs",
-  "lr",
-  "beta_entropy",
-  "discount_factor",
-  "loss_type",
-  "num_episodes_between_training",
-  "exploration_type",
-  "training_method",
+  ...["batch_size", "num_epochs", "lr", "beta_entropy", "discount_factor", "loss_type"],
+  ...["num_episodes_between_training", "exploration_type", "training_method"],
 ];
 
-/** The step; `facts` is the answer of /api/hyperparameters, `algorithm` tells the chosen one. */
-export function hyperparameterStep(facts, { algorithm, saved }, signal) {
-  const rows = new Map();
-  const later = debounced(check, 400, signal);
-  const usual = h("div", { class: "fields" }),
-    more = h("div", { class: "fields" });
-  const step = editStep(
-    {
-      id: "hyperparameters",
-      title: "Hyperparameters",
-      hint: "How the model learns. An empty field leaves the key out of hyperparameters.json.",
-      save,
-    },
-    usual,
-    h("details", {}, h("summary", {}, "All other hyperparameters"), more),
+const textOf = (value) =>
+  (value ?? null) === null ? "" : typeof value === "string" ? value : JSON.stringify(value);
+
+/** The value as the file has it; text that is not a number stays text, and the check says so. */
+function valueOf({ kind }, text) {
+  const word = text.trim();
+  if (word === "") return null;
+  if (kind === "flag") return word === "true" ? true : word === "false" ? false : word;
+  if (kind === "whole" || kind === "number")
+    return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(word) ? Number(word) : word;
+  return word;
+}
+
+const limitsOf = ({ low, high }) =>
+  low === null ? "" : high === null ? `${low} or more.` : `From ${low} to ${high}.`;
+
+function KeyField({ about, value, onInput, problems, hidden }) {
+  const left = `left out: ${about.left_out}`;
+  const options = about.kind === "flag" ? ["true", "false"] : about.choices;
+  const shipped = about.shipped ? `Shipped: ${about.shipped}.` : "";
+  const texts = [
+    [about.lower ? "Higher" : "Effect", about.higher],
+    ["Lower", about.lower],
+    ["Advice", about.advice],
+  ].filter(([, text]) => text);
+  const common = {
+    label: html`<code>${about.key}</code>`,
+    help: [about.meaning, limitsOf(about), shipped, !about.effect && "No effect."]
+      .filter(Boolean)
+      .join(" "),
+    value,
+    problems,
+    hidden,
+    "data-key": about.key,
+  };
+  const more =
+    texts.length > 0 &&
+    html`<details class="small">
+      <summary>What a change of ${about.key} does</summary>
+      <dl>${texts.map(([name, text]) => html`<dt>${name}</dt><dd>${text}</dd>`)}</dl>
+    </details>`;
+  if (!options.length)
+    return html`<${TextField} ...${common} numeric=${true} placeholder=${left} onInput=${onInput}>${more}<//>`;
+  const known = [["", left], ...options, ...(value && !options.includes(value) ? [value] : [])];
+  return html`<${SelectField} ...${common} options=${known} onChange=${onInput}>${more}<//>`;
+}
+
+/**
+ * @param {{facts: Object, reload: () => Promise<void>, folder: string, algorithm: string, saved: () => void}} props
+ *   `facts` is the answer of /api/hyperparameters, `algorithm` the chosen one
+ */
+export function HyperparameterStep({ facts, reload, folder, algorithm, saved }) {
+  const draft = useDraft(`${folder}/hyperparameters`, facts.version);
+  const { edits } = draft;
+  const start = (about) => textOf(facts.values[about.key]);
+  const keys = facts.keys.filter((about) => edits[about.key] !== undefined);
+  const values = Object.fromEntries(
+    keys.map((about) => [about.key, valueOf(about, edits[about.key])]),
   );
-
-  for (const key of facts.keys) {
-    const row = fieldOf(key);
-    rows.set(key.key, row);
-    const own = key.algorithms.some((name) => key.key.startsWith(`${name}_`));
-    (own || USUAL.includes(key.key) ? usual : more).append(row.element);
-  }
-  showValues(facts.values);
-  show(facts.problems);
-  brokenFile(step, facts, PATH, reread, signal);
-  async function reread() {
-    Object.assign(facts, await get(PATH, signal));
-    showValues(facts.values);
-    show(facts.problems);
-    brokenFile(step, facts, PATH, reread, signal);
-    step.mark(false, "");
-  }
-
-  function fieldOf(key) {
-    const id = `key-${key.key}`,
-      problem = h("p", { class: "field-problem", id: `${id}-problem`, role: "status" });
-    const common = { id, "aria-describedby": `${id}-help ${id}-problem` };
-    const change = () => {
-      step.mark(isChanged(), isChanged() ? null : "");
-      later();
-    };
-    const left = `left out: ${key.left_out}`;
-    const options = key.kind === "flag" ? ["true", "false"] : key.choices;
-    const control = options.length
-      ? h(
-          "select",
-          { ...common, change },
-          h("option", { value: "" }, left),
-          options.map((value) => h("option", { value }, value)),
-        )
-      : h("input", {
-          ...common,
-          type: "text",
-          inputmode: "decimal",
-          autocomplete: "off",
-          placeholder: left,
-          input: change,
-        });
-    const limits =
-      key.low !== null && key.high !== null
-        ? `From ${key.low} to ${key.high}.`
-        : key.low !== null
-          ? `${key.low} or more.`
-          : "";
-    const element = h(
-      "div",
-      { class: "field" },
-      h("label", { for: id }, h("code", {}, key.key)),
-      control,
-      h(
-        "p",
-        { class: "help", id: `${id}-help` },
-        `${key.meaning} ${limits} ${key.shipped ? `Shipped: ${key.shipped}. ` : ""}${key.effect ? "" : "No effect."}`,
-      ),
-      problem,
-      key.higher || key.advice
-        ? h(
-            "details",
-            { class: "small" },
-            h("summary", {}, `What a change of ${key.key} does`),
-            h(
-              "dl",
-              {},
-              [
-                [key.lower ? "Higher" : "Effect", key.higher],
-                ["Lower", key.lower],
-                ["Advice", key.advice],
-              ]
-                .filter(([, text]) => text)
-                .map(([name, text]) => [h("dt", {}, name), h("dd", {}, text)]),
-            ),
-          )
-        : null,
-    );
-    return { key, control, element, problem };
-  }
-  function showValues(values) {
-    for (const row of rows.values()) {
-      const value = values[row.key.key];
-      const text =
-        value === undefined || value === null
-          ? ""
-          : typeof value === "string"
-            ? value
-            : JSON.stringify(value);
-      if (
-        row.control.tagName === "SELECT" &&
-        text &&
-        ![...row.control.options].some((each) => each.value === text)
-      )
-        row.control.append(h("option", { value: text }, text));
-      row.control.value = row.start = text;
-    }
-  }
-  /** The value of a field as the file has it; text that is no number stays text, and the check says so. */
-  function valueOf({ key, control }) {
-    const text = control.value.trim();
-    if (text === "") return null;
-    if (key.kind === "flag") return text === "true" ? true : text === "false" ? false : text;
-    if (key.kind === "whole" || key.kind === "number")
-      return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(text) ? Number(text) : text;
-    return text;
-  }
-  const changes = () =>
-    Object.fromEntries(
-      [...rows.values()]
-        .filter((row) => row.control.value !== row.start)
-        .map((row) => [row.key.key, valueOf(row)]),
-    );
-  const isChanged = () => Object.keys(changes()).length > 0;
-
-  function show(found) {
-    for (const row of rows.values()) {
-      const mine = found.filter((each) => each.key === row.key.key);
-      fill(
-        row.problem,
-        mine.map((each) =>
-          h(
-            "span",
-            { class: each.severity === "error" ? "bad" : "warn" },
-            prose(`${each.message} ${each.remedy} `),
-          ),
-        ),
-      );
-      row.control.setAttribute(
-        "aria-invalid",
-        String(mine.some((each) => each.severity === "error")),
-      );
-    }
-    step.problems(found.filter((each) => !rows.has(each.key)));
-  }
-  async function check() {
-    try {
-      show((await post(`${PATH}/check`, { values: changes() }, signal)).problems);
-    } catch (error) {
-      if (error.name !== "AbortError") step.failed(error);
-    }
-  }
-  async function save() {
-    const answer = await writeOwnFile(
+  const dirty = keys.length > 0;
+  const checked = useChecked(`${PATH}/check`, { values, algorithm }, 400);
+  const problems = checked.answer?.problems ?? facts.problems;
+  const saving = useSaving(dirty, async () => {
+    const mine = JSON.stringify({ ...facts.values, ...values }, null, 2);
+    const done = await writeOwnFile(
       PATH,
-      { values: changes(), version: facts.version },
-      {
-        mine: JSON.stringify({ ...facts.values, ...changes() }, null, 2),
-        read: () => get(PATH, signal),
-        signal,
-      },
+      { values, version: draft.version },
+      { mine, read: () => get(PATH) },
     );
-    if (!answer) {
-      step.mark(true, "Not saved.");
-      return;
-    }
-    Object.assign(facts, answer.disk ?? answer);
-    showValues(facts.values);
-    step.mark(false, answer.disk ? "Taken from the disk." : savedText(answer));
-    await check();
+    if (!done) return null;
+    await reload();
+    draft.set({});
     saved();
-  }
-  /** Show only the keys of the chosen algorithm. */
-  step.refresh = () => {
-    for (const row of rows.values()) row.element.hidden = !row.key.algorithms.includes(algorithm());
-    later();
+    return done.text;
+  });
+  const set = (about, text) => {
+    const { [about.key]: _, ...others } = edits;
+    draft.set(text === start(about) ? others : { ...others, [about.key]: text });
   };
-  step.lead = (problem) => {
-    const row = rows.get(problem.key);
-    if (!row) return false;
-    row.element.hidden = false;
-    if (row.element.closest("details")) row.element.closest("details").open = true;
-    row.control.focus();
-    row.element.scrollIntoView({ block: "center" });
-    return true;
-  };
-  for (const row of rows.values()) row.element.hidden = !row.key.algorithms.includes(algorithm());
-  return step;
+  const isUsual = ({ key, algorithms }) =>
+    USUAL.includes(key) || algorithms.some((name) => key.startsWith(`${name}_`));
+  const field = (
+    about,
+  ) => html`<${KeyField} key=${about.key} about=${about} value=${edits[about.key] ?? start(about)}
+    onInput=${(text) => set(about, text)} hidden=${!about.algorithms.includes(algorithm)}
+    problems=${problems.filter((each) => each.key === about.key)} />`;
+  const known = new Set(facts.keys.map((about) => about.key));
+  return html`
+    <${Step} id="hyperparameters" title="Hyperparameters" dirty=${dirty} saving=${saving} draft=${draft}
+      hint="How the model learns. An empty field leaves the key out of hyperparameters.json."
+      problems=${problems.filter((each) => !known.has(each.key))}>
+      <${BrokenFile} facts=${facts} path=${PATH} again=${reload} />
+      <div class="fields">${facts.keys.filter(isUsual).map(field)}</div>
+      <details>
+        <summary>All other hyperparameters</summary>
+        <div class="fields">${facts.keys.filter((about) => !isUsual(about)).map(field)}</div>
+      </details>
+    <//>`;
 }

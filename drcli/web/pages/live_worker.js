@@ -1,13 +1,14 @@
-// The card of one worker: camera, view from behind, map with all cars, figures, actions.
+// One worker: camera, view from behind, map with all cars, figures, what the policy wants, last episodes.
 
 import { get, post } from "/api.js";
-import { andResets, duration, fill, h, lapTime, notify, number, tiles } from "/dom.js";
-import { actionBars } from "/live_actions.js";
-import { livePicture } from "/live_picture.js";
 import { follow } from "/socket.js";
-import { trackMap } from "/track_map.js";
+import { useAction, useTopic } from "/store.js";
+import { andResets, capital, duration, lapTime, number } from "/text.js";
+import { TrackMap } from "/track_map.js";
+import { Choice, Tiles, html, signal, useEffect, useMemo, useRef, useSeen, useState } from "/ui.js";
 
 const TRAIL_POINTS = 400;
+const MOST_TRAILS = 8;
 const STATUS = {
   in_progress: "drives",
   lap_complete: "lap complete",
@@ -18,328 +19,332 @@ const STATUS = {
   time_up: "time is up",
   stopped: "stopped",
 };
-const tracks = new Map();
-
-/** The lines of a track, read once. */
-function track(world) {
-  if (!tracks.has(world))
-    tracks.set(
-      world,
-      get(`/api/track?world=${encodeURIComponent(world)}`).catch((error) => {
-        tracks.delete(world);
-        throw error;
-      }),
-    );
-  return tracks.get(world);
-}
-
 const statusText = (status) => STATUS[status] ?? String(status).replaceAll("_", " ");
 const rgb = (values) => (values?.length === 3 ? `rgb(${values.join(",")})` : "c1");
 
-export function workerCard(runId, name, signal) {
-  const own = new AbortController();
-  signal.addEventListener("abort", () => own.abort(), { once: true });
-  const evaluation = name.startsWith("evaluation");
-  const heading = `live-${name}`;
-  const does = h("p", { class: "live-does", role: "status" }, " "),
-    hint = h("p", { class: "live-hint quiet" }, " ");
-  const car = h(
-    "select",
-    { id: `${heading}-car`, change: chooseCar },
-    h("option", { value: "" }, "the one that has come furthest"),
-  );
-  const carRow = h("p", { class: "live-car" }, h("label", { for: `${heading}-car` }, "Car "), car);
-  // What is evaluated comes with the first scene; the digits of the name say when it began.
-  const title = h("h3", { id: heading }, evaluation ? "Evaluation" : name);
-  const camera = livePicture("Camera", `What the car of ${name} sees`, [160, 120]);
-  const chase = livePicture("View from behind", `The car of ${name} from behind`, [320, 240]);
-  const pictures = h("div", { class: "live-views" }, camera.element, chase.element);
-  const map = trackMap(
-    { label: `Map of the track with the cars of ${name}`, height: 240 },
-    own.signal,
-  );
-  const legend = h("p", { class: "live-legend quiet" }, " ");
-  const [figures, setFigures] = tiles([
+const pageSeen = signal(!document.hidden);
+document.addEventListener("visibilitychange", () => {
+  pageSeen.value = !document.hidden;
+});
+
+const tracks = new Map();
+/** The lines of a track, read once; without them, `error` says why. */
+function useTrack(world) {
+  const [state, setState] = useState({ world: null, lines: null, error: null });
+  useEffect(() => {
+    if (!world) return;
+    if (!tracks.has(world)) tracks.set(world, get(`/api/track?world=${encodeURIComponent(world)}`));
+    tracks.get(world).then(
+      (lines) => setState({ world, lines, error: null }),
+      (error) => {
+        tracks.delete(world);
+        setState({ world, lines: null, error });
+      },
+    );
+  }, [world]);
+  return state.world === world ? state : { lines: null, error: null };
+}
+
+/**
+ * A picture of a worker that is replaced by each newer one; its size never changes.
+ * @param {{topic: string | null, name: string, label: string, size: number[], wait: string, car?: number | null, onCar?: (car: number | null) => void}} props
+ *   `car`: pictures of another one are not shown; `onCar` hears whose picture is.
+ */
+function LivePicture({ topic, name, label, size, wait, car, onCar = () => {} }) {
+  const [width, height] = size;
+  const canvas = useRef(null);
+  const [told, setTold] = useState(null);
+  useEffect(() => {
+    setTold(null);
+    if (!topic) return undefined;
+    const own = new AbortController();
+    let newest = null;
+    let drawing = false;
+    const draw = async () => {
+      drawing = true;
+      while (newest && !own.signal.aborted) {
+        const { facts, blob } = newest;
+        newest = null;
+        try {
+          const picture = await createImageBitmap(blob);
+          const place = canvas.current;
+          if (!place) break;
+          if (place.width !== picture.width)
+            Object.assign(place, { width: picture.width, height: picture.height });
+          place.getContext("2d").drawImage(picture, 0, 0);
+          picture.close();
+          const age = Date.now() - 1000 * facts.step_s;
+          Object.assign(place.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
+          setTold({ car: facts.car ?? null, age });
+          onCar(facts.car ?? null);
+        } catch {
+          /* a damaged picture; the next one comes soon */
+        }
+      }
+      drawing = false;
+    };
+    follow(
+      topic,
+      (value) => {
+        newest = value;
+        if (!drawing) draw();
+      },
+      own.signal,
+    );
+    return () => own.abort();
+  }, [topic]);
+  const other = told && (car ?? null) !== null && told.car !== car;
+  const after = told && (told.age < 10000 ? number(told.age, 0, "ms") : "more than 10 s");
+  return html`
+    <figure class="live-picture">
+      <div class="live-frame" style=${{ aspectRatio: `${width} / ${height}` }}>
+        <canvas ref=${canvas} role="img" aria-label=${label} width=${width} height=${height}></canvas>
+        ${(!told || other) && html`<p class="live-over">${other ? "The picture of this car comes soon." : wait}</p>`}
+      </div>
+      <figcaption>${name}${told && !other && `${told.car === null ? "" : `, car ${told.car + 1}`}, ${after} after its step`}</figcaption>
+    </figure>`;
+}
+
+/** Probabilities of discrete actions as bars, or mean and spread; what the critic expects. */
+function Policy({ actions, shown }) {
+  const texts = [];
+  if (shown?.mean)
+    texts.push(
+      `Steering ${number(shown.mean[0], 1)}° (${number(shown.low?.[0], 1)} to ${number(shown.high?.[0], 1)}), speed ${number(shown.mean[1], 2)} m/s (${number(shown.low?.[1], 2)} to ${number(shown.high?.[1], 2)}).`,
+    );
+  else if (shown && !shown.probabilities && actions.length)
+    texts.push("The policy gives no probabilities now.");
+  if (shown && (shown.value ?? null) !== null)
+    texts.push(`The critic expects a return of ${number(shown.value, 2)} from here on.`);
+  return html`
+    <div>
+      <h4>Actions</h4>
+      <ul class="live-bars" tabindex="0" aria-label="Probabilities of the actions">
+        ${actions.map(([steering, speed], k) => {
+          const share = shown?.probabilities?.[k];
+          return html`<li key=${k} class=${shown?.chosen === k ? "taken" : null}>
+            <span>${number(steering, 0)}°, ${number(speed, 1)} m/s</span>
+            <span class="live-bar-room"><span class="live-bar-fill" style=${{ transform: `scaleX(${share ?? 0})` }}></span></span>
+            <span class="live-bar-share">${share === undefined ? "–" : number(100 * share, 0, "%")}</span>
+          </li>`;
+        })}
+      </ul>
+      <p class="quiet live-value">${texts.join(" ")}</p>
+    </div>`;
+}
+
+const Finished = ({ episodes }) => html`
+  <div>
+    <h4>Last episodes</h4>
+    <ol class="live-finished">
+      ${episodes
+        .slice(-5)
+        .reverse()
+        .map((each) => {
+          const end = each.progress >= 100 && !each.resets ? "clean lap" : statusText(each.status);
+          return html`<li key=${each.serial}>
+          ${each.phase === "evaluation" ? "Evaluation" : "Training"} ${number(each.episode)}: ${end}${andResets(each.resets)}, ${number(each.progress, 0, "%")}, ${number(each.time_s, 2, "s")}, reward ${number(each.reward, 1)}
+        </li>`;
+        })}
+    </ol>
+  </div>`;
+
+/** Lines of an evaluation as they come: its trace is written at its end. */
+function addTrails(trails, cars, colorOf) {
+  for (const each of cars) {
+    const key = `${each.car}.${each.episode}.${each.laps}`;
+    if (!trails.has(key)) {
+      trails.set(key, { x: [], y: [], color: colorOf(each) });
+      for (const old of [...trails.keys()].slice(0, -MOST_TRAILS)) trails.delete(old);
+    }
+    const line = trails.get(key);
+    line.x = [...line.x, each.x].slice(-TRAIL_POINTS);
+    line.y = [...line.y, each.y].slice(-TRAIL_POINTS);
+  }
+  return [...trails.values()]
+    .reverse()
+    .map((line, k) => ({ ...line, alpha: Math.max(0.15, 0.9 - 0.12 * k) }));
+}
+
+/** Lines of the newest iteration, the last one on top. */
+function lapLines(laps) {
+  const lines = [...laps.lines].reverse();
+  const step = 0.65 / Math.max(lines.length, 1);
+  return lines.map(({ x, y, progress }, k) => ({
+    ...{ x, y, color: progress >= 100 ? "c3" : "faint", alpha: Math.max(0.12, 0.8 - step * k) },
+  }));
+}
+
+function figuresOf(car) {
+  const names = [
     "Speed",
     "Steering",
     "Progress",
     "Reward of the step",
     "Reward so far",
     "Lap time",
+  ];
+  if (!car) return names.map((name) => [name, "–"]);
+  const angle = Math.abs(car.steering_deg);
+  const side = angle < 0.5 ? "straight" : car.steering_deg > 0 ? "left" : "right";
+  const values = [
+    `${number(car.speed_mps, 2)} m/s, asked ${number(car.asked_mps, 2)}`,
+    `${number(angle, 0)}° ${side}`,
+    `${number(car.progress, 1)} %${car.laps ? `, lap ${car.laps + 1}` : ""}`,
+    number(car.reward, 3),
+    `${number(car.total, 1)} in ${number(car.steps)} steps`,
+    `${lapTime(car.lap_s)}${andResets(car.resets)}`,
+  ];
+  return names.map((name, k) => [name, values[k]]);
+}
+
+/** What the worker does, and what there is to know about it, in two lines. */
+function words({ place, activity, host, alive, restarts }, state) {
+  if (state.gone)
+    return ["The connection to the worker was lost. The page connects again by itself.", ""];
+  if (place === "live") {
+    const now = state.state;
+    if (!now) return ["", ""];
+    const age = Date.now() / 1000 - now.since_s;
+    const does = capital(`${now.activity}${now.waits && age > 1 ? `, for ${duration(age)}` : ""}.`);
+    return [does, now.hint];
+  }
+  if (place === "bucket")
+    return [
+      capital(`${activity}.`),
+      `Runs on ${host}. Live pictures are shown on that machine only; the map shows the last finished iteration.`,
+    ];
+  const starts = restarts
+    ? `it was started again (${number(restarts)} times by now)`
+    : "it is just starting";
+  return [
+    capital(`${activity || "starts"}.`),
+    alive
+      ? `It shows no live pictures: ${starts}, or DR_LIVE_VIEW is off.`
+      : "It has ended before its time. Its pictures come back when it is started again.",
+  ];
+}
+
+/**
+ * @param {{runId: number, name: string, facts: Object}} props facts: where it can be seen, what it does, whose picture
+ */
+export function Worker({ runId, name, facts }) {
+  const [visible, setVisible] = useState(false);
+  const [pictured, setPictured] = useState(null);
+  const place = useSeen(setVisible);
+  const evaluation = name.startsWith("evaluation");
+  const watched = visible && pageSeen.value;
+  const live = facts.place === "live";
+  const topic = (view) => (watched && live ? `live:${runId}:${name}:${view}` : null);
+  const state = useTopic(topic("state")).value ?? {};
+  const scene = useTopic(topic("scene")).value?.scene ?? null;
+  const worker = /^sim-(\d+)$/.exec(name)?.[1];
+  const laps = useTopic(watched && worker ? `laps:${runId}:${worker}` : null);
+  const world = scene?.world ?? facts.world;
+  const track = useTrack(world);
+  const trails = useRef(new Map());
+  const known = useRef(0);
+  const [choose] = useAction((car) => post("/api/live/car", { run_id: runId, worker: name, car }));
+
+  const cars = (scene?.cars ?? []).filter((each) => !each.world || each.world === scene.world);
+  const shown = cars.find((each) => each.car === scene.shown?.car);
+  const racers = scene?.racers ?? [];
+  const many = racers.length > 1;
+  const colorOf = (each) =>
+    many ? rgb(racers[each.racer]?.rgb) : each.phase === "evaluation" ? "c2" : "c1";
+  known.current = Math.max(
+    known.current,
+    facts.car === null ? 0 : (facts.car ?? -1) + 1,
+    ...cars.map((each) => each.car + 1),
+  );
+  const paths = useMemo(
+    () =>
+      evaluation
+        ? addTrails(trails.current, cars, colorOf)
+        : laps.value
+          ? lapLines(laps.value)
+          : [],
+    [evaluation ? scene : laps.value],
+  );
+  const marks = (shown ? [shown, ...cars.filter((each) => each !== shown)] : cars).map((each) => ({
+    x: each.x,
+    y: each.y,
+    yaw: (each.yaw_deg * Math.PI) / 180,
+    color: colorOf(each),
+    name: many ? racers[each.racer].model : each === shown ? `car ${each.car + 1}` : "",
+  }));
+  const objects = (scene?.shown?.objects ?? []).map(({ x, y, yaw_deg: yaw }) => [
+    x,
+    y,
+    (yaw * Math.PI) / 180,
   ]);
-  figures.classList.add("live-figures");
-  const bars = actionBars();
-  const finished = h("ol", { class: "live-finished" });
-  const details = h(
-    "div",
-    { class: "live-details" },
-    bars.element,
-    h("div", {}, h("h4", {}, "Last episodes"), finished),
-  );
-  const element = h(
-    "article",
-    { class: "live-card", "aria-labelledby": heading, "data-worker": name },
-    h("div", { class: "live-card-head" }, title, carRow),
-    does,
-    hint,
-    h(
-      "div",
-      { class: "live-body" },
-      pictures,
-      h("div", { class: "live-map" }, map.element, legend),
-      figures,
-      details,
-    ),
-  );
 
-  let facts = null,
-    world = null,
-    visible = false,
-    watching = null,
-    laps = null,
-    cars = 0,
-    serial = 0,
-    trails = new Map(),
-    lastTrails = 0,
-    colors = ["c1"];
-
-  const seen = new IntersectionObserver(
-    (entries) => {
-      visible = entries.at(-1).isIntersecting;
-      watch();
-    },
-    { rootMargin: "80px" },
-  );
-  seen.observe(element);
-  document.addEventListener("visibilitychange", watch, { signal: own.signal });
-  own.signal.addEventListener(
-    "abort",
-    () => {
-      seen.disconnect();
-      watching?.abort();
-    },
-    { once: true },
-  );
-
-  /** Watch pictures only while they can be seen. */
-  function watch() {
-    const wanted = visible && !document.hidden && facts !== null && !own.signal.aborted;
-    const mode = wanted ? facts.place : "";
-    if ((watching?.mode ?? "") === mode) return;
-    watching?.abort();
-    watching = null;
-    if (!mode) return;
-    watching = Object.assign(new AbortController(), { mode });
-    const topic = `live:${runId}:${name}`;
-    if (mode === "live") {
-      follow(`${topic}:state`, takeState, watching.signal);
-      follow(`${topic}:scene`, takeScene, watching.signal);
-      follow(`${topic}:camera`, camera.show, watching.signal);
-      follow(`${topic}:chase`, chase.show, watching.signal);
-    }
-    const number = /^sim-(\d+)$/.exec(name);
-    if (number) follow(`laps:${runId}:${number[1]}`, takeLaps, watching.signal);
-  }
-
-  async function chooseCar() {
-    const chosen = car.value === "" ? null : Number(car.value);
-    try {
-      await post("/api/live/car", { run_id: runId, worker: name, car: chosen }, own.signal);
-    } catch (error) {
-      if (error.name !== "AbortError") notify(error.message, "bad", error.remedy);
-    }
-  }
-
-  function setCars(count) {
-    if (count <= cars) return;
-    for (; cars < count; cars += 1)
-      car.append(h("option", { value: String(cars) }, String(cars + 1)));
-    if (facts?.car !== null && facts?.car !== undefined) car.value = String(facts.car);
-  }
-
-  async function setWorld(value) {
-    if (!value || value === world) return;
-    world = value;
-    trails.clear();
-    try {
-      const lines = await track(value);
-      if (world === value) map.setTrack(lines);
-    } catch (error) {
-      if (world === value) {
-        world = null;
-        legend.textContent = `There is no map: ${error.message}`;
-      }
-    }
-  }
-
-  function takeState(data) {
-    if (data.gone) {
-      does.textContent =
-        "The connection to the worker was lost. The page connects again by itself.";
-      return;
-    }
-    const { state } = data;
-    if (!state) return;
-    const age = Date.now() / 1000 - state.since_s;
-    does.textContent =
-      `${state.activity}${state.waits && age > 1 ? `, for ${duration(age)}` : ""}.`.replace(
-        /^./,
-        (letter) => letter.toUpperCase(),
-      );
-    does.classList.toggle("waits", state.waits);
-    if (hint.textContent !== state.hint) hint.textContent = state.hint || " ";
-  }
-
-  function takeScene({ scene }) {
-    if (!scene) return;
-    setWorld(scene.world);
-    if (evaluation) {
-      const text = `${scene.racers.length > 1 ? "Race of" : "Evaluation of"} ${scene.racers.map((racer) => racer.model).join(" and ")}`;
-      if (title.textContent !== text) title.textContent = text;
-    }
-    setCars(Math.max(0, ...scene.cars.map((each) => each.car + 1)));
-    const cars = scene.cars.filter((each) => !each.world || each.world === scene.world);
-    const many = scene.racers.length > 1,
-      shown = cars.find((each) => each.car === scene.shown?.car);
-    colors = scene.racers.map((racer) => rgb(racer.rgb));
-    const colorOf = (each) =>
-      many ? (colors[each.racer] ?? "c1") : each.phase === "evaluation" ? "c2" : "c1";
-    const order = shown ? [shown, ...cars.filter((each) => each !== shown)] : cars;
-    map.setCars(
-      order.map((each) => ({
-        x: each.x,
-        y: each.y,
-        yaw: (each.yaw_deg * Math.PI) / 180,
-        color: colorOf(each),
-        name: many ? scene.racers[each.racer].model : each === shown ? `car ${each.car + 1}` : "",
-      })),
-    );
-    map.setObjects(
-      (scene.shown?.objects ?? []).map((each) => [each.x, each.y, (each.yaw_deg * Math.PI) / 180]),
-    );
-    legend.textContent = many
-      ? scene.racers.map((racer) => `${racer.model}: ${racer.color}`).join(", ")
-      : `${number(cars.length)} ${cars.length === 1 ? "car" : "cars"}, ${scene.world}${scene.reverse ? ", reversed" : ""}${scene.checkpoint ? `, ${scene.checkpoint.replace(".ckpt", "")}` : ""}. ${evaluation ? "" : laps?.iteration !== null && laps ? `Lines: iteration ${laps.iteration}, green where the lap was completed.` : ""}`;
-    setFigures(
-      shown
-        ? [
-            `${number(shown.speed_mps, 2)} m/s, asked ${number(shown.asked_mps, 2)}`,
-            `${number(Math.abs(shown.steering_deg), 0)}° ${Math.abs(shown.steering_deg) < 0.5 ? "straight" : shown.steering_deg > 0 ? "left" : "right"}`,
-            `${number(shown.progress, 1)} %${shown.laps ? `, lap ${shown.laps + 1}` : ""}`,
-            number(shown.reward, 3),
-            `${number(shown.total, 1)} in ${number(shown.steps)} steps`,
-            `${lapTime(shown.lap_s)}${andResets(shown.resets)}`,
-          ]
-        : ["–", "–", "–", "–", "–", "–"],
-    );
-    bars.update(scene.actions, scene.shown);
-    if (evaluation) trail(cars, colorOf);
-    const last = scene.finished.at(-1);
-    if (last && last.serial !== serial) {
-      serial = last.serial;
-      fill(
-        finished,
-        scene.finished
-          .slice(-5)
-          .reverse()
-          .map((each) =>
-            h(
-              "li",
-              {},
-              `${each.phase === "evaluation" ? "Evaluation" : "Training"} ${number(each.episode)}: ${each.progress >= 100 && !each.resets ? "clean lap" : statusText(each.status)}${andResets(each.resets)}, ${number(each.progress, 0, "%")}, ${number(each.time_s, 2, "s")}, reward ${number(each.reward, 1)}`,
-            ),
-          ),
-      );
-    }
-  }
-
-  /** Lines of an evaluation as they come: its trace is written at its end. */
-  function trail(list, colorOf) {
-    for (const each of list) {
-      const key = `${each.car}.${each.episode}.${each.laps}`;
-      if (!trails.has(key)) {
-        trails.set(key, { x: [], y: [], color: colorOf(each) });
-        for (const old of [...trails.keys()].slice(0, -8)) trails.delete(old);
-      }
-      const line = trails.get(key);
-      line.x.push(each.x);
-      line.y.push(each.y);
-      if (line.x.length > TRAIL_POINTS) {
-        line.x.shift();
-        line.y.shift();
-      }
-    }
-    if (performance.now() - lastTrails < 500) return;
-    lastTrails = performance.now();
-    const all = [...trails.values()].reverse();
-    map.setPaths(all.map((line, k) => ({ ...line, alpha: Math.max(0.15, 0.9 - 0.12 * k) })));
-  }
-
-  function takeLaps(value) {
-    if (value.error) {
-      hint.textContent = `${value.error.message} The lines on the map are older.`;
-      return;
-    }
-    laps = value;
-    const lines = [...value.lines].reverse(),
-      step = 0.65 / Math.max(lines.length, 1);
-    map.setPaths(
-      lines.map((line, k) => ({
-        x: line.x,
-        y: line.y,
-        color: line.progress >= 100 ? "c3" : "faint",
-        alpha: Math.max(0.12, 0.8 - step * k),
-      })),
-    );
-    if (facts?.place === "bucket")
-      legend.textContent =
-        value.iteration === null
-          ? "The first iteration has not been finished yet."
-          : `Lines: iteration ${value.iteration}, the newest in the bucket; green where the lap was completed.`;
-  }
-
-  return {
-    element,
-    close() {
-      own.abort();
-    },
-    update(value) {
-      const before = facts?.place;
-      facts = value;
-      element.dataset.place = value.place;
-      setWorld(world ?? value.world);
-      const live = value.place === "live";
-      if (before !== value.place) {
-        for (const part of [pictures, carRow, figures, details])
-          part.hidden = value.place === "bucket";
-        hint.textContent = " ";
-        if (!live) {
-          map.setCars([]);
-          map.setObjects([]);
+  const [does, hint] = words(facts, state);
+  const title = !evaluation
+    ? name
+    : `${many ? "Race" : "Evaluation"}${racers.length ? ` of ${racers.map((racer) => racer.model).join(" and ")}` : ""}`;
+  const wait = live ? "Waiting for the first picture." : "No picture.";
+  const pictures = [
+    ["camera", "Camera", `What the car of ${name} sees`, [160, 120]],
+    ["chase", "View from behind", `The car of ${name} from behind`, [320, 240]],
+  ];
+  return html`
+    <article class="live-card" ref=${place} aria-labelledby=${`live-${name}`} data-worker=${name} data-place=${facts.place}>
+      <div class="live-card-head">
+        <h3 id=${`live-${name}`}>${title}</h3>
+        ${
+          facts.place !== "bucket" &&
+          html`<${Choice} label="Car" value=${String(facts.car ?? "")}
+          options=${[["", "the one that has come furthest"], ...Array.from({ length: known.current }, (_, k) => [String(k), String(k + 1)])]}
+          onChange=${(value) => choose(value === "" ? null : Number(value))} />`
         }
-        for (const picture of [camera, chase])
-          picture.wait(live ? "Waiting for the first picture." : "No picture.");
-      }
-      if (value.place === "bucket") {
-        does.textContent = `${value.activity}.`.replace(/^./, (letter) => letter.toUpperCase());
-        hint.textContent = `Runs on ${value.host}. Live pictures are shown on that machine only; the map shows the last finished iteration.`;
-      } else if (!live) {
-        does.textContent = `${value.activity || "starts"}.`.replace(/^./, (letter) =>
-          letter.toUpperCase(),
-        );
-        const starts = value.restarts
-          ? `it was started again (${number(value.restarts)} times by now)`
-          : "it is just starting";
-        hint.textContent = value.alive
-          ? `It shows no live pictures: ${starts}, or DR_LIVE_VIEW is off.`
-          : "It has ended before its time. Its pictures come back when it is started again.";
-      }
-      const chosen = value.car === null || value.car === undefined ? "" : String(value.car);
-      if (live && car.value !== chosen && document.activeElement !== car) {
-        setCars(Number(chosen || -1) + 1);
-        car.value = chosen;
-      }
-      watch();
-    },
-  };
+      </div>
+      <p class=${`live-does${state.state?.waits ? " waits" : ""}`} role="status">${does}</p>
+      <p class="live-hint quiet">${laps.error ? `${laps.error.message} The lines on the map are older.` : hint}</p>
+      <div class="live-body">
+        ${
+          facts.place !== "bucket" &&
+          html`<div class="live-views">
+          ${pictures.map(
+            ([
+              view,
+              heading,
+              label,
+              size,
+            ]) => html`<${LivePicture} key=${view} topic=${topic(view)} name=${heading}
+              label=${label} size=${size} wait=${wait} car=${view === "chase" ? pictured : null}
+              onCar=${view === "camera" ? setPictured : undefined} />`,
+          )}
+        </div>`
+        }
+        <div class="live-map">
+          <${TrackMap} label=${`Map of the track with the cars of ${name}`} height=${null} track=${track.lines}
+            paths=${paths} cars=${live ? marks : []} objects=${live ? objects : []} />
+          <p class="live-legend quiet">${track.error ? `There is no map: ${track.error.message}` : legend(scene, cars, { many, evaluation, laps: laps.value, place: facts.place })}</p>
+        </div>
+        ${
+          facts.place !== "bucket" &&
+          html`<div class="live-figures"><${Tiles} values=${figuresOf(shown)} /></div>
+          <div class="live-details">
+            <${Policy} actions=${scene?.actions ?? []} shown=${scene?.shown} />
+            <${Finished} episodes=${scene?.finished ?? []} />
+          </div>`
+        }
+      </div>
+    </article>`;
+}
+
+function legend(scene, cars, { many, evaluation, laps, place }) {
+  if (place === "bucket" && laps)
+    return laps.iteration === null
+      ? "The first iteration has not been finished yet."
+      : `Lines: iteration ${laps.iteration}, the newest in the bucket; green where the lap was completed.`;
+  if (!scene) return "";
+  if (many) return scene.racers.map((racer) => `${racer.model}: ${racer.color}`).join(", ");
+  const where = [scene.world, scene.reverse && "reversed", scene.checkpoint?.replace(".ckpt", "")];
+  const lines =
+    !evaluation && (laps?.iteration ?? null) !== null
+      ? `Lines: iteration ${laps.iteration}, green where the lap was completed.`
+      : "";
+  return `${number(cars.length)} ${cars.length === 1 ? "car" : "cars"}, ${where.filter(Boolean).join(", ")}. ${lines}`;
 }

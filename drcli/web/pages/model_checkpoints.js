@@ -1,6 +1,8 @@
-// The checkpoints of a model, and how each of them drove.
+// The checkpoints of a model, how each of them drove, and what can be done with it.
 
-import { bytes, fill, h, lapTime, number, table } from "/dom.js";
+import { Act } from "/model_page.js";
+import { bytes, lapTime, number } from "/text.js";
+import { Empty, Failure, Table, html } from "/ui.js";
 
 const WORDS = {
   last: "the newest",
@@ -9,74 +11,46 @@ const WORDS = {
   "three-laps": "of three laps in one evaluation",
   "best-lap": "of the best lap",
 };
+const FORMATS = { tensorflow: ["TensorFlow", "Of DeepRacer-for-Cloud or a console"] };
 
-/** Show checkpoints, the newest first; `found` is the answer of /api/model/checkpoints. */
-export function drawCheckpoints(element, found) {
-  fill(
-    element,
-    found.damaged.map((each) => h("div", { class: "problem" }, h("p", {}, each))),
-    table(
-      "Checkpoints",
-      [
-        "Number",
-        "Marks",
-        "Clean laps",
-        "Progress",
-        "Median lap",
-        "Best lap",
-        "Size",
-        ...(found.checkpoints.some((each) => each.problem) ? ["Problem"] : []),
-      ],
-      found.checkpoints
-        .slice()
-        .reverse()
-        .map((each) => [
-          String(each.number),
-          [
-            each.words.map((word) =>
-              h("span", { class: "model-badge", title: `Checkpoint ${WORDS[word] ?? word}` }, word),
-            ),
-            each.untaught
-              ? h(
-                  "span",
-                  { class: "model-badge", title: "Until there, only the teacher has learned" },
-                  "untaught",
-                )
-              : null,
-            each.every ? h("span", { class: "model-badge" }, "kept every n") : null,
-            each.form === "tensorflow"
-              ? h(
-                  "span",
-                  { class: "model-badge", title: "Of DeepRacer-for-Cloud or a console" },
-                  "TensorFlow",
-                )
-              : null,
-          ]
-            .flat()
-            .reduce((cell, mark) => (mark && cell.append(mark, " "), cell), h("span")),
-          each.episodes ? `${each.laps} of ${each.episodes}` : "–",
-          each.progress == null ? "–" : number(each.progress, 1, "%"),
-          lapTime(each.median_s),
-          lapTime(each.best_lap_s),
-          bytes(each.size_bytes),
-          ...(each.problem ? [each.problem] : []),
-        ]),
-    ),
-    h(
-      "p",
-      { class: "quiet fine" },
-      `Laps are those of evaluations during the training, which end at the first violation. Together ${bytes(found.size_bytes)}. A training keeps the newest four checkpoints, the best one and the milestones.`,
-      found.not_reached.length ? ` Not reached yet: ${found.not_reached.join(", ")}.` : "",
-    ),
-    found.milestones.some((each) => !each.kept)
-      ? h(
-          "p",
-          { class: "quiet fine" },
-          `Milestones whose checkpoints are gone: ${found.milestones
-            .filter((each) => !each.kept)
-            .map((each) => `${each.word} (${each.checkpoint})`)
-            .join(", ")}.`,
-        )
-      : null,
-  );
+const Marks = ({ entry }) =>
+  [
+    ...entry.words.map((word) => [word, `Checkpoint ${WORDS[word] ?? word}`]),
+    entry.untaught && ["untaught", "Until there, only the teacher has learned"],
+    entry.every && ["kept every n", "DR_TRAIN_KEEP_CHECKPOINT_EVERY"],
+    FORMATS[entry.form],
+  ]
+    .filter(Boolean)
+    .map(([text, about]) => html`<span class="model-badge" title=${about}>${text}</span> `);
+
+/** @param {{value: any, error: any, actions: Object}} props the answer of /api/model/checkpoints */
+export function Checkpoints({ value, error, actions }) {
+  if (error)
+    return error.code === 3
+      ? html`<${Empty} text=${`${error.message} ${error.remedy}`} />`
+      : html`<${Failure} error=${error} />`;
+  if (!value) return null;
+  const { checkpoints, damaged, milestones, not_reached: missing } = value;
+  const broken = checkpoints.some((each) => each.problem);
+  const rows = [...checkpoints].reverse().map((each) => {
+    const given = [String(each.number)];
+    return [
+      String(each.number),
+      html`<${Marks} entry=${each} />`,
+      each.episodes ? `${each.laps} of ${each.episodes}` : "–",
+      (each.progress ?? null) === null ? "–" : number(each.progress, 1, "%"),
+      lapTime(each.median_s),
+      lapTime(each.best_lap_s),
+      bytes(each.size_bytes),
+      html`<span class="actions"><${Act} action=${actions.evaluate} given=${given} text="Evaluate" /><${Act} action=${actions.clone} given=${given} text="Clone" />
+        <${Act} action=${actions.submit} given=${given} text="Submit" /><${Act} action=${actions.download} given=${given} text="Download" /></span>`,
+      ...(broken ? [each.problem] : []),
+    ];
+  });
+  const gone = milestones.filter((each) => !each.kept);
+  return html`
+    ${damaged.map((each) => html`<div class="problem"><p>${each}</p></div>`)}
+    <${Table} caption="Checkpoints" rows=${rows} heads=${["Number", "Marks", "Clean laps", "Progress", "Median lap", "Best lap", "Size", "Actions", ...(broken ? ["Problem"] : [])]} />
+    <p class="quiet fine">Laps are those of evaluations during the training, which end at the first violation. Together ${bytes(value.size_bytes)}. A training keeps the newest four checkpoints, the best one and the milestones.${missing.length > 0 && ` Not reached yet: ${missing.join(", ")}.`}</p>
+    ${gone.length > 0 && html`<p class="quiet fine">Milestones whose checkpoints are gone: ${gone.map((each) => `${each.word} (${each.checkpoint})`).join(", ")}.</p>`}`;
 }

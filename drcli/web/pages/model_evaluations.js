@@ -1,325 +1,205 @@
-// Stored evaluations: their trials, two side by side, and their videos.
+// Evaluations: the one that drives now, stored ones with their trials, two side by side, and their videos.
 
-import { empty, fill, fillButtons, h, lapTime, number, stampText, table } from "/dom.js";
-import { ask, check, field, select } from "/form_dialog.js";
-import { act, save } from "/model_tasks.js";
+import { ask } from "/ask.js";
+import { SelectField } from "/fields.js";
+import { Worker } from "/live_worker.js";
+import { Act } from "/model_page.js";
+import { runTask, save } from "/model_tasks.js";
+import { useGet, useTopic } from "/store.js";
+import { lapTime, number, stampText } from "/text.js";
+import { Empty, Failure, Table, html, useState } from "/ui.js";
 
-const label = (each) =>
-  [
-    stampText(each.stamp),
-    each.world,
-    each.reverse ? "reverse" : "",
-    each.checkpoint ? `checkpoint ${each.checkpoint.split("_")[0]}` : "",
-    `${each.clean_laps} of ${each.trials.length} laps clean`,
-    each.best_lap_s == null ? "" : lapTime(each.best_lap_s),
-  ]
-    .filter(Boolean)
-    .join(" · ");
+const VIEWS = {
+  "camera-pip": "from behind, with the camera",
+  "camera-45degree": "from behind",
+  "camera-topview": "from above",
+};
+const spoken = (word) => word.toLowerCase().replaceAll("_", " ");
+const joined = (parts, by) => parts.filter(Boolean).join(by);
+const known = (value) => (value ?? null) !== null;
 /** How a trial ended; a finished lap may have resets and penalties. */
 const ended = (trial) =>
   trial.clean ? "Clean lap" : trial.status === "Lap complete" ? "Finished" : trial.status;
-const sum = (each, name) => each.trials.reduce((total, trial) => total + trial[name], 0);
+const sum = (each, name) => String(each.trials.reduce((total, trial) => total + trial[name], 0));
+const labelOf = (each) =>
+  joined(
+    [
+      stampText(each.stamp),
+      each.world,
+      each.reverse && "reverse",
+      each.checkpoint && `checkpoint ${each.checkpoint.split("_")[0]}`,
+      `${each.clean_laps} of ${each.trials.length} laps clean`,
+      known(each.best_lap_s) && lapTime(each.best_lap_s),
+    ],
+    " · ",
+  );
 
-export function evaluationPart(prefix, { signal, evaluate }) {
-  const running = h("div", { role: "status" });
-  const body = h("div");
-  const element = h("div", {}, running, body);
-  const chosen = { one: "", other: "", video: "" };
-  let list = null,
-    shown = "";
-
-  function update(value) {
-    list = value;
-    if (!list.evaluations.some((each) => each.stamp === chosen.one)) chosen.one = "";
-    const newest = list.evaluations[0]?.stamp;
-    // A new result is shown at once, unless an older one was chosen.
-    if (newest && newest !== chosen.newest) {
-      if (!chosen.one || chosen.one === chosen.newest) chosen.one = newest;
-      chosen.newest = newest;
+/** @param {{prefix: string, path: (name: string) => string, version: any, running: Object[], actions: Object}} props */
+export function Evaluations({ prefix, path, version, running, actions }) {
+  const { value: list, error } = useGet(path("evaluations"), version);
+  const [chosen, setChosen] = useState({ one: "", other: "" });
+  const stored = list?.evaluations ?? [];
+  // A new result is shown at once, unless an older one was chosen.
+  const one = stored.find((each) => each.stamp === chosen.one) ?? stored[0];
+  const other = stored.find((each) => each.stamp === chosen.other);
+  const options = stored.map((each) => [each.stamp, labelOf(each)]);
+  const choose = (name) => (stamp) => setChosen({ ...chosen, [name]: stamp });
+  return html`
+    ${running.map((each) => html`<${Running} key=${each.stamp} evaluation=${each} actions=${actions} />`)}
+    ${error && html`<${Failure} error=${error} />`}
+    ${
+      list &&
+      !one &&
+      !running.length &&
+      html`<${Empty} text="This model has no stored evaluation yet.">
+      <${Act} class="main" action=${actions.evaluate} text="Evaluate it" />
+    <//>`
     }
-    draw();
-  }
+    ${
+      one &&
+      html`
+      <div class="model-tools">
+        <${SelectField} label="Evaluation" options=${options} value=${one.stamp} onChange=${choose("one")} />
+        ${stored.length > 1 && html`<${SelectField} label="Compare with" options=${[["", "nothing"], ...options]} value=${chosen.other} onChange=${choose("other")} />`}
+      </div>
+      ${list.total > stored.length && html`<p class="quiet">The newest ${stored.length} of ${list.total} evaluations are listed.</p>`}
+      ${other && other !== one ? html`<${Comparison} one=${one} other=${other} />` : html`<${Single} one=${one} />`}
+      <${Film} key=${one.stamp} prefix=${prefix} path=${path} one=${one} videos=${list.videos} isNewest=${one === stored[0]} />`
+    }`;
+}
 
-  function draw() {
-    const state = JSON.stringify([list, chosen]);
-    if (state === shown) return;
-    shown = state;
-    if (!list.evaluations.length) {
-      fill(
-        body,
-        empty(
-          "This model has no stored evaluation yet.",
-          h("button", { type: "button", class: "main", click: evaluate }, "Evaluate it"),
-        ),
-      );
-      return;
-    }
-    const one = list.evaluations.find((each) => each.stamp === chosen.one) ?? list.evaluations[0];
-    const other = list.evaluations.find((each) => each.stamp === chosen.other);
-    const options = list.evaluations.map((each) => [each.stamp, label(each)]);
-    const pick = (name, extra) => {
-      const control = select(
-        name,
-        [...extra, ...options],
-        name === "one" ? one.stamp : chosen.other,
-      );
-      control.addEventListener("change", () => {
-        chosen[name] = control.value;
-        chosen.video = "";
-        draw();
-        body.querySelector(`[name=${name}]`)?.focus();
-      });
-      return control;
-    };
-    fill(
-      body,
-      h(
-        "div",
-        { class: "model-tools" },
-        field("Evaluation", pick("one", [])),
-        list.evaluations.length > 1
-          ? field("Compare with", pick("other", [["", "nothing"]]))
-          : null,
-      ),
-      list.total > list.evaluations.length
-        ? h(
-            "p",
-            { class: "quiet" },
-            `The newest ${list.evaluations.length} of ${list.total} evaluations are listed.`,
-          )
-        : null,
-      other && other !== one ? comparison(one, other) : single(one),
-      player(one),
-    );
-  }
+/** What drives now: camera, map and figures, and a button that ends it. */
+function Running({ evaluation: { stamp, checkpoint, world, started_at: began }, actions }) {
+  const worker = useTopic("workers").value?.workers.find(
+    (each) => each.worker === `evaluation-${stamp}`,
+  );
+  return html`
+    <div class="empty">
+      <p role="status">An evaluation has been running since ${new Date(began * 1000).toLocaleTimeString("en-GB")}: ${checkpoint} on ${world}. Its result appears here.</p>
+      <p class="actions"><${Act} class="danger" action=${actions.stopEvaluation} text="Stop it" /></p>
+    </div>
+    ${worker && html`<${Worker} runId=${worker.run_id} name=${worker.worker} facts=${{ world, activity: "", place: "live", car: worker.car }} />`}`;
+}
 
-  function single(one) {
-    if (one.problem) return h("div", { class: "problem" }, h("p", {}, one.problem));
-    const off = one.off_track_penalty_s,
-      hit = one.collision_penalty_s;
-    const rows = one.trials.map((trial) => [
-      String(trial.trial),
-      trial.time_text,
-      `${number(trial.progress)} %`,
-      ended(trial),
-      String(trial.off_track),
-      String(trial.crashes),
-      String(trial.resets),
-    ]);
-    return [
-      h(
-        "p",
-        {},
-        [
-          one.world && `Track ${one.world}${one.reverse ? ", in reverse" : ""}`,
-          one.race_type && one.race_type.toLowerCase().replaceAll("_", " "),
-          one.checkpoint && `checkpoint ${one.checkpoint}`,
-          one.summary,
-        ]
-          .filter(Boolean)
-          .join("; "),
-        ".",
-      ),
-      table(
-        "Trials",
-        ["Trial", "Time", "Completed", "Status", "Off-tracks", "Crashes", "Resets"],
-        rows,
-      ),
-      h(
-        "p",
-        { class: "quiet fine" },
-        "Times are those of the simulation, penalties included.",
-        off == null
-          ? ""
-          : ` Leaving the track costs ${number(off, 1)} s, a crash ${number(hit, 1)} s.`,
-      ),
-    ];
-  }
+function Single({ one }) {
+  if (one.problem) return html`<div class="problem"><p>${one.problem}</p></div>`;
+  const { off_track_penalty_s: off, collision_penalty_s: hit } = one;
+  const rows = one.trials.map((trial) => [
+    ...[String(trial.trial), trial.time_text, `${number(trial.progress)} %`, ended(trial)],
+    ...[trial.off_track, trial.crashes, trial.resets].map(String),
+  ]);
+  const facts = [
+    one.world && `Track ${one.world}${one.reverse ? ", in reverse" : ""}`,
+    one.race_type && spoken(one.race_type),
+    one.checkpoint && `checkpoint ${one.checkpoint}`,
+    one.summary,
+  ];
+  return html`
+    <p>${joined(facts, "; ")}.</p>
+    <${Table} caption="Trials" heads=${["Trial", "Time", "Completed", "Status", "Off-tracks", "Crashes", "Resets"]} rows=${rows} />
+    <p class="quiet fine">Times are those of the simulation, penalties included.${known(off) && ` Leaving the track costs ${number(off, 1)} s, a crash ${number(hit, 1)} s.`}</p>`;
+}
 
-  function comparison(one, other) {
-    const figures = [
-      ["Track", (each) => each.world || "–"],
-      ["Direction", (each) => (each.reverse == null ? "–" : each.reverse ? "reverse" : "as built")],
-      ["Checkpoint", (each) => each.checkpoint || "–"],
-      ["Clean laps", (each) => `${each.clean_laps} of ${each.trials.length}`],
-      ["Finished laps", (each) => `${each.complete_laps} of ${each.trials.length}`],
-      ["Best clean lap", (each) => lapTime(each.best_lap_s), (each) => each.best_lap_s],
-      [
-        "Mean of finished laps, with penalties",
-        (each) => lapTime(each.mean_lap_s),
-        (each) => each.mean_lap_s,
-      ],
-      ["Off-tracks", (each) => String(sum(each, "off_track"))],
-      ["Crashes", (each) => String(sum(each, "crashes"))],
-      ["Resets", (each) => String(sum(each, "resets"))],
-    ];
-    const difference = (value) => {
-      const [a, b] = [value?.(one), value?.(other)];
-      return a == null || b == null
-        ? ""
-        : `${a - b > 0 ? "+" : "−"}${number(Math.abs(a - b), 3, "s")}`;
-    };
-    const trials = Array.from(
-      { length: Math.max(one.trials.length, other.trials.length) },
-      (_, k) => [
-        String(k + 1),
-        ...[one, other].map((each) =>
-          each.trials[k]
-            ? `${each.trials[k].time_text}, ${ended(each.trials[k]).toLowerCase()}`
-            : "–",
-        ),
-      ],
-    );
-    const names = [stampText(one.stamp), stampText(other.stamp)];
-    return [
-      table(
-        "Two evaluations",
-        ["Figure", ...names, "Difference"],
-        figures.map(([name, text, value]) => [name, text(one), text(other), difference(value)]),
-      ),
-      table("Their trials", ["Trial", ...names], trials),
-      one.world && other.world && one.world !== other.world
-        ? h("p", { class: "quiet" }, "The tracks differ, so times cannot be compared.")
-        : null,
-    ];
-  }
+/** @type {[string, (each: any) => string, ((each: any) => number)?][]} */
+const FIGURES = [
+  ["Track", (each) => each.world || "–"],
+  ["Direction", (each) => (known(each.reverse) ? (each.reverse ? "reverse" : "as built") : "–")],
+  ["Checkpoint", (each) => each.checkpoint || "–"],
+  ["Clean laps", (each) => `${each.clean_laps} of ${each.trials.length}`],
+  ["Finished laps", (each) => `${each.complete_laps} of ${each.trials.length}`],
+  ["Best clean lap", (each) => lapTime(each.best_lap_s), (each) => each.best_lap_s],
+  [
+    "Mean of finished laps, with penalties",
+    (each) => lapTime(each.mean_lap_s),
+    (each) => each.mean_lap_s,
+  ],
+  ["Off-tracks", (each) => sum(each, "off_track")],
+  ["Crashes", (each) => sum(each, "crashes")],
+  ["Resets", (each) => sum(each, "resets")],
+];
 
-  function player(one) {
-    const own = list.videos.filter((name) => name === `evaluation-${one.stamp}/video.mp4`);
-    const others = list.videos.filter((name) => name.startsWith("mp4/"));
-    const names = [...own, ...(one === list.evaluations[0] ? others : [])];
-    const make = h(
-      "button",
-      { type: "button", disabled: !one.trace, click: () => filming(one, make) },
-      own.length ? "Make another video" : "Make a video",
-    );
-    if (!names.length)
-      return [
-        h("h2", {}, "Video"),
-        empty(
-          one.trace
-            ? "There is no video of this evaluation yet; it can be made from its stored steps."
-            : "There is no video of this evaluation, and its steps are not stored.",
-          one.trace ? make : null,
-          steps(one),
-        ),
-      ];
-    const name = names.includes(chosen.video) ? chosen.video : names[0];
-    const source = `/api/model/video?prefix=${encodeURIComponent(prefix)}&name=${encodeURIComponent(name)}`;
-    const views = {
-      "camera-pip": "from behind, with the camera",
-      "camera-45degree": "from behind",
-      "camera-topview": "from above",
-    };
-    const control = select(
-      "video",
-      names.map((each) => [
-        each,
-        each.startsWith("mp4/")
-          ? `newest evaluation, ${views[each.split("/")[1]] ?? each}`
-          : "this evaluation",
-      ]),
-      name,
-    );
-    control.addEventListener("change", () => {
-      chosen.video = control.value;
-      draw();
-      body.querySelector("[name=video]")?.focus();
-    });
-    return [
-      h("h2", {}, "Video"),
-      names.length > 1 ? field("View", control) : null,
-      film(source, one),
-      h(
-        "p",
-        { class: "actions" },
-        h("a", { class: "button", href: `${source}&download`, download: "" }, "Download the video"),
-        make,
-        steps(one),
-      ),
-    ];
-  }
+function Comparison({ one, other }) {
+  const names = [stampText(one.stamp), stampText(other.stamp)];
+  const difference = (value) => {
+    const [a, b] = [value?.(one), value?.(other)];
+    return known(a) && known(b) ? `${a - b > 0 ? "+" : "−"}${number(Math.abs(a - b), 3, "s")}` : "";
+  };
+  const trial = (each, k) =>
+    each.trials[k] ? `${each.trials[k].time_text}, ${ended(each.trials[k]).toLowerCase()}` : "–";
+  const count = Math.max(one.trials.length, other.trials.length);
+  return html`
+    <${Table} caption="Two evaluations" heads=${["Figure", ...names, "Difference"]}
+      rows=${FIGURES.map(([name, text, value]) => [name, text(one), text(other), difference(value)])} />
+    <${Table} caption="Their trials" heads=${["Trial", ...names]}
+      rows=${Array.from({ length: count }, (_, k) => [String(k + 1), trial(one, k), trial(other, k)])} />
+    ${one.world && other.world && one.world !== other.world && html`<p class="quiet">The tracks differ, so times cannot be compared.</p>`}`;
+}
 
-  /** A link to the player of stored episodes. */
-  function steps(one) {
-    const query = new URLSearchParams({
-      model: prefix,
-      trace: `evaluation-${one.stamp}/evaluation-simtrace/0-iteration.csv`,
-      episode: "0",
-    });
-    return one.trace ? h("a", { class: "button", href: `#/play?${query}` }, "Step by step") : null;
-  }
-
-  // The same element again, so that a video goes on playing when the rest is drawn anew.
-  let playing = { source: "", element: null };
-  function film(source, one) {
-    if (playing.source !== source)
-      playing = {
-        source,
-        element: h("video", {
-          class: "model-video",
-          controls: true,
-          preload: "metadata",
-          src: source,
-          "aria-label": `Video of the evaluation of ${stampText(one.stamp)}`,
-        }),
-      };
-    return playing.element;
-  }
-
-  async function filming(one, button) {
+function Film({ prefix, path, one, videos, isNewest }) {
+  const own = videos.filter((name) => name === `evaluation-${one.stamp}/video.mp4`);
+  const names = [...own, ...(isNewest ? videos.filter((name) => name.startsWith("mp4/")) : [])];
+  const [chosen, setChosen] = useState("");
+  const film = async () => {
     const values = await ask({
       title: `Make a video of the evaluation of ${stampText(one.stamp)}`,
       action: "Make the video",
-      intro: h(
-        "p",
-        {},
-        "The video is drawn from the stored steps; a minute of driving takes some minutes.",
-      ),
+      intro: html`<p>The video is drawn from the stored steps; a minute of driving takes some minutes.</p>`,
       fields: [
-        field(
-          "What",
-          select(
-            "episode",
-            [
-              ["best", "the best lap"],
-              ["all", "all laps"],
-              ...one.trials.slice(0, 100).map((trial, k) => [String(k), `trial ${trial.trial}`]),
-            ],
-            "best",
-          ),
-        ),
-        field("Size", select("size", ["640x480", "1280x720"], "640x480")),
-        field("Ghosts of other laps", select("ghosts", ["0", "1", "2", "3", "4"], "0")),
-        h("p", {}, check("Show which pixels move the action", "explain")),
-        h("p", {}, check("Only download it; the stored video stays", "download")),
+        {
+          name: "episode",
+          label: "What",
+          value: "best",
+          options: [
+            ["best", "the best lap"],
+            ["all", "all laps"],
+            ...one.trials.slice(0, 100).map((trial, k) => [String(k), `trial ${trial.trial}`]),
+          ],
+        },
+        { name: "size", label: "Size", value: "640x480", options: ["640x480", "1280x720"] },
+        {
+          name: "ghosts",
+          label: "Ghosts of other laps",
+          value: "0",
+          options: ["0", "1", "2", "3", "4"],
+        },
+        { name: "explain", label: "Show which pixels move the action", value: false },
+        { name: "download", label: "Only download it; the stored video stays", value: false },
       ],
     });
     if (!values) return;
-    const made = await act(
-      "film",
-      { prefix, stamp: one.stamp, ...values, ghosts: Number(values.ghosts) },
-      { button, signal },
-    );
+    const made = await runTask("/api/model/film", {
+      prefix,
+      stamp: one.stamp,
+      ...values,
+      ghosts: Number(values.ghosts),
+    });
     if (made?.url) save(made);
-    else if (made) playing = { source: "", element: null };
-  }
-
-  return {
-    element,
-    update,
-    running(evaluations, stop) {
-      fillButtons(
-        running,
-        evaluations.map((each) =>
-          h(
-            "p",
-            { class: "empty" },
-            `An evaluation has been running since ${new Date(each.started_at * 1000).toLocaleTimeString("en-GB")}: ${each.checkpoint} on ${each.world}. Its result appears here. `,
-            h("button", { type: "button", click: (event) => stop(event.currentTarget) }, "Stop it"),
-          ),
-        ),
-      );
-    },
   };
+  const query = new URLSearchParams({
+    model: prefix,
+    trace: `evaluation-${one.stamp}/evaluation-simtrace/0-iteration.csv`,
+    episode: "0",
+  });
+  const more =
+    one.trace &&
+    html`
+    <${Act} action=${film} text=${own.length ? "Make another video" : "Make a video"} />
+    <a class="button" href=${`#/play?${query}`}>Step by step</a>`;
+  if (!names.length)
+    return html`<h2>Video</h2><${Empty} text=${
+      one.trace
+        ? "There is no video of this evaluation yet; it can be made from its stored steps."
+        : "There is no video of this evaluation, and its steps are not stored."
+    }>${more}<//>`;
+  const name = names.includes(chosen) ? chosen : names[0];
+  const source = `${path("video")}&name=${encodeURIComponent(name)}`;
+  const label = (each) =>
+    each.startsWith("mp4/")
+      ? `newest evaluation, ${VIEWS[each.split("/")[1]] ?? each}`
+      : "this evaluation";
+  return html`
+    <h2>Video</h2>
+    ${names.length > 1 && html`<${SelectField} label="View" options=${names.map((each) => [each, label(each)])} value=${name} onChange=${setChosen} />`}
+    <video class="model-video" controls preload="metadata" key=${source} src=${source} aria-label=${`Video of the evaluation of ${stampText(one.stamp)}`}></video>
+    <p class="actions"><a class="button" href=${`${source}&download`} download="">Download the video</a>${more}</p>`;
 }

@@ -1,100 +1,69 @@
 // The notes of a model: read, write, edit, remove.
 
 import { post, put, remove } from "/api.js";
-import { confirmed, empty, fill, h, moment, notify } from "/dom.js";
-import { ask, field } from "/form_dialog.js";
+import { ask } from "/ask.js";
+import { confirmed } from "/dialogs.js";
+import { DraftNote } from "/steps.js";
+import { useDraft } from "/drafts.js";
+import { Field } from "/fields.js";
+import { useAction, useGet } from "/store.js";
+import { moment } from "/text.js";
+import { Button, Empty, Failure, html } from "/ui.js";
 
-/** Show notes and a form for a new one; `found` is the answer of `path`, where they are changed too. */
-export function drawNotes(element, found, path, signal) {
-  const writing = document.activeElement?.name === "note" ? document.activeElement.value : "";
-  const area = h("textarea", { name: "note", rows: "3", maxlength: "2000", value: writing });
-  const send = async (action) => {
-    try {
-      drawNotes(element, await action(), path, signal);
-    } catch (error) {
-      if (error.name !== "AbortError") notify(error.message, "bad", error.remedy);
-    }
+/** @param {{prefix: string, path: string, version: any}} props `path` is where notes are read and changed */
+export function Notes({ prefix, path, version }) {
+  const { value: found, error, reload } = useGet(path, version);
+  const draft = useDraft(`note/${prefix}`, null);
+  const [send] = useAction(async (action) => {
+    await action();
+    reload();
+  });
+  const text = draft.edits.text ?? "";
+  const add = (event) => {
+    event.preventDefault();
+    send(async () => {
+      await post(path, { text });
+      draft.set({});
+    });
   };
-  const edit = async (note) => {
+  const edit = async ({ number, text: before }) => {
     const values = await ask({
-      title: note.number === 0 ? "Describe the model" : `Edit note ${note.number}`,
+      title: number === 0 ? "Describe the model" : `Edit note ${number}`,
       action: "Save",
       fields: [
-        field("Text", h("textarea", { name: "text", rows: "5", value: note.text, required: true })),
+        { name: "text", label: "Text", value: before, lines: true, more: { required: true } },
       ],
     });
-    if (values) send(() => put(path, { number: note.number, text: values.text }, signal));
+    if (values) send(() => put(path, { number, text: values.text }));
   };
   const drop = async (note) => {
     if (await confirmed("Remove this note?", { action: "Remove", detail: note.text }))
-      send(() => remove(`${path}&number=${note.number}`, signal));
+      send(() => remove(`${path}&number=${note.number}`));
   };
-  fill(
-    element,
-    found.notes.length
-      ? h(
-          "ul",
-          { class: "model-notes" },
-          found.notes.map((note) =>
-            h(
-              "li",
-              {},
-              h("p", { class: "note-text" }, note.text),
-              h(
-                "p",
-                { class: "actions fine quiet" },
-                note.number === 0
-                  ? "Description"
-                  : `Note ${note.number}, ${moment(note.at)}${note.checkpoint == null ? "" : `, at checkpoint ${note.checkpoint}`}${note.edited_at ? ", edited" : ""}`,
-                h(
-                  "button",
-                  {
-                    type: "button",
-                    class: "fine",
-                    "aria-label": `Edit note ${note.number}`,
-                    click: () => edit(note),
-                  },
-                  "Edit",
-                ),
-                h(
-                  "button",
-                  {
-                    type: "button",
-                    class: "fine",
-                    "aria-label": `Remove note ${note.number}`,
-                    click: () => drop(note),
-                  },
-                  "Remove",
-                ),
-              ),
-            ),
-          ),
-        )
-      : empty("There is no note yet. Notes stay with the model, also in copies of it."),
-    found.notes.some((note) => note.number === 0)
-      ? null
-      : h(
-          "p",
-          {},
-          h(
-            "button",
-            { type: "button", click: () => edit({ number: 0, text: "" }) },
-            "Describe the model",
-          ),
-        ),
-    h(
-      "form",
-      {
-        submit: (event) => {
-          event.preventDefault();
-          const text = area.value;
-          area.value = "";
-          send(() => post(path, { text }, signal));
-        },
-      },
-      field("New note", area),
-      h("p", { class: "actions" }, h("button", { class: "main" }, "Add the note")),
-    ),
-  );
-  if (writing) element.querySelector("[name=note]").focus();
+  if (error) return html`<${Failure} error=${error} />`;
+  if (!found) return null;
+  const about = (note) =>
+    note.number === 0
+      ? "Description"
+      : `Note ${note.number}, ${moment(note.at)}${(note.checkpoint ?? null) === null ? "" : `, at checkpoint ${note.checkpoint}`}${note.edited_at ? ", edited" : ""}`;
+  return html`
+    <ul class="model-notes">${found.notes.map(
+      (note) => html`<li key=${note.number}>
+      <p class="note-text">${note.text}</p>
+      <p class="actions fine quiet">${about(note)}
+        <${Button} class="fine" aria-label=${`Edit note ${note.number}`} onClick=${() => edit(note)}>Edit<//>
+        <${Button} class="fine" aria-label=${`Remove note ${note.number}`} onClick=${() => drop(note)}>Remove<//>
+      </p>
+    </li>`,
+    )}</ul>
+    ${!found.notes.length && html`<${Empty} text="There is no note yet. Notes stay with the model, also in copies of it." />`}
+    ${!found.notes.some((note) => note.number === 0) && html`<p><button type="button" onClick=${() => edit({ number: 0, text: "" })}>Describe the model</button></p>`}
+    <form onSubmit=${add}>
+      <${DraftNote} draft=${draft} />
+      <${Field} label="New note" control=${(
+        common,
+      ) => html`<textarea ...${common} rows="3" maxlength="2000" value=${text}
+        onInput=${(event) => draft.set(event.currentTarget.value ? { text: event.currentTarget.value } : {})}></textarea>`} />
+      <p class="actions"><button type="submit" class="main" disabled=${!text.trim()}>Add the note</button></p>
+    </form>`;
 }

@@ -1,7 +1,7 @@
 // Starts a task of the server, and waits for its end; app.js shows its progress and its failure.
 
 import { ApiError, post } from "/api.js";
-import { notify } from "/dom.js";
+import { notify } from "/notices.js";
 import { follow } from "/socket.js";
 
 /** The result of a task by its number; rejects with its error. */
@@ -31,22 +31,10 @@ export function taskEnd(number, signal) {
   });
 }
 
-/** Start an action on a model; its button is off meanwhile, and keeps the focus. Null if it was refused or failed. */
-export async function act(name, body, { button, signal, ended } = {}) {
-  if (button?.ariaDisabled === "true") return null;
-  if (button) button.ariaDisabled = "true";
-  try {
-    const { task } = await post(`/api/model/${name}`, body);
-    const result = await taskEnd(task, signal);
-    ended?.(result);
-    return result;
-  } catch (error) {
-    // A task that failed has its own notice; a request that was refused has none.
-    if (error.name !== "AbortError" && !error.ofTask) notify(error.message, "bad", error.remedy);
-    return null;
-  } finally {
-    if (button) button.ariaDisabled = null;
-  }
+/** Start a task of the server, and wait for its result. */
+export async function runTask(path, body, signal) {
+  const { task } = await post(path, body);
+  return taskEnd(task, signal);
 }
 
 /** Let the browser keep a file that a task has made. */

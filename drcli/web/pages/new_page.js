@@ -1,376 +1,289 @@
-// New training: everything that a training needs, in order, each step saved by itself.
+// New training: everything that a training needs, in order.
 
 import { get, post } from "/api.js";
-import { actionSteps } from "/action_space_form.js";
-import { confirmed, failure, fill, h, notify, prose } from "/dom.js";
-import { guardLeaving, settingsStep } from "/edit_step.js";
-import { hyperparameterStep } from "/hyperparameter_form.js";
-import { rewardStep } from "/reward_form.js";
+import { ActionStep, SensorStep, useMetadata } from "/action_space_form.js";
+import { confirmed } from "/dialogs.js";
+import { Field, Problems, TextField, leadTo, wantedLine } from "/fields.js";
+import { HyperparameterStep } from "/hyperparameter_form.js";
+import { notify } from "/notices.js";
 import { KIND_NOTES, OBJECT_SETTINGS } from "/race_words.js";
-import { problemList } from "/setting_fields.js";
-import { startSteps } from "/start_form.js";
-import { trackPicker } from "/track_picker.js";
+import { RewardStep } from "/reward_form.js";
+import { StartStep, ValidateStep } from "/start_form.js";
+import { Step, Steps, useSettings } from "/steps.js";
+import { useAction, useGet } from "/store.js";
+import { TrackPicker } from "/track_picker.js";
+import { Failure, Prose, html, useEffect, useMemo, useRef, useState } from "/ui.js";
 
 export const title = "New training";
 
-const RACE = [
-  ["DR_TRAIN_WORLDS", "Further tracks that are trained"],
-  ["DR_TRAIN_EVAL_WORLD", "Tracks for evaluation only"],
-  ["DR_RACE_TYPE", "Race type"],
-  ["DR_TRAIN_REVERSE_DIRECTION", "Against the direction of the track"],
-  ["DR_TRAIN_ALTERNATE_DRIVING_DIRECTION", "Turn round after every episode"],
-  ["DR_TRAIN_CHANGE_START_POSITION", "Start each episode further along the track"],
-  ["DR_OA_NUMBER_OF_OBSTACLES", "Number of boxes"],
-  ["DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES", "Least distance between boxes, m"],
-  ["DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS", "Move the boxes in each episode"],
-  ["DR_OA_IS_OBSTACLE_BOT_CAR", "Parked cars instead of boxes"],
-  ["DR_OA_OBJECT_POSITIONS", "Fixed positions"],
-  ["DR_H2B_NUMBER_OF_BOT_CARS", "Number of bots"],
-  ["DR_H2B_BOT_CAR_SPEED", "Speed of the bots, m/s"],
-  ["DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS", "Least distance between bots, m"],
-  ["DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS", "Put bots elsewhere in each episode"],
-  ["DR_H2B_IS_LANE_CHANGE", "Bots change lanes"],
-  ["DR_H2B_LOWER_LANE_CHANGE_TIME", "Least time between lane changes, s"],
-  ["DR_H2B_UPPER_LANE_CHANGE_TIME", "Greatest time between lane changes, s"],
+const RACE = {
+  DR_TRAIN_WORLDS: "Further tracks that are trained",
+  DR_TRAIN_EVAL_WORLD: "Tracks for evaluation only",
+  DR_RACE_TYPE: "Race type",
+  DR_TRAIN_REVERSE_DIRECTION: "Against the direction of the track",
+  DR_TRAIN_ALTERNATE_DRIVING_DIRECTION: "Turn round after every episode",
+  DR_TRAIN_CHANGE_START_POSITION: "Start each episode further along the track",
+  DR_OA_NUMBER_OF_OBSTACLES: "Number of boxes",
+  DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES: "Least distance between boxes, m",
+  DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS: "Move the boxes in each episode",
+  DR_OA_IS_OBSTACLE_BOT_CAR: "Parked cars instead of boxes",
+  DR_OA_OBJECT_POSITIONS: "Fixed positions",
+  DR_H2B_NUMBER_OF_BOT_CARS: "Number of bots",
+  DR_H2B_BOT_CAR_SPEED: "Speed of the bots, m/s",
+  DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS: "Least distance between bots, m",
+  DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS: "Put bots elsewhere in each episode",
+  DR_H2B_IS_LANE_CHANGE: "Bots change lanes",
+  DR_H2B_LOWER_LANE_CHANGE_TIME: "Least time between lane changes, s",
+  DR_H2B_UPPER_LANE_CHANGE_TIME: "Greatest time between lane changes, s",
+};
+const MODEL = {
+  DR_LOCAL_S3_MODEL_PREFIX: "Name of the model",
+  DR_MODEL_DESCRIPTION: "Description",
+  DR_LOCAL_S3_PRETRAINED: "Begin with the weights of another model",
+  DR_LOCAL_S3_PRETRAINED_PREFIX: "That model",
+  DR_LOCAL_S3_PRETRAINED_CHECKPOINT: "Its checkpoint",
+};
+const STOP = {
+  DR_TRAIN_MAX_MINUTES: "Minutes",
+  DR_TRAIN_MAX_ITERATIONS: "Iterations",
+  DR_TRAIN_MAX_EPISODES: "Training episodes",
+  DR_TRAIN_MAX_STEPS: "Steps",
+  DR_TRAIN_STOP_PROGRESS: "Mean progress of evaluations, %",
+  DR_TRAIN_STOP_EVALUATIONS: "For so many evaluations in a row",
+  DR_TRAIN_STOP_LAP_TIME: "Mean lap time of evaluations, s",
+  DR_MAX_COST: "Cost, USD",
+  DR_SPOT_PRICE: "Price of this machine, USD per hour",
+  DR_TRAIN_EVAL_LAPS: "Evaluation laps per checkpoint",
+};
+const ORDER = [
+  "model",
+  "race",
+  "sensors",
+  "hyperparameters",
+  "actions",
+  "reward",
+  "stop",
+  "validate",
+  "start",
 ];
-const MODEL = [
-  ["DR_LOCAL_S3_MODEL_PREFIX", "Name of the model"],
-  ["DR_MODEL_DESCRIPTION", "Description"],
-  ["DR_LOCAL_S3_PRETRAINED", "Begin with the weights of another model"],
-  ["DR_LOCAL_S3_PRETRAINED_PREFIX", "That model"],
-  ["DR_LOCAL_S3_PRETRAINED_CHECKPOINT", "Its checkpoint"],
-];
-const STOP = [
-  ["DR_TRAIN_MAX_MINUTES", "Minutes"],
-  ["DR_TRAIN_MAX_ITERATIONS", "Iterations"],
-  ["DR_TRAIN_MAX_EPISODES", "Training episodes"],
-  ["DR_TRAIN_MAX_STEPS", "Steps"],
-  ["DR_TRAIN_STOP_PROGRESS", "Mean progress of evaluations, %"],
-  ["DR_TRAIN_STOP_EVALUATIONS", "For so many evaluations in a row"],
-  ["DR_TRAIN_STOP_LAP_TIME", "Mean lap time of evaluations, s"],
-  ["DR_MAX_COST", "Cost, USD"],
-  ["DR_SPOT_PRICE", "Price of this machine, USD per hour"],
-  ["DR_TRAIN_EVAL_LAPS", "Evaluation laps per checkpoint"],
-];
+const NUMBERS = Object.fromEntries(ORDER.map((id, k) => [id, k + 1]));
+const TITLES = { validate: "Validate", start: "Start" };
+const PATHS = {
+  form: "/api/settings",
+  tracks: "/api/track-list",
+  metadata: "/api/metadata",
+  hyperparameters: "/api/hyperparameters",
+  reward: "/api/reward",
+  templates: "/api/reward/templates",
+};
 
-export async function show(main, params, { signal, query }) {
-  fill(main, h("h1", {}, title), h("p", { role: "status" }, "Reading the folder ..."));
-  const folder = await get("/api/new-folder", signal);
-  if (!folder.exists) {
-    offerFolder(main, folder, () => show(main, params, { signal, query }), signal);
-    return;
-  }
-  let parts;
-  try {
-    parts = await Promise.all([
-      get("/api/settings", signal),
-      get("/api/track-list", signal),
-      get("/api/metadata", signal),
-      get("/api/hyperparameters", signal),
-      get("/api/reward", signal),
-      get("/api/reward/templates", signal),
-    ]);
-  } catch (error) {
-    if (error.name === "AbortError") throw error;
-    fill(
-      main,
-      h("h1", {}, title),
-      h("p", {}, "Correct the settings first; then this page goes on."),
-      error.problems ? problemList(error.problems, toSettings) : failure(error),
-      h(
-        "p",
-        { class: "actions" },
-        h("a", { class: "button main", href: "#/settings" }, "Open the settings"),
-        h(
-          "button",
-          { type: "button", click: () => show(main, params, { signal, query }) },
-          "Try again",
-        ),
-      ),
-    );
-    return;
-  }
-  build(main, parts, { signal, query });
+export function Page({ query }) {
+  const folder = useGet("/api/new-folder");
+  const [parts, setParts] = useState(null);
+  const [error, setError] = useState(null);
+  const exists = folder.value?.exists;
+  const read = async () => {
+    try {
+      const answers = await Promise.all(Object.values(PATHS).map((path) => get(path)));
+      setParts(Object.fromEntries(Object.keys(PATHS).map((name, k) => [name, answers[k]])));
+      setError(null);
+    } catch (failure) {
+      setError(failure);
+    }
+  };
+  useEffect(() => {
+    if (exists) read();
+  }, [exists]);
+  const reload = async (name) => {
+    const value = await get(PATHS[name]);
+    setParts((before) => ({ ...before, [name]: value }));
+  };
+  if (folder.error) return html`<h1>${title}</h1><${Failure} error=${folder.error} />`;
+  if (exists === false)
+    return html`<h1>${title}</h1><${NewFolder} folder=${folder.value} made=${folder.reload} />`;
+  if (error)
+    return html`
+    <h1>${title}</h1>
+    <p>Correct the settings first; then this page goes on.</p>
+    ${error.problems ? html`<${Problems} problems=${error.problems} lead=${toSettings} />` : html`<${Failure} error=${error} />`}
+    <p class="actions"><a class="button main" href="#/settings">Open the settings</a><button type="button" onClick=${read}>Try again</button></p>`;
+  if (!parts) return html`<h1>${title}</h1><p role="status">Reading the folder ...</p>`;
+  return html`<${Form} parts=${parts} reload=${reload} query=${query} />`;
 }
 
 function toSettings(problem) {
   location.hash = problem.key?.startsWith("DR_") ? `#/settings?name=${problem.key}` : "#/settings";
 }
+const lead = (problem) => leadTo(problem) || toSettings(problem);
 
-function build(
-  main,
-  [form, tracks, metadata, hyperparameters, reward, templates],
-  { signal, query },
-) {
-  const store = {
-    versions: form.versions,
-    settings: new Map(
-      form.groups.flatMap((group) => group.settings).map((each) => [each.name, each]),
-    ),
+function Form({ parts, reload, query }) {
+  const { form } = parts;
+  const steps = useRef(new Map());
+  const versions = useRef(form.versions);
+  const [dirty, setDirty] = useState({});
+  const [changes, setChanges] = useState(0);
+  const changed = () => setChanges((times) => times + 1);
+  const announce = (id, step) => {
+    steps.current.set(id, step);
+    if (Boolean(dirty[id]) !== step.dirty) setDirty((before) => ({ ...before, [id]: step.dirty }));
   };
-
-  const model = settingsStep(
-    {
-      id: "model",
-      title: "Model",
-      hint: "The name is the folder of the model in the bucket: letters, digits and . _ - /. Give each training a new name.",
-      store,
-      names: MODEL,
-      saved: () => launch.refresh(),
-      changed: () => {
-        for (const name of MODEL.slice(3))
-          model.fields.get(name[0]).element.hidden =
-            model.fields.get("DR_LOCAL_S3_PRETRAINED").value !== "True";
-      },
-    },
-    signal,
-  );
-
-  const world = h("div", {}),
-    raceNote = h("p", { role: "status" });
-  const race = settingsStep(
-    {
-      id: "race",
-      title: "Track and race",
-      store,
-      names: [["DR_WORLD_NAME", "Name of the track"], ...RACE],
-      head: [world],
-      foot: [raceNote],
-      changed: () => {
-        showRace();
-        showTracks();
-      },
-      saved: () => {
-        rewardFunction.refresh();
-        launch.refresh();
-      },
-    },
-    signal,
-  );
-  const picker = trackPicker(tracks, {
-    choose: (name) => {
-      race.fields.get("DR_WORLD_NAME").value = name;
-    },
-    setFurther: (words) => {
-      race.fields.get("DR_TRAIN_WORLDS").value = words;
+  const settings = (name, labels) => ({
+    ...{ form, versions, draftName: name, names: Object.keys(labels) },
+    saved: async () => {
+      await reload("form");
+      changed();
     },
   });
-  const showTracks = () =>
-    picker.set(race.fields.get("DR_WORLD_NAME").value, race.fields.get("DR_TRAIN_WORLDS").value);
-  fill(world, picker.element);
-  function showRace() {
-    const type = race.fields.get("DR_RACE_TYPE").value;
-    for (const [name, field] of race.fields) {
-      for (const [kind, prefix] of Object.entries(OBJECT_SETTINGS))
-        if (name.startsWith(prefix)) field.element.hidden = type !== kind;
-    }
-    raceNote.textContent = KIND_NOTES[type] ?? "";
-  }
+  const model = useSettings(settings("model", MODEL));
+  const race = useSettings(settings("race", { DR_WORLD_NAME: "", ...RACE }));
+  const stop = useSettings(settings("stop", STOP));
+  const of = (name) => ({ reload: () => reload(name), folder: form.directory, saved: changed });
+  const metadata = useMetadata({ facts: parts.metadata, ...of("metadata") });
 
-  const { sensors, actions, algorithm } = actionSteps(
-    metadata,
-    {
-      saved: () => {
-        learning.refresh();
-        launch.refresh();
-      },
-      algorithmChanged: () => learning.refresh(),
-    },
-    signal,
-  );
-  const learning = hyperparameterStep(hyperparameters, { algorithm, saved: () => {} }, signal);
-  const rewardFunction = rewardStep(reward, templates, { saved: () => {} }, signal);
-  const stop = settingsStep(
-    {
-      id: "stop",
-      title: "Stop conditions",
-      hint: "The training ends as soon as one of them is met; 0 or empty is no limit. It can be stopped by hand at any time, and resumed. A number of laps is asked for at the start, in step 9.",
-      store,
-      names: STOP,
-    },
-    signal,
-  );
+  useEffect(() => {
+    const wanted = query.get("step");
+    if (query.get("line"))
+      wantedLine.value = { line: Number(query.get("line")), times: wantedLine.value.times + 1 };
+    else if (ORDER.includes(wanted))
+      document.getElementById(`step-${wanted}`).scrollIntoView({ block: "start" });
+  }, [query]);
 
-  const edited = [model, race, sensors, learning, actions, rewardFunction, stop];
-  const unsaved = () => edited.filter((each) => each.dirty);
-  const { check, launch: startStep, refresh } = startSteps({ unsaved, lead }, signal);
-  const launch = { refresh };
-  const steps = [...edited, check, startStep];
-
-  const marks = new Map(steps.map((step) => [step, h("span", { class: "step-mark" })]));
-  const list = h(
-    "nav",
-    { class: "steps", "aria-label": "Steps" },
-    h(
-      "ol",
-      {},
-      steps.map((step) =>
-        h(
-          "li",
-          {},
-          h(
-            "button",
-            {
-              type: "button",
-              class: "link",
-              click: () => {
-                step.element.scrollIntoView({ block: "start" });
-                document.getElementById(`title-${step.id}`).focus({ preventScroll: true });
-              },
-            },
-            step.title,
-          ),
-          marks.get(step),
-        ),
-      ),
-    ),
-  );
-  for (const step of edited)
-    step.onChange = () => {
-      marks.get(step).textContent = step.dirty ? " not saved" : "";
-    };
-  steps.forEach((step, k) => {
-    step.element.querySelector("h2").prepend(`${k + 1}. `);
-  });
-
-  function lead(problem) {
-    const name = (problem.file || "").split("/").at(-1);
-    const at = {
-      "reward_function.py": rewardFunction,
-      "hyperparameters.json": learning,
-      "model_metadata.json": actions,
-    }[name];
-    if (at?.lead(problem)) return;
-    if ([model, race, stop].some((step) => step.lead(problem))) return;
-    toSettings(problem);
-  }
-
-  fill(
-    main,
-    h("h1", {}, title),
-    h(
-      "p",
-      { class: "quiet" },
-      `Folder ${form.directory}, settings in ${form.run_file}. Each step is saved by itself.`,
-    ),
-    h(
-      "div",
-      { class: "new-training" },
-      list,
-      h(
-        "div",
-        { class: "step-list" },
-        steps.map((step) => step.element),
-      ),
-    ),
-  );
-  race.fields.get("DR_WORLD_NAME").element.hidden = false;
-  showTracks();
-  for (const name of MODEL.slice(3))
-    model.fields.get(name[0]).element.hidden =
-      model.fields.get("DR_LOCAL_S3_PRETRAINED").value !== "True";
-  showRace();
-  refresh();
-  guardLeaving(() => unsaved().length > 0, signal);
-  const wanted = steps.find((step) => step.id === query.get("step"));
-  if (wanted) wanted.element.scrollIntoView({ block: "start" });
+  /** Save what is not saved, after a question; false if something is left. */
+  const saveAll = async (what) => {
+    const open = ORDER.map((id) => [id, steps.current.get(id)]).filter(([, step]) => step?.dirty);
+    if (!open.length) return true;
+    const names = open.map(([, step]) => step.title).join(", ");
+    const detail = "The check and the training read the saved files.";
+    if (
+      !(await confirmed(`${names}: not saved yet. Save and ${what}?`, {
+        action: "Save all",
+        detail,
+      }))
+    )
+      return false;
+    for (const [id, step] of open)
+      if (!(await step.save())) {
+        document.getElementById(`step-${id}`).scrollIntoView({ block: "start" });
+        return false;
+      }
+    return true;
+  };
+  const go = (id) => {
+    document.getElementById(`step-${id}`).scrollIntoView({ block: "start" });
+    document.getElementById(`title-${id}`).focus({ preventScroll: true });
+  };
+  const kind = race.value("DR_RACE_TYPE");
+  const isOther = (name) =>
+    Object.entries(OBJECT_SETTINGS).some(
+      ([each, prefix]) => name.startsWith(prefix) && each !== kind,
+    );
+  const pretrained = model.value("DR_LOCAL_S3_PRETRAINED") === "True";
+  const fields = (edits, labels, hidden = (_name) => false) =>
+    html`<div class="fields">${Object.entries(labels)
+      .filter(([name]) => edits.facts.has(name))
+      .map(([name, label]) => edits.field(name, { label, hidden: hidden(name) }))}</div>`;
+  const frame = (id, heading, edits, hint, content) => html`
+    <${Step} id=${id} title=${heading} hint=${hint} dirty=${edits.dirty} saving=${edits.saving} draft=${edits.draft} problems=${edits.problems}>${content}<//>`;
+  const context = useMemo(() => ({ announce, numbers: NUMBERS }), [dirty]);
+  return html`
+    <h1>${title}</h1>
+    <p class="quiet">Folder ${form.directory}, settings in ${form.run_file}. Each step has its own Save; until then, what you change is kept in this browser only.</p>
+    <div class="new-training">
+      <nav class="steps" aria-label="Steps"><ol>${ORDER.map(
+        (id) => html`<li key=${id}>
+        <button type="button" class="link" onClick=${() => go(id)}>${steps.current.get(id)?.title ?? TITLES[id]}</button>
+        ${dirty[id] && html`<span class="step-mark"> not saved</span>`}
+      </li>`,
+      )}</ol></nav>
+      <${Steps.Provider} value=${context}>
+        <div class="step-list">
+          ${frame(
+            "model",
+            "Model",
+            model,
+            "The name is the folder of the model in the bucket: letters, digits and . _ - /. Give each training a new name.",
+            fields(
+              model,
+              MODEL,
+              (name) => name.startsWith("DR_LOCAL_S3_PRETRAINED_") && !pretrained,
+            ),
+          )}
+          ${frame(
+            "race",
+            "Track and race",
+            race,
+            "",
+            html`
+            <${TrackPicker} found=${parts.tracks} chosen=${race.value("DR_WORLD_NAME")} further=${race.value("DR_TRAIN_WORLDS")}
+              onChoose=${(name) => race.set("DR_WORLD_NAME", name)} onFurther=${(words) => race.set("DR_TRAIN_WORLDS", words)} />
+            ${fields(race, { DR_WORLD_NAME: "Name of the track", ...RACE }, isOther)}
+            <p role="status">${KIND_NOTES[kind]}</p>`,
+          )}
+          <${SensorStep} metadata=${metadata} />
+          <${HyperparameterStep} facts=${parts.hyperparameters} algorithm=${metadata.now.training_algorithm} ...${of("hyperparameters")} />
+          <${ActionStep} metadata=${metadata} />
+          <${RewardStep} facts=${parts.reward} known=${parts.templates} changes=${changes} ...${of("reward")} />
+          ${frame(
+            "stop",
+            "Stop conditions",
+            stop,
+            "The training ends as soon as one of them is met; 0 or empty is no limit. It can be stopped by hand at any time, and resumed. A number of laps is asked for at the start, in step 9.",
+            fields(stop, STOP),
+          )}
+          <${ValidateStep} number=${NUMBERS.validate} saveAll=${saveAll} lead=${lead} />
+          <${StartStep} number=${NUMBERS.start} saveAll=${saveAll} lead=${lead} changes=${changes} />
+        </div>
+      <//>
+    </div>`;
 }
 
 /** A folder without run.env: write the files that `dr-init` writes, then go on. */
-function offerFolder(main, folder, next, signal) {
-  const name = h("input", {
-    type: "text",
-    id: "first-name",
-    value: "first-model",
-    autocomplete: "off",
-    "aria-describedby": "first-help",
-  });
-  const option = (kind) => (each) =>
-    h("option", { value: `${kind}:${each.name}` }, `${each.name}: ${each.about}`);
-  const begin = h(
-    "select",
-    { id: "begin" },
-    h("option", { value: "preset:" }, "The usual start: stay near the middle of the road"),
-    h(
-      "optgroup",
-      { label: "Settings and files for a purpose" },
-      folder.presets.map(option("preset")),
-    ),
-    h(
-      "optgroup",
-      { label: "A trained model, to drive at once or to train on" },
-      folder.models.map(option("model")),
-    ),
-  );
-  const state = h("div", { role: "status" }),
-    button = h("button", { type: "submit", class: "main" }, "Create the working folder");
-  async function create(event) {
-    event?.preventDefault();
-    button.disabled = true;
-    await write(false);
-    button.disabled = false;
-  }
-  async function write(replace) {
-    const [kind, chosen] = begin.value.split(":");
+function NewFolder({ folder, made }) {
+  const [name, setName] = useState("first-model");
+  const [begin, setBegin] = useState("preset:");
+  const [error, setError] = useState(null);
+  const write = async (replace) => {
+    const [kind, chosen] = begin.split(":");
     try {
-      const made = await post(
-        "/api/new-folder",
-        { values: { DR_LOCAL_S3_MODEL_PREFIX: name.value.trim() }, [kind]: chosen, replace },
-        signal,
-      );
+      const values = { DR_LOCAL_S3_MODEL_PREFIX: name.trim() };
+      const done = await post("/api/new-folder", { values, [kind]: chosen, replace });
       notify(
-        `${made.written.length} files written to ${made.folder}.${made.model ? ` ${made.model} is the trained model.` : ""}`,
+        `${done.written.length} files written to ${done.folder}.${done.model ? ` ${done.model} is the trained model.` : ""}`,
       );
-      for (const warning of made.warnings) notify(warning, "bad");
-      await next();
-      main.focus({ preventScroll: true });
-    } catch (error) {
-      if (error.name === "AbortError") return;
-      if (error.clashes && !replace) {
-        if (
-          await confirmed(`Replace ${error.clashes.join(", ")}?`, {
-            action: "Replace",
-            detail: error.message + " The old files are kept as .bak.",
-          })
-        )
-          await write(true);
-        return;
-      }
-      fill(state, failure(error));
+      for (const warning of done.warnings) notify(warning, "warn");
+      made();
+    } catch (failure) {
+      const detail = `${failure.message} The old files are kept as .bak.`;
+      if (!failure.clashes || replace) setError(failure);
+      else if (
+        await confirmed(`Replace ${failure.clashes.join(", ")}?`, { action: "Replace", detail })
+      )
+        await write(true);
     }
-  }
-  fill(
-    main,
-    h("h1", {}, title),
-    h(
-      "div",
-      { class: "empty" },
-      h("p", {}, `${folder.directory} is not a working folder yet: it has no run.env.`),
-      h(
-        "p",
-        {},
-        prose(
-          "Create one here. It gets run.env, system.env, your three files in custom_files/, and bin/activate.sh, as `dr-init` writes them.",
-        ),
-      ),
-    ),
-    h(
-      "form",
-      { class: "fields", submit: create },
-      h(
-        "div",
-        { class: "field" },
-        h("label", { for: "first-name" }, "Name of the first model"),
-        name,
-        h(
-          "p",
-          { class: "help", id: "first-help" },
-          "Letters, digits and . _ - /. It can be changed in the next step.",
-        ),
-      ),
-      h("div", { class: "field" }, h("label", { for: "begin" }, "Begin with"), begin),
-      h("div", { class: "actions" }, button),
-    ),
-    state,
-  );
+  };
+  const [create, busy] = useAction(() => write(false));
+  const options = (kind, list) =>
+    list.map(
+      (each) => html`<option value=${`${kind}:${each.name}`}>${each.name}: ${each.about}</option>`,
+    );
+  return html`
+    <div class="empty">
+      <p>${folder.directory} is not a working folder yet: it has no run.env.</p>
+      <p><${Prose} text="Create one here. It gets run.env, system.env, your three files in custom_files/, and bin/activate.sh, as \`dr-init\` writes them." /></p>
+    </div>
+    <form class="fields" onSubmit=${(event) => {
+      event.preventDefault();
+      create();
+    }}>
+      <${TextField} label="Name of the first model" value=${name} onInput=${setName} help="Letters, digits and . _ - /. It can be changed in the next step." />
+      <${Field} label="Begin with" control=${(
+        common,
+      ) => html`<select ...${common} value=${begin} onChange=${(event) => setBegin(event.currentTarget.value)}>
+        <option value="preset:">The usual start: stay near the middle of the road</option>
+        <optgroup label="Settings and files for a purpose">${options("preset", folder.presets)}</optgroup>
+        <optgroup label="A trained model, to drive at once or to train on">${options("model", folder.models)}</optgroup>
+      </select>`} />
+      <div class="actions"><button type="submit" class="main" disabled=${busy}>Create the working folder</button></div>
+    </form>
+    ${error && html`<div role="status"><${Failure} error=${error} /></div>`}`;
 }

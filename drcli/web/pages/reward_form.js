@@ -1,159 +1,97 @@
 // The reward function: templates, editor, and the check that is drawn while it is typed.
 
-import { get, post } from "/api.js";
-import { codeEditor } from "/code_editor.js";
-import { confirmed, failure, fill, h, table } from "/dom.js";
-import { editStep, savedText, writeOwnFile } from "/edit_step.js";
-import { rewardPicture } from "/reward_picture.js";
-import { debounced, problemList } from "/setting_fields.js";
+import { get } from "/api.js";
+import { CodeEditor, replaceText } from "/code_editor.js";
+import { confirmed } from "/dialogs.js";
+import { useDraft } from "/drafts.js";
+import { Problems, SelectField, leadTo, useChecked } from "/fields.js";
+import { RewardPicture } from "/reward_picture.js";
+import { writeOwnFile } from "/saving.js";
+import { Step, useSaving } from "/steps.js";
+import { Failure, Table, html, useRef, useState } from "/ui.js";
 
 const PATH = "/api/reward";
 const PAGE = crypto.getRandomValues(new Uint32Array(2)).join("-");
+const CHECK_MS = 250;
 
-/** The step; `facts` is the answer of /api/reward. */
-export function rewardStep(facts, { templates, parameters }, { saved }, signal) {
-  const picture = rewardPicture(signal);
-  const found = h("div", { class: "reward-problems" }),
-    state = h("p", { class: "step-state", role: "status" }, " ");
-  const later = debounced(check, 700, signal);
-  const editor = codeEditor({
-    label: "Reward function",
-    change: () => {
-      changed();
-      later();
-    },
+const isOwn = (each) => /reward_function\.py$/.test(each.file ?? "");
+
+function stateOf({ answer, error, isCurrent }) {
+  if (!isCurrent) return "Checking ... The first check on a track takes some seconds longer.";
+  if (error || !answer) return "Not checked.";
+  const count = (severity) => answer.problems.filter((each) => each.severity === severity).length;
+  const errors = count("error");
+  if (errors) return `${errors} ${errors > 1 ? "errors" : "error"}: a training would not start.`;
+  return count("warning") ? "It works; read the warnings." : "It works.";
+}
+
+/**
+ * @param {{facts: Object, reload: () => Promise<void>, folder: string, known: Object, changes: number, saved: () => void}} props
+ *   `facts` is the answer of /api/reward, `known` of /api/reward/templates; it is checked again after `changes` elsewhere
+ */
+export function RewardStep({ facts, reload, folder, known, changes, saved }) {
+  const draft = useDraft(`${folder}/reward_function`, facts.version);
+  const text = draft.edits.text ?? facts.text;
+  const dirty = text !== facts.text;
+  const area = useRef(null);
+  const course = useRef(null);
+  const [template, setTemplate] = useState("0");
+  const checked = useChecked(`${PATH}/check`, { page: PAGE, text, changes }, CHECK_MS, {
+    known: course.current?.key ?? "",
   });
-  const choose = h(
-    "select",
-    { id: "template" },
-    templates.map((each, k) => h("option", { value: String(k) }, each.name)),
-  );
-  const about = h("p", { class: "help" });
-  const tell = () => {
-    about.textContent = templates[Number(choose.value)]?.about ?? "";
-  };
-  choose.addEventListener("change", tell);
-  tell();
-  const step = editStep(
-    {
-      id: "reward",
-      title: "Reward function",
-      hint: "It is called after each step; a training makes the sum of its rewards as large as it can. The check runs while you type, as `dr-reward check` does.",
-      save,
-    },
-    h(
-      "div",
-      { class: "row" },
-      h("div", { class: "field" }, h("label", { for: "template" }, "Template"), choose, about),
-      h("button", { type: "button", click: insert }, "Use this template"),
-    ),
-    h(
-      "div",
-      { class: "split wide" },
-      h(
-        "div",
-        {},
-        editor.element,
-        state,
-        found,
-        h(
-          "details",
-          {},
-          h("summary", {}, "Parameters of the function"),
-          table(
-            "Parameters",
-            ["Name", "Type", "Unit", "Meaning"],
-            parameters.map((each) => [
-              h("code", {}, each.name),
-              each.kind,
-              each.unit.replaceAll("**", "") || "",
-              each.meaning.replaceAll("**", ""),
-            ]),
-          ),
-        ),
-      ),
-      picture.element,
-    ),
-  );
-  let number = 0;
-
-  const changed = () =>
-    step.mark(editor.text !== facts.text, editor.text !== facts.text ? null : "");
-  async function insert() {
-    const template = templates[Number(choose.value)];
-    if (
-      editor.text !== facts.text &&
-      editor.text !== template.text &&
-      !(await confirmed(`Replace what you have typed by the template "${template.name}"?`, {
-        action: "Replace",
-      }))
-    )
-      return;
-    editor.area.focus();
-    editor.area.select();
-    if (!document.execCommand("insertText", false, template.text)) editor.text = template.text; // so that it can be undone
-    changed();
-    check();
-  }
-  async function check() {
-    const mine = ++number;
-    state.textContent = "Checking ... The first check on a track takes some seconds longer.";
-    try {
-      const report = await post(
-        `${PATH}/check`,
-        { page: PAGE, text: editor.text, known: picture.known },
-        signal,
-      );
-      if (mine !== number || report.superseded) return;
-      editor.mark(report.problems.filter((each) => /reward_function\.py$/.test(each.file ?? "")));
-      const count = (severity) =>
-        report.problems.filter((each) => each.severity === severity).length;
-      const errors = count("error");
-      state.textContent = errors
-        ? `${errors} ${errors > 1 ? "errors" : "error"}: a training would not start.`
-        : count("warning")
-          ? "It works; read the warnings."
-          : "It works.";
-      fill(
-        found,
-        problemList(report.problems, (problem) => editor.goTo(problem.line)),
-      );
-      picture.show(report);
-    } catch (error) {
-      if (error.name === "AbortError" || mine !== number) return;
-      state.textContent = "Not checked.";
-      fill(found, error.problems ? problemList(error.problems) : failure(error));
-    }
-  }
-  async function save() {
-    const text = editor.text;
-    const answer = await writeOwnFile(
+  const { answer, error } = checked;
+  if (answer?.course) course.current = answer.course;
+  const set = (value) => draft.set(value === facts.text ? {} : { text: value });
+  const saving = useSaving(dirty, async () => {
+    const done = await writeOwnFile(
       PATH,
-      { text, version: facts.version },
-      { mine: text, read: () => get(PATH, signal), signal },
+      { text, version: draft.version },
+      { mine: text, read: () => get(PATH) },
     );
-    if (!answer) {
-      step.mark(true, "Not saved.");
-      return;
-    }
-    Object.assign(facts, answer.disk ?? { ...answer, text });
-    if (answer.disk) {
-      editor.text = facts.text;
-      check();
-    }
-    step.problems([]);
-    step.mark(
-      editor.text !== facts.text,
-      editor.text !== facts.text ? null : answer.disk ? "Taken from the disk." : savedText(answer),
-    );
+    if (!done) return null;
+    await reload();
+    draft.set({});
     saved();
-  }
-  editor.text = facts.text;
-  check();
-  step.refresh = later;
-  step.lead = (problem) => {
-    editor.goTo(problem.line);
-    return true;
+    return done.text;
+  });
+  const { templates, parameters } = known;
+  const insert = async () => {
+    const chosen = templates[Number(template)];
+    const question = `Replace what you have typed by the template "${chosen.name}"?`;
+    if (dirty && text !== chosen.text && !(await confirmed(question, { action: "Replace" })))
+      return;
+    replaceText(area.current, chosen.text);
   };
-  return step;
+  const rows = parameters.map(({ name, kind, unit, meaning }) => [
+    ...[html`<code>${name}</code>`, kind, unit.replaceAll("**", ""), meaning.replaceAll("**", "")],
+  ]);
+  return html`
+    <${Step} id="reward" title="Reward function" dirty=${dirty} saving=${saving} draft=${draft}
+      hint="It is called after each step; a training makes the sum of its rewards as large as it can. The check runs while you type, as \`dr-reward check\` does.">
+      <div class="row">
+        <${SelectField} label="Template" options=${templates.map((each, k) => [String(k), each.name])} value=${template}
+          onChange=${setTemplate} help=${templates[Number(template)]?.about ?? ""} />
+        <button type="button" onClick=${insert}>Use this template</button>
+      </div>
+      <div class="split wide">
+        <div>
+          <${CodeEditor} label="Reward function" text=${text} onInput=${set} problems=${(answer?.problems ?? []).filter(isOwn)} area=${area} />
+          <p class="step-state" role="status">${stateOf(checked)}</p>
+          <div class="reward-problems">
+            ${
+              error
+                ? error.problems
+                  ? html`<${Problems} problems=${error.problems} />`
+                  : html`<${Failure} error=${error} />`
+                : html`<${Problems} problems=${answer?.problems} lead=${leadTo} />`
+            }
+          </div>
+          <details>
+            <summary>Parameters of the function</summary>
+            <${Table} caption="Parameters" heads=${["Name", "Type", "Unit", "Meaning"]} rows=${rows} />
+          </details>
+        </div>
+        <${RewardPicture} course=${course.current} report=${answer} />
+      </div>
+    <//>`;
 }

@@ -1,202 +1,120 @@
 // run.env and system.env as forms by group.
 
-import { get, post } from "/api.js";
-import { failure, fill, h } from "/dom.js";
-import { asWarnings, guardLeaving, writeSettings } from "/edit_step.js";
-
-import { debounced, problemList, settingField } from "/setting_fields.js";
+import { notify } from "/notices.js";
+import { Problems, TextField, leadTo } from "/fields.js";
+import { DraftNote, useSettings } from "/steps.js";
+import { useAction } from "/store.js";
+import { get, put } from "/api.js";
+import { Button, Failure, html, useEffect, useRef, useState } from "/ui.js";
 
 export const title = "Settings";
 
-export async function show(main, params, { signal, query }) {
-  fill(main, h("h1", {}, title), h("p", { role: "status" }, "Reading the settings ..."));
-  build(main, await get("/api/settings", signal), { signal, query });
+const PATH = "/api/settings";
+
+export function Page({ query }) {
+  const [form, setForm] = useState(null);
+  const [error, setError] = useState(null);
+  const reload = () => get(PATH).then(setForm, setError);
+  useEffect(() => {
+    reload();
+  }, []);
+  if (error) return html`<h1>${title}</h1><${Failure} error=${error} />`;
+  if (!form) return html`<h1>${title}</h1><p role="status">Reading the settings ...</p>`;
+  return html`<${Form} form=${form} reload=${reload} query=${query} />`;
 }
 
-function build(main, form, { signal, query }) {
-  const fields = new Map(),
-    state = h("p", { class: "step-state", role: "status" }, "Nothing is changed."),
-    problems = h("div", {});
-  let versions = form.versions;
-  const later = debounced(check, 500, signal);
-  const wanted = () => [...fields.values()].filter((each) => each.changed);
-  const save = h("button", { type: "button", class: "main", disabled: true, click: write }, "Save");
-  const undo = h(
-    "button",
-    {
-      type: "button",
-      disabled: true,
-      click: () => {
-        for (const each of wanted()) each.reset();
-        changed();
-      },
-    },
-    "Undo all",
-  );
-  const search = h("input", {
-    type: "search",
-    id: "settings-search",
-    placeholder: "Name or word",
-    autocomplete: "off",
-    input: filter,
-  });
-  const onlySet = h("input", { type: "checkbox", id: "only-set", change: filter });
-  const found = h("p", { class: "readout", role: "status" }, " ");
-  const sections = form.groups.map((group) => {
-    const mine = group.settings.map((facts) => {
-      const field = settingField(facts, { change: changed, places: true });
-      fields.set(facts.name, field);
-      return { facts, field };
-    });
-    const set = mine.filter(({ facts }) => facts.place).length;
-    return {
-      mine,
-      element: h(
-        "details",
-        { class: "group" },
-        h(
-          "summary",
-          {},
-          h("h2", {}, group.title),
-          h(
-            "span",
-            { class: "quiet" },
-            ` ${mine.length} ${mine.length === 1 ? "setting" : "settings"}, ${set} set`,
-          ),
-        ),
-        h(
-          "div",
-          { class: "fields" },
-          mine.map(({ field }) => field.element),
-        ),
-      ),
-    };
-  });
-
-  function changed() {
-    const count = wanted().length;
-    save.disabled = undo.disabled = !count;
-    state.textContent = count
-      ? `${count} ${count === 1 ? "setting is" : "settings are"} not saved yet.`
+function Form({ form, reload, query }) {
+  const [search, setSearch] = useState("");
+  const [onlySet, setOnlySet] = useState(false);
+  const versions = useRef(form.versions);
+  versions.current = form.versions;
+  const names = form.groups.flatMap((group) => group.settings.map((each) => each.name));
+  const edits = useSettings({ form, versions, draftName: "settings", names, saved: reload });
+  const wanted = query.get("name");
+  useEffect(() => {
+    if (wanted) leadTo({ key: wanted });
+  }, [wanted]);
+  const word = search.trim().toLowerCase();
+  const filtered = Boolean(word) || onlySet;
+  const fits = (facts) =>
+    `${facts.name} ${facts.meaning} ${facts.secret ? "" : facts.value}`
+      .toLowerCase()
+      .includes(word) &&
+    (!onlySet || facts.place || facts.environment);
+  const groups = form.groups.map(({ title: name, settings }) => ({
+    name,
+    settings,
+    shown: settings.filter(fits),
+  }));
+  const count = groups.reduce((sum, group) => sum + group.shown.length, 0);
+  const changed = Object.keys(edits.draft.edits).length;
+  const state = changed
+    ? `${changed} ${changed === 1 ? "setting is" : "settings are"} not saved yet. ${edits.saving.error ? edits.saving.state : ""}`
+    : edits.saving.state
+      ? `${edits.saving.state} A training that runs keeps its settings.`
       : "Nothing is changed.";
-    later();
-  }
-  function filter() {
-    const word = search.value.trim().toLowerCase();
-    let shown = 0;
-    for (const { mine, element } of sections) {
-      let any = 0;
-      for (const { facts, field } of mine) {
-        const fits =
-          `${facts.name} ${facts.meaning} ${facts.secret ? "" : facts.value}`
-            .toLowerCase()
-            .includes(word) &&
-          (!onlySet.checked || facts.place || facts.environment);
-        field.element.hidden = !fits;
-        any += fits;
-      }
-      element.hidden = !any;
-      element.open = Boolean(word || onlySet.checked) && any > 0;
-      shown += any;
-    }
-    found.textContent = word || onlySet.checked ? `${shown} settings` : " ";
-  }
-  function showProblems(list) {
-    for (const field of fields.values())
-      field.problem(list.filter((each) => each.key === field.name));
-    fill(
-      problems,
-      problemList(list, (problem) => lead(problem.key)),
-    );
-  }
-  function lead(name) {
-    const field = fields.get(name);
-    if (!field) return;
-    field.element.hidden = false;
-    const group = field.element.closest("details");
-    group.hidden = false;
-    group.open = true;
-    field.focus();
-  }
-  async function check() {
-    const values = Object.fromEntries(wanted().map((each) => [each.name, each.value]));
-    if (!Object.keys(values).length) {
-      showProblems(form.problems);
-      return;
-    }
+  const { error } = edits.saving;
+  const problems =
+    error?.problems ?? (edits.dirty ? edits.found : [...form.problems, ...edits.found]);
+  return html`
+    <h1>${title}</h1>
+    <p class="quiet">${form.run_file} and system.env in ${form.directory}. $NAME in a value stands for the value of another setting. Values of the environment win over the files, and ${form.run_file} wins over system.env. Comments in the files stay.</p>
+    <${DraftNote} draft=${edits.draft} />
+    <div class="row settings-bar">
+      <div class="field">
+        <label for="settings-search">Search settings</label>
+        <input type="search" id="settings-search" placeholder="Name or word" autocomplete="off" value=${search} onInput=${(event) => setSearch(event.currentTarget.value)} />
+      </div>
+      <p class="actions"><label><input type="checkbox" checked=${onlySet} onChange=${(event) => setOnlySet(event.currentTarget.checked)} /> Only those that are set</label></p>
+      <div class="actions">
+        <${Button} class="main" busy=${edits.saving.busy} disabled=${!changed} onClick=${edits.saving.save}>Save<//>
+        <button type="button" disabled=${!changed} onClick=${() => edits.draft.set({})}>Undo all</button>
+        <p class="step-state" role="status">${state}</p>
+      </div>
+    </div>
+    <p class="readout" role="status">${filtered && `${count} settings`}</p>
+    ${error && !error.problems && html`<${Failure} error=${error} />`}
+    <${Problems} problems=${problems} lead=${leadTo} />
+    ${form.problems
+      .filter((each) => each.line && !each.key)
+      .map(
+        (each) => html`<${WrongLine} key=${each.where} problem=${each}
+      version=${form.versions[each.file]} mended=${reload} />`,
+      )}
+    ${groups.map((group) => html`<${Group} key=${group.name} ...${group} edits=${edits} filtered=${filtered} />`)}`;
+}
+
+/** A line of which nobody knows the setting: it is written again, or becomes a comment. */
+function WrongLine({ problem, version, mended }) {
+  const { file, line, where } = problem;
+  const [text, setText] = useState("");
+  const [error, setError] = useState(null);
+  const [write, busy] = useAction(async (written) => {
     try {
-      const checked = await post("/api/settings/check", { values }, signal);
-      showProblems([...checked.problems, ...asWarnings(checked.warnings)]);
-    } catch (error) {
-      if (error.name !== "AbortError") fill(problems, failure(error));
+      await put(`${PATH}/line`, { file, line, text: written, version });
+      notify(`${where} is written; the old file is kept as .bak.`);
+      mended();
+    } catch (failure) {
+      setError(failure);
     }
-  }
-  async function write() {
-    const changes = wanted(),
-      values = Object.fromEntries(changes.map((each) => [each.name, each.value]));
-    save.disabled = true;
-    state.textContent = "Saving ...";
-    try {
-      const edit = await writeSettings(values, versions, signal);
-      if (!edit) {
-        changed();
-        return;
-      }
-      form = await get("/api/settings", signal);
-      versions = form.versions;
-      const now = new Map(
-        form.groups.flatMap((group) => group.settings).map((each) => [each.name, each]),
-      );
-      for (const [name, field] of fields)
-        if (values[name] !== undefined || !field.changed) field.saved(now.get(name));
-      showProblems([
-        ...form.problems.filter((each) => each.severity === "error"),
-        ...asWarnings(edit.warnings),
-      ]);
-      changed();
-      const files = [...new Set((edit.changes ?? []).map((each) => each.file))].join(" and ");
-      state.textContent = edit.disk
-        ? "Taken from the disk."
-        : `Saved in ${files}; the old file is kept as .bak. A training that runs keeps its settings.`;
-    } catch (error) {
-      if (error.name === "AbortError") return;
-      if (error.problems) showProblems(error.problems);
-      else fill(problems, failure(error));
-      save.disabled = false;
-      state.textContent = "Not saved.";
-    }
-  }
-  fill(
-    main,
-    h("h1", {}, title),
-    h(
-      "p",
-      { class: "quiet" },
-      `${form.run_file} and system.env in ${form.directory}. $NAME in a value stands for the value of another setting. Values of the environment win over the files, and ${form.run_file} wins over system.env. Comments in the files stay.`,
-    ),
-    h(
-      "div",
-      { class: "row settings-bar" },
-      h(
-        "div",
-        { class: "field" },
-        h("label", { for: "settings-search" }, "Search settings"),
-        search,
-      ),
-      h(
-        "p",
-        { class: "actions" },
-        onlySet,
-        h("label", { for: "only-set" }, "Only those that are set"),
-      ),
-      h("div", { class: "actions" }, save, undo, state),
-    ),
-    found,
-    problems,
-    sections.map((each) => each.element),
-  );
-  showProblems(form.problems);
-  const name = query.get("name");
-  if (name) lead(name);
-  guardLeaving(() => wanted().length > 0, signal);
+  });
+  return html`
+    <form class="row" onSubmit=${(event) => {
+      event.preventDefault();
+      write(text);
+    }}>
+      <${TextField} label=${`Write ${where} again`} value=${text} onInput=${setText} placeholder="NAME=value, # comment, or nothing"
+        problems=${error ? (error.problems ?? [{ severity: "error", message: error.message, remedy: error.remedy }]) : []} />
+      <button type="submit" aria-disabled=${busy ? "true" : null}>Replace the line</button>
+    </form>`;
+}
+
+function Group({ name, settings, shown, edits, filtered }) {
+  const [open, setOpen] = useState(false);
+  const set = settings.filter((facts) => facts.place).length;
+  return html`
+    <details class="group" open=${filtered ? shown.length > 0 : open} hidden=${!shown.length} onToggle=${(event) => !filtered && setOpen(event.currentTarget.open)}>
+      <summary><h2>${name}</h2><span class="quiet"> ${settings.length} ${settings.length === 1 ? "setting" : "settings"}, ${set} set</span></summary>
+      <div class="fields">${settings.map((facts) => edits.field(facts.name, { places: true, hidden: !shown.includes(facts) }))}</div>
+    </details>`;
 }

@@ -2,6 +2,7 @@
 
 import { h, number } from "/dom.js";
 import { ink } from "/theme_colors.js";
+import { html, useEffect, useLayoutEffect, useRef } from "/vendor/preact/preact.js";
 
 const STOPS = ["#2c5fd6", "#3f8fbf", "#7fa37a", "#d1a53c", "#f26a1b"].map((text) =>
   [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16)),
@@ -24,7 +25,7 @@ function shade(share) {
 
 /**
  * A map that fits into its place.
- * @param {{label: string, height?: number, pick?: function(number, number): void}} spec pick gets metres of a click.
+ * @param {{label: string, height?: number | null, pick?: function(number, number): void}} spec pick gets metres of a click.
  * @returns element, and functions that set what is shown:
  *   setTrack({center, inner, outer, closed}), lines of points [x, y] in metres;
  *   setPaths([{x, y, values?, color?, alpha?, dashed?, name?, unit?}]), a path with values is coloured by them;
@@ -41,7 +42,7 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
     top = 0,
     waiting = false,
     stale = true;
-  canvas.style.setProperty("height", `${height}px`);
+  if (height) canvas.style.setProperty("height", `${height}px`);
 
   const at = (x, y) => [left + x * scale, top - y * scale];
   const draw = (groundToo = false) => {
@@ -308,4 +309,31 @@ function range(values) {
     sorted[Math.floor((sorted.length - 1) * 0.02)],
     sorted[Math.ceil((sorted.length - 1) * 0.98)],
   ];
+}
+
+/** The map as a component; arrays that are the same as before are not drawn again. */
+export function TrackMap({
+  label,
+  height = 380,
+  pick = null,
+  track,
+  paths,
+  cars = [],
+  objects = [],
+  numbers = false,
+}) {
+  const place = useRef(null);
+  const map = useRef(null);
+  useLayoutEffect(() => {
+    const own = new AbortController();
+    map.current = trackMap({ label, height, pick }, own.signal);
+    place.current.replaceChildren(map.current.element);
+    return () => own.abort();
+  }, [label, height]);
+  useEffect(() => map.current.setTrack(track), [track, label]);
+  useEffect(() => map.current.setPaths(paths), [paths, label]);
+  useEffect(() => map.current.setCars(cars), [JSON.stringify(cars), label]);
+  useEffect(() => map.current.setObjects(objects), [JSON.stringify(objects), label]);
+  useEffect(() => map.current.showWaypoints(numbers), [numbers, label]);
+  return html`<div ref=${place}></div>`;
 }

@@ -176,6 +176,54 @@ def test_a_place_that_does_not_exist_leads_back(served, visit, reports, place):
     page.get_by_role("heading", name="Live").wait_for()
 
 
+def test_the_skip_link_leads_to_the_content_of_the_same_page(served, visit, reports):
+    page = visit(f"{served.url}/#/models").page
+    page.get_by_role("heading", name="Models").wait_for()
+
+    page.get_by_role("link", name="Skip to the content").press("Enter")
+
+    assert page.evaluate("document.activeElement.id") == "main"
+    assert page.url == f"{served.url}/#/models"
+
+
+def test_a_notice_stays_until_it_is_closed_or_the_page_is_left(served, visit, reports):
+    page = visit(served.url).page
+    page.locator("main").get_by_text("runs", exact=False).first.wait_for()
+    notices = page.get_by_role("alert").locator(".notice")
+    tell = """async (given) => {
+        const { notify } = await import("/notices.js");
+        notify(...given);
+    }"""
+
+    page.evaluate(tell, ["DR_X is wrong.", "bad", "Use `dr-validate`."])
+    page.evaluate(tell, ["DR_X is wrong.", "bad", "Use `dr-validate`."])
+    page.evaluate(tell, ["The disk is nearly full.", "warn"])
+
+    assert notices.count() == 2
+    assert notices.first.locator("code").inner_text() == "dr-validate"
+    assert [each.get_attribute("class") for each in notices.all()] == ["notice bad", "notice warn"]
+    page.keyboard.press("Escape")
+    assert notices.count() == 1
+    page.get_by_role("link", name="Models").click()
+    page.get_by_role("heading", name="Models").wait_for()
+    assert notices.count() == 0
+
+
+def test_a_page_whose_module_could_not_be_fetched_comes_when_the_console_is_back(
+    working_folder, visit, reports
+):
+    with served_console(working_folder) as first:
+        page = visit(first.url).page
+        connection(page).get_by_text("Connected").wait_for()
+        port = first.port
+    connection(page).get_by_text("No connection").wait_for()
+    page.get_by_role("link", name="Races").click()
+    page.get_by_text("This page cannot be shown").wait_for()
+    with served_console(working_folder, port=port):
+        page.get_by_role("heading", name="Races").wait_for()
+        page.context.close()
+
+
 @pytest.fixture
 def busy(working_folder, monkeypatch, reports):
     """A console whose run changes as often as somebody says."""

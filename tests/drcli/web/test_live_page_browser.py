@@ -84,30 +84,95 @@ def test_the_log_follows_its_file_and_can_be_paused(served, visit):
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
 
 
-def test_names_of_settings_in_advice_are_shown_as_code(served, visit):
-    page = visit(served.url).page
-    shown_codes = page.evaluate(
-        """async (run) => {
-            const { runState } = await import("/live_state.js");
-            const { element, setRun } = runState(0, new AbortController().signal);
-            setRun(run);
-            const list = element.querySelector(".live-said");
-            return [list.textContent, [...list.querySelectorAll("code")].map((e) => e.textContent)];
+def drawn(page, module, component, props):
+    """The text of a component, its code words and its links."""
+    return page.evaluate(
+        """async ([module, component, props]) => {
+            const { html, render } = await import("/ui.js");
+            const part = (await import(module))[component];
+            const place = document.createElement("div");
+            render(html`<${part} ...${props} />`, place);
+            const texts = (tag, of) => [...place.querySelectorAll(tag)].map(of);
+            return {
+                text: place.textContent.replace(/\\s+/g, " "),
+                codes: texts("code", (each) => each.textContent),
+                links: texts("a", (each) => [each.textContent, each.getAttribute("href")]),
+            };
         }""",
-        {
-            "state": "stopped",
-            "prefix": "first",
-            "world": "reinvent_base",
-            "iterations_left": None,
-            "warning": "the car zigzags",
-            "advice": ["Reward less steering, or lower `discount_factor`."],
-        },
+        [module, component, props],
     )
 
-    assert shown_codes == [
-        "Learning curve: the car zigzags. Reward less steering, or lower discount_factor.",
-        ["discount_factor"],
-    ]
+
+def state_of(page, **run):
+    """How the live page tells a run."""
+    usual = {
+        "state": "stopped",
+        "prefix": "first",
+        "world": "reinvent_base",
+        "iterations_left": None,
+        "time_left_s": None,
+        "money_left": None,
+        "message": "",
+        "remedy": "",
+    }
+    folder = {"value": {"run_id": 0}}
+    props = {"runId": 0, "run": {**usual, **run}, "rows": [], "elsewhere": None, "folder": folder}
+    return drawn(page, "/live_page.js", "State", props)
+
+
+def test_names_of_settings_in_advice_are_shown_as_code(served, visit):
+    page = visit(served.url).page
+
+    told = state_of(
+        page,
+        warning="the car zigzags",
+        advice=["Reward less steering, or lower `discount_factor`."],
+    )
+
+    assert (
+        "Learning curve: the car zigzags. Reward less steering, or lower discount_factor."
+        in told["text"]
+    )
+    assert "discount_factor" in told["codes"]
+
+
+@pytest.mark.parametrize(
+    ("message", "link"),
+    [
+        (
+            "custom_files/reward_function.py, line 7: NameError: name 'x' is not defined",
+            ["Open line 7", "#/new?step=reward&line=7"],
+        ),
+        (
+            "The reward function failed in each call.",
+            ["Open the reward function", "#/new?step=reward"],
+        ),
+        (
+            "custom_files/hyperparameters.json: lr is 5, above 1.",
+            ["Open the hyperparameters", "#/new?step=hyperparameters"],
+        ),
+        (
+            "run.env, line 3: DR_WORKERS is 0, below 1.",
+            ["Open DR_WORKERS", "#/settings?name=DR_WORKERS"],
+        ),
+    ],
+)
+def test_a_training_that_failed_leads_to_what_must_be_mended(served, visit, message, link):
+    page = visit(served.url).page
+
+    told = state_of(page, state="failed", message=message, remedy="Correct it.")
+
+    assert told["links"][0] == link
+    assert message in told["text"]
+
+
+def test_clean_laps_and_their_median_come_before_everything_else(served, visit):
+    page = visit(served.url).page
+    laps = {"checkpoint": 3, "laps": 20, "clean": 19, "median_s": 6.1, "fastest_s": 6.0}
+
+    told = state_of(page, state="running", newest_laps=laps)
+
+    assert "Clean laps95 % (19 of 20)Median clean lap6.10 s" in told["text"]
 
 
 def test_the_card_of_an_evaluation_is_headed_by_its_model(served, visit, driving):
@@ -117,53 +182,18 @@ def test_the_card_of_an_evaluation_is_headed_by_its_model(served, visit, driving
         page.get_by_role("heading", name="Evaluation of model-1").wait_for()
 
 
-def test_a_worker_that_was_started_again_is_not_said_to_be_just_starting(served, visit):
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        ({"alive": True, "restarts": 2}, "it was started again (2 times by now)"),
+        ({"alive": True, "restarts": 0}, "it is just starting"),
+        ({}, "It has ended before its time."),
+    ],
+)
+def test_a_worker_without_pictures_says_why(served, visit, facts, said):
     page = visit(served.url).page
-    page.get_by_text("There is no training yet.").wait_for()
+    known = {"place": "here", "activity": "starts", "world": None, **facts}
 
-    told = page.evaluate(
-        """async () => {
-            const { workerCard } = await import("/live_worker.js");
-            const card = workerCard(0, "sim-0", new AbortController().signal);
-            const texts = [];
-            for (const facts of [{ alive: true, restarts: 2 }, { alive: true, restarts: 0 }, {}]) {
-                card.update({ place: "here", activity: "starts", world: null, ...facts });
-                texts.push(card.element.textContent);
-            }
-            return texts;
-        }"""
-    )
+    props = {"runId": 0, "name": "sim-0", "facts": known}
 
-    assert "it was started again (2 times by now)" in told[0]
-    assert "it is just starting" in told[1]
-    assert "It has ended before its time." in told[2]
-
-
-def test_a_button_that_is_replaced_leaves_the_focus_to_the_next_one(served, visit):
-    page = visit(served.url).page
-    page.get_by_text("There is no training yet.").wait_for()
-
-    focused = page.evaluate(
-        """async () => {
-            const { fillButtons, h } = await import("/dom.js");
-            const place = h("p", {}, h("button", { id: "before" }, "Stop"));
-            document.getElementById("main").append(place);
-            const found = [];
-            const tell = () => found.push(document.activeElement.id);
-            document.getElementById("before").focus();
-            const off = h("button", { id: "off", disabled: true });
-            fillButtons(place, off, h("button", { id: "on" }));
-            tell();
-            fillButtons(place, document.getElementById("on"), h("button", { id: "more" }, "More"));
-            tell();
-            fillButtons(place);
-            tell();
-            document.body.focus();
-            document.activeElement.blur();
-            fillButtons(place, h("button", { id: "late" }, "Start"));
-            tell();
-            return found;
-        }"""
-    )
-
-    assert focused == ["on", "on", "main", ""]
+    assert said in drawn(page, "/live_worker.js", "Worker", props)["text"]

@@ -8,6 +8,7 @@ import pytest
 from drcli.base.clock import wait_until
 from drcli.records.run_record import log_file
 from drcli.web import model_action_routes
+from old_model import extract_old_model
 from stored_models import StoredModels
 
 PREFIX = "team/model-1"
@@ -47,6 +48,8 @@ def test_wrong_requests_are_refused_with_a_sentence(client):
         ("evaluate", {"world": ["oval"]}),
         ("clone", {"to": "../up"}),
         ("clone", {"to": "new", "checkpoint": "worst"}),
+        ("clone", {"to": "new", "take": ["../run.env"]}),
+        ("clone", {"to": "new", "take": "reward_function.py"}),
         ("upload", {"to": ""}),
         ("film", {"stamp": "1", "size": "9999x9999"}),
         ("film", {"stamp": "1", "episode": "../1"}),
@@ -179,3 +182,26 @@ def test_an_import_of_something_else_fails_with_a_sentence_and_keeps_nothing(
     assert task["state"] == "failed"
     assert task["error"]["message"].startswith("notes.tar.gz ")
     assert not (working_folder / "data" / "viewer" / "uploads" / number).exists()
+
+
+def test_a_clone_takes_the_files_that_are_wanted_and_shows_what_would_change(
+    client, working_folder
+):
+    extract_old_model(working_folder / "data" / "s3" / "bucket")
+    own = working_folder / "custom_files"
+    own.mkdir(exist_ok=True)
+    (own / "reward_function.py").write_text("def reward_function(params):\n    return 2.0\n")
+    (own / "hyperparameters.json").write_text('{"lr": 0.5}')
+
+    plan = client.get("/api/model/clone-plan", params={"prefix": "model"}).json()
+    wanted = {"to": "next", "take": ["reward_function.py"], "world": "willow"}
+    made = act(client, "clone", **wanted, prefix="model")
+
+    changed = {each["name"]: each["diff"] for each in plan["files"]}
+    assert "-    return 2.0" in changed["reward_function.py"]
+    assert changed["hyperparameters.json"]
+    assert made.status_code == 200, made.text
+    assert "return 2.0" not in (own / "reward_function.py").read_text()
+    assert "return 2.0" in (own / "reward_function.py.bak").read_text()
+    assert (own / "hyperparameters.json").read_text() == '{"lr": 0.5}'
+    assert "DR_WORLD_NAME=willow" in (working_folder / "run.env").read_text()

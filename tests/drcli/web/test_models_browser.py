@@ -50,6 +50,9 @@ def test_a_model_is_read_by_keyboard_alone(served, visit, models):
     page.keyboard.press("ArrowRight")
     page.get_by_role("cell", name="11.00 s").wait_for()
     assert "tab=evaluations" in page.url
+    page.go_back()
+    page.get_by_role("cell", name="1 of 2").first.wait_for()
+    page.go_forward()
 
     page.get_by_label("Compare with").select_option(STAMP)
 
@@ -104,3 +107,38 @@ def test_an_action_that_is_refused_says_why(served, visit, models):
     page.get_by_role("dialog").get_by_role("button", name="Download").click()
 
     page.get_by_text("has no logs").wait_for()
+
+
+def test_the_order_and_the_search_stay_in_the_address_and_two_models_are_compared(
+    served, visit, models
+):
+    models.model("another")
+    page = visit(f"{served.url}/#/models").page
+    page.get_by_role("link", name="another").wait_for()
+    page.get_by_role("button", name="Model", exact=True).click()
+    page.get_by_label("Search").fill("o")
+    page.reload()
+    page.get_by_role("link", name="another").wait_for()
+
+    assert page.get_by_label("Search").input_value() == "o"
+    assert page.get_by_role("columnheader", name="Model").get_attribute("aria-sort") == "ascending"
+    names = page.get_by_role("rowheader").get_by_role("link")
+    assert names.all_inner_texts() == ["another", PREFIX]
+    page.get_by_label("Compare another").check()
+    page.get_by_label(f"Compare {PREFIX}").check()
+    page.get_by_role("link", name=f"Compare another and {PREFIX}").click()
+    page.get_by_role("heading", name="Differences from another").wait_for()
+
+
+def test_a_checkpoint_is_cloned_and_what_its_model_brings_is_shown(served, visit, models):
+    own = served.folder / "custom_files"
+    own.mkdir(exist_ok=True)
+    (own / "reward_function.py").write_text("def reward_function(params):\n    return 2.0\n")
+    page = visit(f"{served.url}/#/model?prefix={PREFIX}&tab=checkpoints").page
+    page.get_by_role("row", name="0 best").get_by_role("button", name="Clone").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_text("reward_function.py of the model differs").click()
+
+    assert dialog.get_by_label("Checkpoint").input_value() == "0"
+    assert "+    return 1.0" in dialog.inner_text()
+    assert dialog.get_by_label("Take its reward function").is_checked()

@@ -118,5 +118,164 @@ def test_a_setting_is_found_changed_and_saved(served, visit, made):
     page.get_by_text("Saved in system.env").wait_for()
 
     assert "DR_STALL_MINUTES=5" in (made / "system.env").read_text()
-    help_of = page.locator("[data-setting=DR_STALL_MINUTES] .help")
+    help_of = page.locator("[data-key=DR_STALL_MINUTES] .help")
     help_of.get_by_text("From system.env line").wait_for()
+
+
+TYPED = "# typed and not saved\n"
+
+
+def editor(page):
+    return page.get_by_label("Reward function", exact=True)
+
+
+def by_link(page):
+    page.get_by_role("link", name="Models").click()
+    page.get_by_role("heading", name="Models").wait_for()
+    page.get_by_role("link", name="New training").click()
+
+
+def by_back(page):
+    page.go_back()
+    editor(page).wait_for(state="detached")
+    page.go_forward()
+
+
+def by_reload(page):
+    page.reload()
+
+
+def by_address(page):
+    page.evaluate("location.hash = '#/nowhere'")
+    page.get_by_role("heading", name="There is no such page").wait_for()
+    page.evaluate("location.hash = '#/new'")
+
+
+def by_skip_link(page):
+    page.get_by_role("link", name="Skip to the content").press("Enter")
+
+
+def by_another_site(page):
+    back = page.url
+    page.goto("about:blank")
+    page.goto(back)
+
+
+WAYS = (by_link, by_back, by_reload, by_address, by_another_site, by_skip_link)
+
+
+def test_what_was_typed_is_there_again_however_the_page_was_left(served, visit, made):
+    page = visit(served.url).page
+    page.get_by_role("link", name="New training").click()
+    step = page.locator("#step-reward")
+    size = page.get_by_label("batch_size")
+    for number, leave in enumerate(WAYS):
+        typed = f"# typed {number} times\n{WRONG}"
+        editor(page).fill(typed)
+        size.fill(str(128 + number))
+
+        leave(page)
+
+        editor(page).wait_for()
+        assert (leave, editor(page).input_value()) == (leave, typed)
+        assert size.input_value() == str(128 + number)
+    step.get_by_text("and not saved is shown again").wait_for()
+    step.get_by_role("button", name="Save").click()
+    step.get_by_text("Saved in custom_files/reward_function.py").wait_for()
+    assert step.get_by_text("and not saved is shown again").count() == 0
+    assert (made / "custom_files" / "reward_function.py").read_text() == typed
+
+
+def test_what_was_discarded_does_not_come_again(served, visit, made):
+    page = visit(f"{served.url}/#/new").page
+    editor(page).fill(TYPED + WRONG)
+    page.reload()
+    page.locator("#step-reward").get_by_role("button", name="Discard it").click()
+    assert editor(page).input_value() == WRONG
+    page.reload()
+    editor(page).wait_for()
+    assert editor(page).input_value() == WRONG
+
+
+def test_two_tabs_keep_what_each_has_typed_and_offer_what_a_closed_one_has_left(
+    served, visit, made
+):
+    first = visit(f"{served.url}/#/new").page
+    editor(first).fill("# first\n" + WRONG)
+    second = first.context.new_page()
+    second.goto(f"{served.url}/#/new")
+    editor(second).fill("# second\n" + WRONG)
+    first.reload()
+    assert editor(first).input_value().startswith("# first")
+    second.close()
+    first.reload()
+
+    step = first.locator("#step-reward")
+    step.get_by_text("from another tab that were not saved").wait_for()
+    assert editor(first).input_value().startswith("# first")
+    step.get_by_role("button", name="Show them").click()
+    assert editor(first).input_value().startswith("# second")
+
+
+def test_a_draft_of_a_file_that_has_changed_since_asks_which_counts(served, visit, made):
+    page = visit(f"{served.url}/#/new").page
+    editor(page).fill("# mine\n" + WRONG)
+    page.goto("about:blank")
+    (made / "custom_files" / "reward_function.py").write_text("# theirs\n" + WRONG)
+    page.goto(f"{served.url}/#/new")
+    step = page.locator("#step-reward")
+    step.get_by_role("button", name="Save").click()
+
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_role("button", name="Take the one on the disk").click()
+    step.get_by_text("Taken from the disk.").wait_for()
+    assert editor(page).input_value().startswith("# theirs")
+
+
+def test_a_question_does_not_stay_over_the_next_page(served, visit, made):
+    page = visit(served.url).page
+    page.get_by_role("link", name="New training").click()
+    editor(page).fill(TYPED + WRONG)
+    page.get_by_role("button", name="Use this template").click()
+    page.get_by_role("dialog").wait_for()
+
+    page.go_back()
+
+    page.get_by_role("heading", name="Live").wait_for()
+    assert page.get_by_role("dialog").count() == 0
+
+
+def test_wrong_fields_and_actions_are_marked(served, visit, made):
+    page = visit(f"{served.url}/#/new").page
+    speed = page.get_by_label("Speed of action 1")
+    speed.fill("fast")
+    rate = page.get_by_label("lr", exact=True)
+    rate.fill("5")
+
+    page.locator("[data-key=lr] [aria-invalid=true]").wait_for()
+    page.locator("[data-key='action_space[1].speed'][aria-invalid=true]").wait_for()
+    for control in (rate, speed):
+        color = control.evaluate("each => getComputedStyle(each).borderTopColor")
+        usual = page.get_by_label("batch_size").evaluate("e => getComputedStyle(e).borderTopColor")
+        assert color != usual
+
+
+def test_a_line_that_stops_every_page_is_mended_in_the_page(served, visit, made):
+    run_env = made / "run.env"
+    run_env.write_text(run_env.read_text() + "DR_WORKERS several\n")
+    visited = visit(f"{served.url}/#/new")
+    page = visited.page
+    page.get_by_role("link", name="Open the settings").click()
+    line = page.get_by_label("Write run.env line")
+    line.fill("DR_WORKERS many")
+    page.get_by_role("button", name="Replace the line").click()
+    page.locator("main").get_by_text("DR_WORKERS many is not").first.wait_for()
+    line.fill("# later")
+    page.get_by_role("button", name="Replace the line").click()
+    line.wait_for(state="detached")
+    page.get_by_role("link", name="New training").click()
+    page.locator("#step-model").wait_for()
+
+    assert run_env.read_text().endswith("\n# later\n")
+    # The browser itself reports what was refused meanwhile.
+    visited.problems[:] = [each for each in visited.problems if "422" not in each]

@@ -1,6 +1,7 @@
 """The files of the page: complete, without inline code, and nothing else can be read."""
 
 import asyncio
+import hashlib
 import re
 from importlib.resources import files
 from pathlib import Path
@@ -14,7 +15,12 @@ from starlette.testclient import TestClient
 from drcli.web.console_app import page_routes
 
 PAGES = Path(str(files("drcli.web") / "pages"))
-SCRIPTS = sorted(path.relative_to(PAGES).as_posix() for path in PAGES.rglob("*.js"))
+OURS = [path for path in PAGES.rglob("*.js") if "vendor" not in path.parts]
+SCRIPTS = sorted(path.relative_to(PAGES).as_posix() for path in OURS)
+VENDORED = {
+    "preact/preact.js": "216bb8e8b95cb0a0b2b3440dfec1beff978d52a28cf341d7be33d1884e070c11",
+}
+"""SHA-256 of what scripts/vendor_preact.sh makes."""
 STYLES = sorted(path.relative_to(PAGES).as_posix() for path in PAGES.rglob("*.css"))
 
 
@@ -51,6 +57,14 @@ def test_scripts_obey_the_policy(page, script):
     assert not re.search(r"""["'`](https?:)?//[a-z]""", text), "nothing is loaded from elsewhere"
 
 
+def test_vendored_scripts_are_those_of_their_script(page):
+    folder = PAGES / "vendor"
+    scripts = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*.js")}
+
+    assert {n: hashlib.sha256(p.read_bytes()).hexdigest() for n, p in scripts.items()} == VENDORED
+    assert all((path.parent / "LICENSE").is_file() for path in scripts.values())
+
+
 @pytest.mark.parametrize("style", STYLES)
 def test_styles_load_nothing_from_elsewhere(page, style):
     assert not re.search(r"@import|url\((?!data:|[\"']?/)", page.get(f"/{style}").text)
@@ -71,6 +85,17 @@ def test_files_have_their_types_and_are_never_old(page):
         answer = page.get(path)
         assert answer.headers["content-type"].startswith(kind)
         assert answer.headers["cache-control"] == "no-cache"
+
+
+def test_files_are_compressed_and_not_sent_again(page):
+    first = page.get("/app.js", headers={"accept-encoding": "gzip"})
+    plain = page.get("/app.js", headers={"accept-encoding": "identity"})
+    again = page.get("/app.js", headers={"if-none-match": first.headers["etag"]})
+
+    assert first.headers["content-encoding"] == "gzip"
+    assert int(first.headers["content-length"]) < len(plain.content) / 2
+    assert first.text == plain.text
+    assert (again.status_code, again.content) == (304, b"")
 
 
 FUZZED = [

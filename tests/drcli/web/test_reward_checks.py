@@ -36,7 +36,7 @@ def checks(folder: Path) -> Iterator[RewardChecks]:
 
 
 def in_thread(call: Callable[[], Any], results: list[Any]) -> threading.Thread:
-    thread = threading.Thread(target=lambda: results.append(call()))
+    thread = threading.Thread(target=lambda: results.append(call()), daemon=True)
     thread.start()
     return thread
 
@@ -54,19 +54,23 @@ def test_only_the_newest_request_of_a_page_counts(checks):
     def checked(page):
         return page, checks.check(page, WRONG, "")
 
-    checks._turn.acquire()
+    checks._is_checking = True
     threads = []
-    for page in ("a", "a", "b", "a"):
-        number = checks._waiting
+    for page in ("b", *["a"] * (reward_routes.MOST_WAITING + 2)):
+        asked = len(threads)
         threads.append(in_thread(partial(checked, page), results))
-        until(lambda number=number: checks._waiting > number)
-    checks._turn.release()
+        # Only the newest of each page waits: the others are answered at once.
+        until(lambda asked=asked: checks._waiting + len(results) > asked)
+    until(lambda: checks._waiting == 2)
+    with checks._turns:
+        checks._is_checking = False
+        checks._turns.notify_all()
     for thread in threads:
         thread.join()
 
     answered = [page for page, answer in results if "problems" in answer]
     assert sorted(answered) == ["a", "b"]
-    assert len(results) == 4
+    assert len(results) == len(threads)
 
 
 def test_too_many_requests_are_refused(checks, monkeypatch):

@@ -251,8 +251,7 @@ def test_pictures_for_players_take_the_token_from_their_address_and_nothing_else
         assert here.get(path, params={"token": TOKEN}).status_code == 401
     for _ in range(MOST_TRIES):
         here.get("/stream", params={"token": "guess"})
-    assert here.get("/stream", params={"token": TOKEN}).status_code == 401
-    assert here.get("/enter", params={"token": TOKEN}).status_code == 429
+    assert here.get("/stream", params={"token": TOKEN}).text == "reached"
 
 
 def test_another_user_of_this_machine_who_guesses_does_not_shut_out_its_owner():
@@ -284,19 +283,41 @@ def test_a_wrong_token_gives_no_cookie(given):
     assert "dr console start" in answer.text
 
 
-def test_who_guesses_must_wait_and_others_need_not(monkeypatch):
+def test_who_guesses_must_wait_and_the_right_token_need_not(monkeypatch):
     now = [100.0]
     monkeypatch.setattr("drcli.web.security.time.monotonic", lambda: now[0])
     guarded = Guard(app, TOKEN)
     guessing = TestClient(guarded, client=("10.0.0.9", 1), follow_redirects=False)
     other = TestClient(guarded, client=("10.0.0.8", 1), follow_redirects=False)
+    wrong = {"token": "guess"}
     for _ in range(MOST_TRIES):
-        assert guessing.get("/enter", params={"token": "guess"}).status_code == 401
+        assert guessing.get("/enter", params=wrong).status_code == 401
 
-    assert guessing.get("/enter", params={"token": TOKEN}).status_code == 429
-    assert other.get("/enter", params={"token": TOKEN}).status_code == 303
-    now[0] += 61.0
+    assert guessing.get("/enter", params=wrong).status_code == 429
     assert guessing.get("/enter", params={"token": TOKEN}).status_code == 303
+    assert other.get("/enter", params=wrong).status_code == 401
+    now[0] += 61.0
+    assert guessing.get("/enter", params=wrong).status_code == 401
+
+
+@pytest.mark.parametrize(("given", "status"), [(TOKEN, 303), ("wrong", 401), ("x" * 10_000, 200)])
+def test_the_form_sends_its_token_where_no_history_keeps_it(given, status):
+    here = page(TOKEN, "http://10.0.0.5:8100")
+
+    answer = here.post("/enter", data={"token": given}, headers={"origin": "http://10.0.0.5:8100"})
+
+    assert answer.status_code == status
+    assert 'method="post"' in here.get("/enter").text
+
+
+def test_a_browser_that_is_refused_reads_a_page():
+    here = page(TOKEN, "http://other.example", here_only=True)
+
+    answer = here.get("/", headers={"accept": "text/html"})
+
+    assert answer.status_code == 421
+    assert answer.headers["content-type"].startswith("text/html")
+    assert "does not answer to that name" in answer.text
 
 
 def test_tokens_of_two_consoles_of_a_machine_do_not_replace_each_other():

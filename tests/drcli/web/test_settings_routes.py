@@ -208,6 +208,30 @@ def test_what_is_no_setting_is_refused(client, made, body):
     assert {path.name: path.read_bytes() for path in made.glob("*.env")} == before
 
 
+def test_a_line_that_is_no_setting_is_written_again(client, made):
+    run_env = made / "run.env"
+    right = run_env.read_text()
+    run_env.write_text(right + "DR_WORKERS several\n")
+    form = client.get("/api/settings").json()
+    wrong = next(each for each in form["problems"] if each["line"] and not each["key"])
+    body = {"file": "run.env", "line": wrong["line"], "version": form["versions"]["run.env"]}
+
+    again = client.put("/api/settings/line", json={**body, "text": "still wrong"})
+    other = client.put("/api/settings/line", json={**body, "text": "#", "version": "0"})
+    lost = client.put("/api/settings/line", json={**body, "line": 10_000, "text": "#"})
+    two = client.put("/api/settings/line", json={**body, "text": "# a\nDR_WORKERS=2"})
+    foreign = client.put("/api/settings/line", json={**body, "file": "../x", "text": "#"})
+
+    answers = (again, other, lost, two, foreign)
+    assert [each.status_code for each in answers] == [422, 409, 422, 422, 400]
+    assert "is not a NAME=value line" in again.json()["error"]["message"]
+    assert run_env.read_text() == right + "DR_WORKERS several\n"
+    done = client.put("/api/settings/line", json={**body, "text": "DR_WORKERS=2"})
+    assert done.status_code == 200, done.text
+    assert run_env.read_text() == right + "DR_WORKERS=2\n"
+    assert (made / "run.env.bak").read_text().endswith("DR_WORKERS several\n")
+
+
 def test_tracks_have_an_outline(client, made):
     found = client.get("/api/track-list").json()
 

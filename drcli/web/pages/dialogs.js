@@ -1,0 +1,50 @@
+// Questions in a dialog of the browser, so that keyboard and screen reader know it; leaving the page closes it.
+
+import { html, render } from "/vendor/preact/preact.js";
+
+/**
+ * Show a dialog until it is closed.
+ * @param {(close: (value: any) => void) => any} content
+ * @param {{label: string, wide?: boolean}} options label: id of its heading
+ * @returns {Promise<any>} what it was closed with; null if it was left
+ */
+export function dialog(content, { label, wide = false }) {
+  return new Promise((resolve) => {
+    const element = document.createElement("dialog");
+    element.className = wide ? "wide" : "";
+    element.setAttribute("aria-labelledby", label);
+    let value = null;
+    const close = (given) => {
+      value = given;
+      element.close();
+    };
+    const leave = () => element.close();
+    element.addEventListener("close", () => {
+      removeEventListener("hashchange", leave);
+      render(null, element);
+      element.remove();
+      resolve(value);
+    });
+    addEventListener("hashchange", leave);
+    document.body.append(element);
+    render(content(close), element);
+    element.showModal();
+  });
+}
+
+/**
+ * Ask before something that cannot be undone.
+ * @param {string} question
+ * @param {{action: string, detail?: string}} options
+ * @returns {Promise<boolean>}
+ */
+export async function confirmed(question, { action, detail = "" }) {
+  const content = (close) => html`
+    <h2 id="question">${question}</h2>
+    ${detail && html`<p>${detail}</p>`}
+    <p class="actions">
+      <button type="button" autofocus onClick=${() => close(false)}>Cancel</button>
+      <button type="button" class="danger" onClick=${() => close(true)}>${action}</button>
+    </p>`;
+  return (await dialog(content, { label: "question" })) === true;
+}

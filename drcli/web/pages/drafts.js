@@ -1,0 +1,111 @@
+// What somebody has changed and not saved: kept in the browser until it is, whatever way the page is left.
+
+import { useRef, useState } from "/ui.js";
+
+const PREFIX = "dr-draft:";
+
+/**
+ * @typedef {Object} Draft
+ * @property {Record<string, any>} edits what differs from what was saved
+ * @property {any} version of the file that was edited
+ * @property {number} at milliseconds
+ */
+
+/** @type {Map<string, Draft>} */
+const memory = new Map(); // where the browser keeps nothing
+
+const tab = ownTab();
+/** A name that no other open tab has, and that this one keeps when it is loaded again. */
+function ownTab() {
+  const fresh = [...crypto.getRandomValues(new Uint32Array(2))].join("-");
+  try {
+    // The copy of a tab begins with the storage of the first one: its navigation says that it is no reload.
+    const [entry] = /** @type {PerformanceNavigationTiming[]} */ (
+      performance.getEntriesByType("navigation")
+    );
+    const kept =
+      entry?.type === "navigate" && window.opener ? null : sessionStorage.getItem("dr-tab");
+    sessionStorage.setItem("dr-tab", kept ?? fresh);
+    return kept ?? fresh;
+  } catch {
+    return fresh;
+  }
+}
+
+const keyOf = (name) => `${PREFIX}${name}:${tab}`;
+
+function read(key) {
+  if (memory.has(key)) return memory.get(key);
+  try {
+    return JSON.parse(localStorage.getItem(key) ?? "null");
+  } catch {
+    return null;
+  }
+}
+
+function write(key, draft) {
+  if (draft) memory.set(key, draft);
+  else memory.delete(key);
+  try {
+    if (draft) localStorage.setItem(key, JSON.stringify(draft));
+    else localStorage.removeItem(key);
+  } catch {
+    /* storage is switched off or full: the draft lasts as long as this tab */
+  }
+}
+
+/** Keys of drafts of this name that other tabs have left. */
+function strangers(name) {
+  try {
+    return Object.keys(localStorage).filter(
+      (key) => key.startsWith(`${PREFIX}${name}:`) && key !== keyOf(name) && read(key)?.at,
+    );
+  } catch {
+    return [];
+  }
+}
+
+/**
+ * What was changed in a form and is not saved.
+ * @param {string} name of the form, with its folder
+ * @param {any} version of what is edited now
+ * @returns {{edits: Record<string, any>, version: any, restored: number | null, set: (edits: Record<string, any>) => void,
+ *   found: {at: number, take: () => void, drop: () => void} | null}}
+ *   `restored`: when the shown edits were left, until the next one; `found`: those of a tab that is gone or elsewhere
+ */
+export function useDraft(name, version) {
+  const [draft, setDraft] = useState(() => read(keyOf(name)));
+  const [restored, setRestored] = useState(draft?.at ?? null);
+  const [others, setOthers] = useState(() => strangers(name));
+  const newest = useRef(draft);
+  const set = (edits) => {
+    const changed = Object.keys(edits).length > 0;
+    const next = changed
+      ? { edits, version: newest.current?.version ?? version, at: Date.now() }
+      : null;
+    newest.current = next;
+    write(keyOf(name), next);
+    setDraft(next);
+    if (!changed) setRestored(null);
+  };
+  const first = others[0];
+  const drop = () => {
+    write(first, null);
+    setOthers(others.slice(1));
+  };
+  const take = () => {
+    const other = read(first);
+    drop();
+    newest.current = other;
+    write(keyOf(name), other);
+    setDraft(other);
+    setRestored(other.at);
+  };
+  return {
+    edits: draft?.edits ?? {},
+    version: draft?.version ?? version,
+    restored,
+    set,
+    found: first ? { at: read(first)?.at ?? 0, take, drop } : null,
+  };
+}

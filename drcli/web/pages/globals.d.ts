@@ -1,0 +1,2 @@
+// What scripts of index.html define.
+declare const uPlot: any;
