@@ -37,7 +37,8 @@ def agree(
     if yes:
         return
     if sys.stdin.isatty():
-        terminal.err.print(f"{question} [y/N] ", end="", markup=False, soft_wrap=True)
+        asked = terminal.folded(f"{question} [y/N]")
+        terminal.err.print(f"{asked} ", end="", markup=False, soft_wrap=True)
         answer = _within_patience(sys.stdin.readline, remedy)
     else:
         terminal.say(f"{question} [y/N]")

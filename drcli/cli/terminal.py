@@ -3,9 +3,11 @@
 import errno
 import json
 import os
+import re
 import shlex
 import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from itertools import takewhile, zip_longest
@@ -47,7 +49,7 @@ BOUNDLESS = 100_000
 """Width of a pipe: a row is one line."""
 
 _UNKNOWN_COLUMNS = 80
-_LONG_WORD = 24
+_COMMAND, _NO_BREAK = re.compile(r"`[^`\n]*`"), "\u00a0"
 
 
 def fresh(*, stderr: bool = False) -> Console:
@@ -125,12 +127,13 @@ def reader_has_left() -> bool:
 
 def say(text: str) -> None:
     if not quiet:
-        err.print(text, markup=False, soft_wrap=True)
+        err.print(folded(text), markup=False, soft_wrap=True)
 
 
 def warn(*texts: str) -> None:
     for text in texts:
-        err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=_in_one_piece(text))
+        line = escape(folded(text, after="Warning: "))
+        err.print(f"[yellow]Warning:[/] {line}", soft_wrap=True)
 
 
 @contextmanager
@@ -186,15 +189,27 @@ def fail(message: str, remedy: str, code: int | None = None) -> None:
     if "\n" in remedy:
         pairs = list(zip_longest(message.splitlines(), remedy.splitlines(), fillvalue=""))
     for sentence, what_to_do in pairs:
-        err.print(f"[bold red]Error:[/] {escape(sentence)}", soft_wrap=_in_one_piece(sentence))
+        line = escape(folded(sentence, after="Error: "))
+        err.print(f"[bold red]Error:[/] {line}", soft_wrap=True)
         if what_to_do:
-            one_piece = _in_one_piece(what_to_do)
-            err.print(f"  [dim]Try:[/] {escape(what_to_do)}", soft_wrap=one_piece)
+            line = escape(folded(what_to_do, after="  Try: "))
+            err.print(f"  [dim]Try:[/] {line}", soft_wrap=True)
 
 
-def _in_one_piece(text: str) -> bool:
-    long = any(len(word) > _LONG_WORD for word in text.split())
-    return long or "`" in text or not err.file.isatty()
+def folded(text: str, *, after: str = "") -> str:
+    """For stderr: lines of whole words, the first `after` what stands there already.
+
+    Addresses and commands stay in one piece, so that they can be copied.
+    """
+    if not err.file.isatty():
+        return text
+    whole = _COMMAND.sub(lambda found: found[0].replace(" ", _NO_BREAK), text)
+    first, *others = f"{after}{whole}".split("\n")
+    lines = [
+        textwrap.fill(line, err.width, break_long_words=False, break_on_hyphens=False)
+        for line in (first, *others)
+    ]
+    return "\n".join(lines)[len(after) :].replace(_NO_BREAK, " ")
 
 
 def is_live() -> bool:

@@ -34,8 +34,8 @@ GLOSSARY: Mapping[str, str] = {
     "clone": "A new model that starts with the weights of another one (`dr-increment-training`).",
     "collapse": "A sudden loss of what was learned: the reward falls and does not recover.",
     "COMPACT_CONVOLUTIONAL_NETWORK": "drcli's own small network, the shipped default, which learns "
-    "four times as fast. The physical car takes it; DeepRacer on AWS and DeepRacer-for-Cloud do not "
-    "know it.",
+    "four times as fast. The physical car takes it; DeepRacer on AWS and DeepRacer-for-Cloud do "
+    "not know it.",
     "convergence": "The curves level off: more training hardly changes the model any more. A model "
     "has converged well when training and evaluation both complete their laps.",
     "critic": "The part of the network that predicts how much reward will still come. The policy "
@@ -43,7 +43,8 @@ GLOSSARY: Mapping[str, str] = {
     "data point": "One step as the learner sees it: camera picture, action, reward, next picture. "
     "Also called experience.",
     "DEEP_CONVOLUTIONAL_NETWORK": "The reference's largest network; slow without a GPU.",
-    "DEEP_CONVOLUTIONAL_NETWORK_DEEP": "A network of the reference with many layers, but few weights.",
+    "DEEP_CONVOLUTIONAL_NETWORK_DEEP": "A network of the reference with more layers, but few "
+    "weights.",
     "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW": "The reference's usual network. Every system takes it.",
     "discount": "How much less a reward counts for each step that it comes later "
     "(`discount_factor`).",
