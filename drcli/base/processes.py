@@ -225,6 +225,12 @@ class Stopped(DrError):
     final: ClassVar[bool] = True
 
 
+class Interrupted(Stopped):
+    """By Ctrl-C, with a sentence that says what is left."""
+
+    code: ClassVar[int] = 130
+
+
 class _Terminated(BaseException):
     """Not an Exception, so that `except Exception` does not catch it."""
 

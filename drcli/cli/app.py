@@ -9,11 +9,12 @@ import time
 import traceback
 from functools import cache
 from pathlib import Path
+from typing import NoReturn
 
 from drcli.base import errors, installation
 from drcli.base.errors import DrError, SettingsError, shown
 from drcli.base.files import private
-from drcli.base.processes import Stopped, search_rarely
+from drcli.base.processes import Interrupted, Stopped, search_rarely
 from drcli.cli import completion, terminal
 from drcli.cli.command_line import PROGRAM, application
 from drcli.cli.working_folder import working_folder
@@ -100,10 +101,10 @@ def _run(arguments: list[str]) -> None:
         terminal.fail(str(error), error.remedy, error.code)
         raise SystemExit(error.code) from None
     except KeyboardInterrupt:
-        raise SystemExit(130) from None
+        _end_interrupted()
     except Exception as error:
         if _is_interrupt(error):
-            raise SystemExit(130) from None
+            _end_interrupted()
         if os.environ.get("DR_DEBUG"):
             raise
         if isinstance(error, OSError) and error.errno in _NOT_OUR_BUGS and error.filename:
@@ -118,6 +119,11 @@ def _run(arguments: list[str]) -> None:
             raise SystemExit(broken.code) from None
         _report_bug(error)
         raise SystemExit(1) from None
+
+
+def _end_interrupted() -> NoReturn:
+    terminal.say("Interrupted.")
+    raise SystemExit(Interrupted.code) from None
 
 
 def _is_interrupt(error: BaseException) -> bool:

@@ -16,6 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from drcli import __version__
 from drcli.base.errors import shown
+from drcli.base.processes import Interrupted
 from drcli.cli import completion, terminal
 from drcli.cli.command_table import COMMANDS, OF_REFERENCE, Command
 from drcli.cli.terminal import NARROWEST
@@ -393,7 +394,10 @@ def _with_options(function: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(function)
     def command(*args: Any, **named: Any) -> None:
-        function(*args, **{name: named[name] for name in named if name not in options})
+        try:
+            function(*args, **{name: named[name] for name in named if name not in options})
+        except KeyboardInterrupt:  # typer would end without a word
+            raise Interrupted("Interrupted.", remedy="") from None
 
     kind = inspect.Parameter.KEYWORD_ONLY
     added = [

@@ -150,9 +150,11 @@ def next_commands(report: "RunReport") -> list[tuple[str, str]]:
         ]
     if report.best_laps is None and report.phase is not None and report.phase.name == "teacher":
         return [("dr-start-training --resume", "go on until the camera policy has learned")]
+    # Before the first evaluation the untrained checkpoint counts as the best one.
+    word, which = ("best", "best") if report.best_laps is not None else ("last", "newest")
     return [
         ("dr-analyze", "see what keeps it from completing a lap"),
-        ("dr-video --checkpoint best", "watch how far its best checkpoint comes"),
+        (f"dr-video --checkpoint {word}", f"watch how far its {which} checkpoint comes"),
         ("dr-start-training --resume", "train on"),
     ]
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.bucket.connect import open_running_bucket
@@ -73,6 +74,15 @@ def trained_by(store: ModelStore) -> str:
         return ""
     model = store.url
     return f"{model} is being trained by {held.owner}, last heard from {held.age_s:.0f} s ago."
+
+
+def trained_elsewhere(config: RunConfig) -> str:
+    """As `trained_by`, of the model of the settings; empty if the bucket does not answer."""
+    try:
+        bucket = open_running_bucket(config.storage)
+        return "" if bucket is None else trained_by(ModelStore(bucket, config.model.prefix))
+    except StorageError:
+        return ""
 
 
 @dataclass(frozen=True)

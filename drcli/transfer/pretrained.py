@@ -94,9 +94,9 @@ def read_weights(
             chosen = checkpoints.choose(checkpoint).name
         found = load_checkpoint(model, chosen)
     except (ObjectMissing, ObjectDamaged, CheckpointGone) as e:
-        what = f"its {checkpoint} checkpoint cannot be used: {e}"
+        what = str(e)  # which says it all of one that is not there
         if not isinstance(e, CheckpointGone):
-            what += f" {checkpoints.summary}"
+            what = f"its {checkpoint} checkpoint cannot be used: {e} {checkpoints.summary}"
         other = "last" if checkpoint == "best" else "best"
         remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other} or to another one of these, or "
         raise _wrong(name, place, model.prefix, what, f"{remedy}choose another model.") from e

@@ -14,8 +14,12 @@ GLOSSARY: Mapping[str, str] = {
     "draws actions by their probability instead.",
     "batch": "The same as a minibatch: the steps from which the weights are changed once. "
     "`batch_size` says how many.",
+    "best average of 3 laps": "The best mean time of three laps in a row (`DR_EVAL_AVERAGE_LAPS`). "
+    "Leaderboards of the AWS League ranked by it.",
     "best checkpoint": "The checkpoint with the best evaluation so far, by "
     "`DR_TRAIN_BEST_MODEL_METRIC`.",
+    "best-lap": "The checkpoint that drove the fastest clean evaluation lap. A word for "
+    "`--checkpoint`.",
     "bucket": "The place where models, metrics and traces are stored, on this machine or at an S3 "
     "service. Its objects have keys that look like paths.",
     "calibration": "Telling the car which signal is straight ahead, full left, full right, "
@@ -29,12 +33,19 @@ GLOSSARY: Mapping[str, str] = {
     "the policy, which keeps learning stable.",
     "clone": "A new model that starts with the weights of another one (`dr-increment-training`).",
     "collapse": "A sudden loss of what was learned: the reward falls and does not recover.",
+    "COMPACT_CONVOLUTIONAL_NETWORK": "drcli's own small network, the shipped default, which learns "
+    "four times as fast. The physical car takes it; DeepRacer on AWS and DeepRacer-for-Cloud do "
+    "not know it.",
     "convergence": "The curves level off: more training hardly changes the model any more. A model "
     "has converged well when training and evaluation both complete their laps.",
     "critic": "The part of the network that predicts how much reward will still come. The policy "
     "is judged by its predictions; the car does not need it.",
     "data point": "One step as the learner sees it: camera picture, action, reward, next picture. "
     "Also called experience.",
+    "DEEP_CONVOLUTIONAL_NETWORK": "The reference's largest network; slow without a GPU.",
+    "DEEP_CONVOLUTIONAL_NETWORK_DEEP": "A network of the reference with more layers, but few "
+    "weights.",
+    "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW": "The reference's usual network. Every system takes it.",
     "discount": "How much less a reward counts for each step that it comes later "
     "(`discount_factor`).",
     "distillation": "The second phase of a training with a teacher: a student with a camera learns "
@@ -52,15 +63,21 @@ GLOSSARY: Mapping[str, str] = {
     "epsilon": "Papers about PPO and libraries for it call the clipping range so (`clip_range`); Q "
     "learning, and here exploration of the type e-greedy, the share of random actions, which "
     "falls to `e_greedy_value` within `epsilon_steps`.",
+    "eval": "The evaluation of a checkpoint: the share of the lap that it drives on average, and "
+    "how many laps were clean. `...` means that it was not evaluated (yet).",
     "evaluation": "Driving without learning and without exploring, to see what a checkpoint can "
     "do.",
     "experience buffer": "The steps that were driven and not yet learned from: for PPO those of "
     "one "
     "iteration, for SAC the replay buffer.",
     "exploration": "Trying actions that do not look best, to find better ones.",
+    "fast driver": "A driver of `dr-reward check` that follows the centre line at up to 3 m/s, or "
+    "at the greatest speed of your actions.",
     "fence": "The check that a process still owns its model before it writes to the bucket.",
     "finished lap": "A lap that is completed, perhaps after resets, as the reference counts it. "
     "Its time has the penalties: 12.80 s = 7.80 driven + 5.00 penalty.",
+    "first-lap": "The first checkpoint that drove a clean evaluation lap. A word for "
+    "`--checkpoint`.",
     "frame": "One camera picture, 160 x 120 grey pixels.",
     "free tier": "What Amazon gives new customers without charge for a time. Spot "
     "machines cost money after it: `dr-spot prices` shows how much, and `DR_MAX_COST` limits it. "
@@ -80,16 +97,31 @@ GLOSSARY: Mapping[str, str] = {
     "the next checkpoint from them.",
     "KL divergence": "How much the policy has changed. A large value warns that an update went too "
     "far.",
+    "lap complete": "The end of an episode whose lap is done (`lap_complete` in traces), clean or "
+    "with resets.",
+    "last": "The newest checkpoint. A word for `--checkpoint`.",
     "latency": "The time from the camera picture to the movement of the wheels.",
     "leaderboard": "The ranking of a race: the model with the fastest laps is first. Races at "
     "home have one (`dr-race show`); those of DeepRacer on AWS take models by `dr-droa import`.",
     "lease": "A note in the bucket that says which machine trains a model. It expires a minute "
     "after "
     "that machine is gone.",
+    "leaving driver": "A driver of `dr-reward check` that leaves the road: what it earns should "
+    "be less than a lap.",
+    "limit": "The lap time that the car cannot beat on a track (`dr docs track-limit`). `50 % above "
+    "the limit` takes one and a half times as long.",
     "local optimum": "A habit that is better than everything close to it, but not good: the car is "
     "stuck with it.",
     "loss": "What the learner makes smaller: how wrong the critic is, and how little the policy "
     "does of what worked.",
+    "loss p/v": "Losses of the newest update, of the policy and of the value function (critic). "
+    "The second should fall; the first stays near 0.",
+    "low-grip": "A simulated car (`DR_SIM_CAR`) for models from before release 6 that leave the "
+    "track with the usual one.",
+    "machine hours": "Hours of all starts of a training, on all machines together; with their "
+    "price, what it cost.",
+    "median": "The middle of all values: half of the laps are faster. One very slow lap does not "
+    "change it, other than a mean.",
     "metadata": "`model_metadata.json`: actions, sensors, network and algorithm of a model.",
     "minibatch": "The steps from which the weights are changed once (`batch_size`).",
     "model": "Everything below one prefix in the bucket: checkpoints, the racer's files, "
@@ -113,9 +145,13 @@ GLOSSARY: Mapping[str, str] = {
     "PPO": "Proximal policy optimization, the algorithm `clipped_ppo`: stable, and the default.",
     "prefix": "The name of a model in the bucket, such as `team/model-3`.",
     "progress": "How much of the lap is done, in percent.",
+    "queue": "Submissions of a race that have not been driven yet. `dr-race run` drives them one "
+    "after the other.",
     "racing line": "The path round the track that allows the fastest lap.",
+    "ramming driver": "A driver of `dr-reward check` that drives into what is on the road.",
     "real-time factor": "Simulated time divided by real time. drcli simulates fixed steps, so lap "
     "times do not depend on it.",
+    "release-6": "The usual simulated car (`DR_SIM_CAR`): as in the reference's release 6.",
     "replay buffer": "The last steps that SAC learns from, again and again.",
     "return": "The sum of all rewards of an episode from a step on, later ones discounted.",
     "reward": "The number that the reward function returns for a step.",
@@ -134,23 +170,37 @@ GLOSSARY: Mapping[str, str] = {
     "is perfect here may fail on the car.",
     "sim2real": "From simulation to reality: training here so that the physical car drives well "
     "(`dr-init --preset physical`, `dr docs sim-to-real`).",
+    "SIM_TRACE_LOG": "The beginning of a line in the log of a worker with one step of the car. "
+    "`dr docs logs` has its columns.",
     "simulation worker": "A process that drives cars in the simulation and records their steps.",
     "snaking": "The car swings from side to side on a straight. Pay for less "
     "steering, or use fewer and smaller steering angles; `dr-analyze` finds it.",
+    "standing driver": "A driver of `dr-reward check` that asks for the least speed: standing "
+    "still should not pay.",
+    "steady driver": "A driver of `dr-reward check` that follows the centre line at 1.2 m/s, or "
+    "at the nearest speed of your actions.",
     "step": "One decision of the car, 15 of them per simulated second.",
+    "steps/s": "How many steps all cars together drive in a real second, with the time for "
+    "learning. The car makes 15 in a simulated second.",
     "student": "The camera policy while it learns from a teacher.",
+    "submission": "A checkpoint that takes part in a race (`dr-race submit`).",
     "supervisor": "The process that starts the workers of a training, watches them and ends them.",
     "teacher": "A policy that sees the track instead of the camera: where the car is, and how the "
     "road goes on. It learns within a minute, drives only in the simulation, and shows a student "
     "what to do (`training_method`, `dr docs teacher`).",
+    "three-laps": "The first checkpoint with three clean evaluation laps. A word for "
+    "`--checkpoint`.",
     "throttle": "How much power the motor gets. The physical car turns the speed of an action "
     "into a "
     "throttle; it does not measure speed.",
     "trace": "A table of every step that was driven (simtrace), for analysis.",
     "trainer": "The process that learns from the recorded steps and writes checkpoints.",
     "training data": "All steps that a model has learned from.",
+    "turned driver": "A driver of `dr-reward check` that follows the centre line in the wrong "
+    "direction.",
     "value": "What the critic predicts: the rewards that will still come.",
     "waypoint": "A point on the centre line. A track has a list of them, in driving direction.",
+    "weaving driver": "A driver of `dr-reward check` that swings from border to border at 1 m/s.",
     "weights": "The numbers inside the network. Learning changes them.",
     "worker": "A process of a training: a simulation worker or the trainer.",
     "zigzag": "A curve that jumps up and down, or a car that swings from side to side. Lower `lr` "

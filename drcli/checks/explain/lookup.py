@@ -22,6 +22,7 @@ from drcli.config.presets import docs_folder, model_file
 from drcli.config.settings import catalogue
 from drcli.learn.algorithms import ALGORITHMS, UPDATES_PER_STEP
 from drcli.model.files.hyperparameters import SYNONYMS, TEXTS, Hyperparameters
+from drcli.model.files.sensors import SENSORS
 from drcli.records.trace import CSV_HEADER
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
 
@@ -85,7 +86,8 @@ def explain(question: str) -> list[Entry]:
     wanted = _plain(question[:LONGEST])
     if not wanted:
         raise _unknown(question, [])
-    exact = [entry for name, entry in _by_name() if name == wanted]
+    forms = {wanted, wanted.removesuffix("s")}
+    exact = [entry for name, entry in _by_name() if name in forms]
     if exact:
         return [*exact, *_similar(wanted, exact)]
     errors = [_error(text) for text in ERROR_TEXTS if _is_about(text, question[:LONGEST])]
@@ -112,6 +114,10 @@ def every_entry() -> tuple[Entry, ...]:
     return (
         *map(_hyperparameter, TEXTS),
         *(Entry("term", name, text, page="glossary.md") for name, text in GLOSSARY.items()),
+        *(
+            Entry("term", name, _sentence(f"A sensor: {sensor.words}"), page="action-space.md")
+            for name, sensor in SENSORS.items()
+        ),
         *map(_parameter, REWARD_PARAMETERS),
         *(
             Entry("trace column", name, TRACE_COLUMNS[name], page="glossary.md")
@@ -139,6 +145,7 @@ def _names(entry: Entry) -> Iterator[str]:
     if entry.kind == "setting":
         yield _plain(entry.name.removeprefix("DR_"))
         yield from map(_plain, catalogue()[entry.name].old_names)
+        yield from map(_plain, catalogue()[entry.name].choices)
     if entry.kind == "exit code":
         yield f"exit code {entry.name}"
         yield f"code {entry.name}"

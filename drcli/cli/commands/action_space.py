@@ -477,10 +477,11 @@ def _report(
     written = shown = False
     if write and change is not None and differs:
         if not force and (change.before is not None or about):
-            if shown := not terminal.as_json:
+            if shown := not terminal.as_json:  # with what is said about the model
                 terminal.emit(None, show_actions(report_of(written=False, backup=None)))
             what = "has other actions" if change.before is not None else "does not exist yet"
-            prompts.agree(f"{path} {what}. {about} Replace them?".replace("  ", " "), yes=False)
+            why = "" if shown else f"{about} "
+            prompts.agree(f"{path} {what}. {why.lstrip()}Replace them?", yes=False)
         written = action_space_change.write_change(change)
         backup = str(change.backup) if written and change.backup is not None else None
 

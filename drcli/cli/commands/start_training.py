@@ -1,7 +1,8 @@
 """`dr start-training`."""
 
 import math
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +10,9 @@ import typer
 
 from drcli.base.errors import WorkerDied
 from drcli.base.installation import lazy_imports
+from drcli.base.processes import Interrupted
 from drcli.cli import follow_training, prompts, terminal, training_display
+from drcli.cli.evaluation_options import with_options
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import (
     Force,
@@ -172,9 +175,10 @@ def start_training(
     if no_wait and not resume_or_start:
         raise typer.BadParameter("--no-wait needs --resume-or-start.")
 
-    loaded = _with_weights(settings(), pretrained, checkpoint, resume=resume)
-    if on_end is not None:
-        loaded = loaded.replaced(on_end=on_end)
+    with _checking():
+        loaded = _with_weights(settings(), pretrained, checkpoint, resume=resume)
+        if on_end is not None:
+            loaded = loaded.replaced(on_end=on_end)
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
     how = _How(quiet, verbose, foreground, followed)
     with nullcontext() if foreground or resume_or_start else early_training.begun(loaded):
@@ -182,14 +186,15 @@ def start_training(
         if wipe and not (resume or resume_or_start) and not force and prompts.may_ask():
             _agree_to_wipe(loaded)
         asked = {"until_laps": until_laps, "until_lap_time_s": until_lap_time}
-        options = plan.StartOptions(
-            wipe,
-            resume,
-            max_minutes,
-            seed,
-            goals={key: value for key, value in asked.items() if value is not None},
-            method=None if teacher is None else hyperparameters.method_of(teacher),
-        )
+        with _checking():  # here already, because the libraries of a plan take a second to load
+            options = plan.StartOptions(
+                wipe,
+                resume,
+                max_minutes,
+                seed,
+                goals={key: value for key, value in asked.items() if value is not None},
+                method=None if teacher is None else hyperparameters.method_of(teacher),
+            )
         if not resume_or_start:
             raise typer.Exit(_run(loaded, _planned(loaded, options), how))
         raise typer.Exit(_resume_or_start(loaded, options, how, wait=not no_wait))
@@ -214,8 +219,10 @@ def _with_weights(
         )
     if pretrained is not None:
         prefix = transfer_buckets.checked_prefix(pretrained, "--pretrained")
-        loaded = loaded.replaced(pretrained=True, pretrained_prefix=prefix)
-    return loaded if choice is None else loaded.replaced(pretrained_checkpoint=str(choice))
+        loaded = with_options(
+            loaded, DR_LOCAL_S3_PRETRAINED=True, DR_LOCAL_S3_PRETRAINED_PREFIX=prefix
+        )
+    return with_options(loaded, DR_LOCAL_S3_PRETRAINED_CHECKPOINT=choice)
 
 
 def _agree_to_wipe(loaded: "Settings") -> None:
@@ -238,8 +245,22 @@ class _How:
     followed: list[str]
 
 
+@contextmanager
+def _waiting(what: str, interrupted: str) -> Iterator[None]:
+    try:
+        with terminal.waiting(what, only_live=True):
+            yield
+    except KeyboardInterrupt:
+        raise Interrupted(interrupted, remedy="") from None
+
+
+def _checking() -> AbstractContextManager[None]:
+    what = "Checking settings, files and reward function ..."
+    return _waiting(what, "Interrupted; no training was started.")
+
+
 def _planned(loaded: "Settings", options: "StartOptions") -> "RunPlan":
-    with terminal.waiting("Checking settings, files and reward function ...", only_live=True):
+    with _checking():
         return plan.prepare(loaded, options)
 
 
@@ -290,7 +311,8 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
             )
         code = follow_training.end(report, loaded.model_prefix)
     else:
-        with terminal.waiting("Starting the workers ...", only_live=True):
+        unknown = "Interrupted while the workers started; `dr-status` says whether they run."
+        with _waiting("Starting the workers ...", unknown):
             pid = training.launch(planned)
         if status.inspect(loaded.run).pid != pid:
             raise WorkerDied(

@@ -9,7 +9,7 @@ from drcli.cli.show import show
 from drcli.cli.working_folder import settings, working_folder
 
 with lazy_imports():
-    from drcli.run import stopping
+    from drcli.run import seen_in_bucket, stopping
     from drcli.web import viewer_process
 
 AFTERWARDS = [
@@ -25,7 +25,8 @@ def stop_training() -> None:
 
     What was learned so far stays in the bucket; dr-start-training --resume continues it, and
     --resume-or-start leaves it stopped. Also ends starts that wait for the end of a training
-    elsewhere. Does nothing when no training is running.
+    elsewhere. Does nothing when no training is running. Exits 3 if another folder or machine trains
+    the model: only that one can stop it.
 
     Example: dr-stop-training
     """
@@ -42,6 +43,12 @@ def stop_training() -> None:
         return
     waiting = stopping.stop_waiting(loaded.directory, loaded.run_id)
     if not stopping.is_running(loaded.run):
+        elsewhere = "" if waiting else seen_in_bucket.trained_elsewhere(loaded.run)
+        if elsewhere:
+            raise SettingsError(
+                f"Nothing was stopped: {elsewhere}",
+                remedy="Run `dr-stop-training` on that machine, in the folder that started it.",
+            )
         show(stopping.StopReport(waiting), none="No training is running.")
         return
     with terminal.waiting("Stopping the training; waiting for its workers to exit ..."):

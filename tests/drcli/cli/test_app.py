@@ -363,14 +363,14 @@ def test_a_bug_in_a_folder_that_is_gone_is_one_sentence(dr, failing, gone, monke
     assert "Internal error in drcli: ZeroDivisionError" in capsys.readouterr().err
 
 
-def test_ctrl_c_exits_130_without_a_word(dr, failing, capsys):
+def test_ctrl_c_exits_130_with_a_word(dr, failing, capsys):
     failing(KeyboardInterrupt())
 
     code = dr("stop-training")
 
     printed = capsys.readouterr()
     assert code == 130
-    assert printed.out + printed.err == ""
+    assert (printed.out, printed.err) == ("", "Interrupted.\n")
 
 
 def test_an_interrupt_that_a_library_wrapped_is_no_bug(dr, failing, capsys):
@@ -380,7 +380,7 @@ def test_an_interrupt_that_a_library_wrapped_is_no_bug(dr, failing, capsys):
 
     printed = capsys.readouterr()
     assert code == 130
-    assert printed.out + printed.err == ""
+    assert (printed.out, printed.err) == ("", "Interrupted.\n")
 
 
 def test_a_program_that_is_interrupted_while_it_loads_exits_130(tmp_path):

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 
 import pytest
+from rich.console import Console
 
 from drcli.cli import terminal
 
@@ -139,6 +140,36 @@ def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(working_fo
         "Next:",
         "  look:",
         "    dr-status",
+    ]
+
+
+class Screen(io.StringIO):
+    """A terminal that keeps what it shows."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_gets_whole_words_and_commands_in_one_piece(monkeypatch):
+    screen = Screen()
+    monkeypatch.setattr(terminal, "err", Console(file=screen, width=40, color_system=None))
+    address = "s3://bucket/a-model-with-a-name/that/is/longer/than/a/line"
+
+    terminal.say(f"Takes a checkpoint of the model {address} and its median-lap.\n   a list")
+    terminal.warn("A warning that goes on until a word has no room.")
+    terminal.fail("One [thing] broke.", "Run `dr-start-training --resume-or-start` at once.")
+
+    assert screen.getvalue().splitlines() == [
+        "Takes a checkpoint of the model",
+        address,
+        "and its median-lap.",
+        "   a list",
+        "Warning: A warning that goes on until a",
+        "word has no room.",
+        "Error: One [thing] broke.",
+        "  Try: Run",
+        "`dr-start-training --resume-or-start` at",
+        "once.",
     ]
 
 

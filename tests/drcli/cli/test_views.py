@@ -190,6 +190,10 @@ def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
     assert commands()[0] == "dr-analyze"
     assert commands()[-1] == "dr-start-training --resume"
     assert commands("failed", 7.6) == []
+    assert "dr-video --checkpoint best" in commands()
+    unknown = make_report("finished", 2, best_laps=None)
+    offered = [command for command, _ in training_display.next_commands(unknown, "model")]
+    assert "dr-video --checkpoint last" in offered  # the best one is the untrained one yet
 
 
 def test_status_of_a_failed_training_tells_what_to_do(make_report):

@@ -192,6 +192,16 @@ def test_a_model_whose_name_only_starts_alike_is_another_one(trained):
         trained.start()
 
 
+def test_a_number_that_there_is_not_is_one_sentence(trained):
+    trained.run_env(*CLONE, "DR_LOCAL_S3_PRETRAINED_CHECKPOINT=99")
+
+    with pytest.raises(SettingsError) as caught:
+        trained.start()
+
+    assert "There is no checkpoint 99: the newest is 5." in str(caught.value)
+    assert "cannot be used" not in str(caught.value)
+
+
 def test_a_damaged_checkpoint_is_refused_and_the_other_one_offered(trained):
     trained.bucket.put(keys.checkpoint_tensors("model-1", "5_Step-500.ckpt"), b"weights ?")
     trained.run_env(*CLONE)

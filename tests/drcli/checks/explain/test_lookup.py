@@ -17,9 +17,14 @@ from drcli.base.errors import SettingsError
 from drcli.checks.explain.explain_texts import EXIT_CODES, GLOSSARY, TRACE_COLUMNS
 from drcli.checks.explain.lookup import Explanation, every_entry, explain, shipped_values
 from drcli.config.settings import catalogue
+from drcli.config.value_types import CheckpointWord
 from drcli.model.files.hyperparameters import KEYS, TEXTS
+from drcli.model.files.model_metadata import Network
+from drcli.model.files.sensors import SENSORS
 from drcli.records.trace import CSV_HEADER
+from drcli.rewards import scripted_drive
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
+from drcli.rewards.scripted_drive import ScriptedDriver
 from drsim.episode.simulation import Simulation
 from drsim.track.worlds import load_track
 
@@ -126,7 +131,8 @@ def test_case_and_signs_do_not_matter(question, name, kind):
 
 
 def test_a_word_with_several_meanings_has_all_of_them():
-    assert kinds("progress") == ["term", "reward parameter", "trace column"]
+    meanings = ["term", "reward parameter", "trace column", "setting"]
+    assert kinds("progress") == meanings
 
 
 def test_a_part_of_a_name_finds_the_names_that_have_it():
@@ -213,7 +219,17 @@ def printed_names() -> set[str]:
     return codes | advice | set(tried) | set(typing.get_args(verdict.Kind)) | examined
 
 
-@pytest.mark.parametrize("name", sorted(printed_names()))
+def chosen_names() -> set[str]:
+    """Every word that a setting, a model's file or --checkpoint takes, and every driver."""
+    drivers = {
+        each.name for each in vars(scripted_drive).values() if isinstance(each, ScriptedDriver)
+    }
+    choices = {word for each in catalogue().values() for word in each.choices}
+    words = {*typing.get_args(CheckpointWord), *typing.get_args(Network), *SENSORS}
+    return drivers | choices | words
+
+
+@pytest.mark.parametrize("name", sorted(printed_names() | chosen_names()))
 def test_every_code_and_name_that_is_printed_is_explained(name):
     assert any(entry.name.casefold() == name.casefold() for entry in explain(name))
 
@@ -222,6 +238,8 @@ def test_every_code_and_name_that_is_printed_is_explained(name):
     "words",
     [
         *["RTF", "sim2real", "overfitting", "snaking", "leaderboard", "free tier", "V-05"],
+        *["eval", "median", "loss p/v", "steps/s", "machine hours", "submissions", "rollouts"],
+        *["SIM_TRACE_LOG", "limit", "queue", "lap complete", "best average of 3 laps"],
         *["out of memory", "unrecognized runtime", "cancels-out"],
     ],
 )

@@ -190,8 +190,10 @@ def test_a_model_with_checkpoints_is_named_when_the_number_changes(
         return
     dr("action-space", "generate", "--angles", angles, "--speeds", "2", "--write")
 
-    assert says in asked[0]
-    assert "DR_LOCAL_S3_MODEL_PREFIX" in asked[0]
+    shown = capsys.readouterr().out
+    assert says in shown
+    assert "DR_LOCAL_S3_MODEL_PREFIX" in shown
+    assert asked[0].endswith("has other actions. Replace them?")  # and does not say it again
 
 
 def test_the_actions_of_a_lap(dr, folder, capsys):

@@ -162,6 +162,25 @@ def test_ctrl_c_detaches_and_says_how_to_come_back(dr, run, make_report, capsys)
     assert "stop" not in run.asked
 
 
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        ("plan.prepare", "Interrupted; no training was started."),
+        ("training.launch", "Interrupted while the workers started; `dr-status` says"),
+    ],
+)
+def test_ctrl_c_before_the_display_says_what_is_left(dr, run, capsys, monkeypatch, place, said):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"drcli.run.{place}", interrupted)
+
+    code = dr("start-training")
+
+    assert code == 130
+    assert said in capsys.readouterr().err
+
+
 def test_a_refusal_starts_nothing_and_ends_with_its_own_code(dr, run, capsys):
     run.refusal = SettingsError("run.env line 1: no.", remedy="Change it.")
 

@@ -1,8 +1,14 @@
 """`dr stop-training` as its caller meets it."""
 
 import json
+import time
 
 import pytest
+
+from drcli.model.lease import write_lease
+from drcli.model.model_store import ModelStore
+from drcli.records.run_record import Lease
+from memory_bucket import MemoryBucket
 
 
 def test_a_stop_says_what_it_stopped_and_how_to_go_on(dr, run, make_report, capsys):
@@ -81,6 +87,22 @@ def test_stopping_nothing_is_harmless_and_takes_one_line(dr, run, capsys):
     assert code == 0
     assert capsys.readouterr().out == "No training is running.\n"
     assert run.asked == []
+
+
+def test_a_training_of_another_folder_is_named_and_not_taken_for_none(dr, run, capsys, monkeypatch):
+    run.running = False
+    bucket = MemoryBucket()
+    lease = Lease("s", "tower", 7, time.time(), machine="another")
+    write_lease(ModelStore(bucket, "rl-deepracer-sagemaker"), lease)
+    monkeypatch.setattr("drcli.run.seen_in_bucket.open_running_bucket", lambda *_: bucket)
+    monkeypatch.setenv("DR_LOCAL_S3_MODEL_PREFIX", "rl-deepracer-sagemaker")
+
+    code = dr("stop-training")
+
+    printed = capsys.readouterr()
+    assert (code, printed.out) == (3, "")
+    assert "rl-deepracer-sagemaker is being trained by process 7 on tower" in printed.err
+    assert "in the folder that started it" in printed.err
 
 
 @pytest.mark.parametrize("flags", [(), ("--json",)])
