@@ -108,8 +108,8 @@ GLOSSARY: Mapping[str, str] = {
     "that machine is gone.",
     "leaving driver": "A driver of `dr-reward check` that leaves the road: what it earns should "
     "be less than a lap.",
-    "limit": "The lap time that the car cannot beat on a track (`dr docs track-limit`). `50 % above "
-    "the limit` takes one and a half times as long.",
+    "limit": "The lap time that the car cannot beat on a track (`dr docs track-limit`). `50 % "
+    "above the limit` takes one and a half times as long.",
     "local optimum": "A habit that is better than everything close to it, but not good: the car is "
     "stuck with it.",
     "loss": "What the learner makes smaller: how wrong the critic is, and how little the policy "
