@@ -100,6 +100,7 @@ function Run({ runId, folder }) {
         ${episodes.error && html`<p class="quiet">${episodes.error.message} The dots are older.</p>`}
       </section>
     </div>
+    ${run.value && !run.error && html`<${Said} list=${notes(run.value).filter(([kind]) => kind === "good")} />`}
     ${
       names.length > 1 &&
       fold(
@@ -214,7 +215,8 @@ export function State({ runId, run, rows, elsewhere, folder }) {
       </div>
       <p class="actions">${actions}</p>
       ${run.state !== "none" || rows.length ? html`<${Tiles} values=${figures(run, rows)} />` : null}
-      <${Said} run=${run} />
+      ${run.limit && html`<p class="quiet live-limit">Best clean lap of the best checkpoint: ${run.limit}.</p>`}
+      <${Said} list=${notes(run).filter(([kind]) => kind !== "good")} />
     </section>`;
 }
 
@@ -243,6 +245,7 @@ function ends(run) {
 function figures(run, rows) {
   const last = rows.at(-1);
   const newest = run.newest_laps;
+  const best = run.best_laps;
   const seconds = (value) => number(value, 2, "s");
   return [
     [
@@ -254,9 +257,7 @@ function figures(run, rows) {
     ["Median clean lap", newest ? seconds(newest.median_s) : "–"],
     [
       "Best checkpoint",
-      (run.best?.metric ?? null) === null
-        ? "–"
-        : [run.best.text, run.limit].filter(Boolean).join("; "),
+      best ? `${best.checkpoint}: ${best.clean} of ${best.laps}, ${seconds(best.median_s)}` : "–",
     ],
     ["Mean reward", number(last?.mean_reward, 1)],
     ["Mean progress", number(last?.mean_progress, 0, "%")],
@@ -309,8 +310,7 @@ function notes(run) {
   ].filter(Boolean);
 }
 
-function Said({ run }) {
-  const list = notes(run);
+function Said({ list }) {
   if (!list.length) return null;
   return html`<div class="live-said"><ul>${list.map(
     ([kind, text, remedy, link]) => html`<li key=${text}>
