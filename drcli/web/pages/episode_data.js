@@ -1,7 +1,7 @@
 // A stored episode on the page: its columns at once, pictures and choices in windows when they are needed.
 
 import { get, getPacked } from "/api.js";
-import { useEffect, useState } from "/ui.js";
+import { signal as changes, useEffect, useState } from "/ui.js";
 
 const WINDOW = 64;
 const EXPLAINED = 16;
@@ -20,7 +20,6 @@ export function useLaps(chosen) {
   const key = chosen.map((each) => new URLSearchParams(each)).join(" ");
   const [state, setState] = useState({ key: "", laps: null, error: null });
   const [tries, setTries] = useState(0);
-  const [, setArrived] = useState(0); // more of an episode is there
   useEffect(() => {
     const own = new AbortController();
     const take = (value) =>
@@ -33,7 +32,6 @@ export function useLaps(chosen) {
             each,
             await get(playPath("open", { model: each.model, trace: each.trace }), own.signal),
             await get(playPath("lap", each), own.signal),
-            () => setArrived((count) => count + 1),
             own.signal,
           ),
         );
@@ -50,10 +48,15 @@ export function useLaps(chosen) {
   return { ...now, key, again: () => setTries(tries + 1) };
 }
 
-/** One episode; `changed` is called whenever more of it is there, or it is looked at in another way. */
+/** One episode; components that ask it are drawn again when its answer may be another one. */
 export class EpisodeData {
-  constructor(query, facts, lap, changed, signal) {
-    Object.assign(this, { query, facts, lap, changed, signal });
+  constructor(query, facts, lap, signal) {
+    this.query = query;
+    this.facts = facts;
+    this.lap = lap;
+    this.signal = signal;
+    /** Changes when more of the episode is there, or it is looked at in another way. */
+    this.version = changes(0);
     this.rows = lap.time_s.length;
     this.checkpoint = facts.policy.available.includes(facts.policy.checkpoint)
       ? facts.policy.checkpoint
@@ -63,7 +66,6 @@ export class EpisodeData {
     this.policyProblem = null;
     this.parts = { steps: new Map(), policy: new Map(), explained: new Map() };
     this.wanted = 0;
-    this.answers = 0; // counts what changes the values of the critic
     this.busy = false;
     const known = new Set(facts.used_parameters);
     this.isUsed = (name) => known.has(name);
@@ -82,7 +84,6 @@ export class EpisodeData {
     this.policyProblem = null;
     this.parts.policy.clear();
     this.parts.explained.clear();
-    this.answers += 1;
     this.#begin();
   }
 
@@ -99,7 +100,7 @@ export class EpisodeData {
   }
 
   #begin() {
-    this.changed();
+    this.version.value += 1;
     this.#next();
   }
 
@@ -138,6 +139,7 @@ export class EpisodeData {
   }
 
   #part(kind, row) {
+    if (this.version.value < 0) return undefined; // reading it is what makes a component follow it
     return this.parts[kind].get(Math.floor(row / (kind === "explained" ? EXPLAINED : WINDOW)));
   }
 
@@ -184,17 +186,14 @@ export class EpisodeData {
       this.busy = false;
     }
     if (this.signal.aborted) return;
-    this.changed();
+    this.version.value += 1;
     this.#next();
   }
 
   #keep(kind, place, part) {
     const parts = this.parts[kind];
     parts.set(place, part);
-    if (kind === "policy") {
-      this.answers += 1;
-      return; // numbers only
-    }
+    if (kind === "policy") return; // numbers only
     for (const old of parts.keys()) {
       if (parts.size <= MOST_WINDOWS) break;
       parts.delete(old);

@@ -34,6 +34,7 @@ export function EpisodePane({ data, row, name, color, links }) {
   const [open, setOpen] = useState(matchMedia("(min-width: 700px)").matches);
   useEffect(() => data.want(row), [data, row]);
   const choice = data.choice(row);
+  const last = useLast(choice && { ...choice, row });
   const state = lap.status[row];
   const problems = [data.problem, data.policyProblem].filter(Boolean);
   const inTrace = lap.step[0] === 1 ? "" : ` (${number(lap.step[row])} in the trace)`;
@@ -49,13 +50,13 @@ export function EpisodePane({ data, row, name, color, links }) {
         <${CameraPicture} data=${data} row=${row} name=${name} />
         <div class="pane-choices">
           <h3>Choice of the policy at this picture</h3>
-          <div class="choices"><${Choices} data=${data} choice=${choice && { ...choice, row }} /></div>
+          <div class="choices">${choicesOf(data, last)}</div>
           <label class="tick">
             <input type="checkbox" checked=${data.explains} disabled=${data.checkpoint === null}
               onChange=${(event) => data.explain(event.currentTarget.checked)} />
             <span>Show which pixels move the action (key E)</span>
           </label>
-          <${PolicyChoice} data=${data} />
+          ${policyChoice(data)}
         </div>
       </div>
       <${Tiles} values=${[
@@ -116,7 +117,7 @@ function CameraPicture({ data, row, name }) {
 }
 
 /** Which checkpoint looks at the pictures. */
-function PolicyChoice({ data }) {
+function policyChoice(data) {
   const { checkpoint, available, sentence } = data.facts.policy;
   const options = available.map((each) => [
     String(each),
@@ -133,8 +134,7 @@ function PolicyChoice({ data }) {
   </div>`;
 }
 
-function Choices({ data, choice }) {
-  const last = useLast(choice);
+function choicesOf(data, last) {
   if (data.policyProblem) return quiet("The policy cannot be asked.");
   if (!data.facts.outline) return quiet("Without the track there are no pictures to ask about.");
   if (data.checkpoint === null) return quiet("No checkpoint looks at the pictures.");

@@ -56,7 +56,7 @@ const KEYS = [
   ["E", "explanation map on and off"],
 ];
 
-/** The names in the query of the first or the second lap. */
+/** The names in the query of the first or the second lap. @param {number} k @param {any} lap */
 const named = (k, { model, trace, episode }) =>
   k
     ? { other_model: model, other_trace: trace, other_episode: episode }
@@ -247,11 +247,11 @@ function Player({ laps, query }) {
         `${two ? `${k + 1}: ` : ""}step ${number(rows[k] + 1)} of ${number(all)}, ${number(lap.time_s[rows[k]], 2)} s, ${number(lap.progress[rows[k]], 1)} %`,
     )
     .join(" · ");
-  const answers = laps.map((data) => data.answers).join(" ");
+  const version = laps.map((data) => data.version.value).join(" ");
   const valued = useMemo(
     () =>
       laps.some((data) => data.checkpoint !== null && data.values().some((each) => each !== null)),
-    [laps, answers],
+    [laps, version],
   );
   const laid = {
     laps,
@@ -267,7 +267,7 @@ function Player({ laps, query }) {
     <div class="lap-curves">
       ${two && html`<${Gain} ...${laid} />`}
       ${CURVES.map((each) => html`<${Curve} key=${each.title} ...${each} ...${laid} />`)}
-      ${valued && html`<${Curve} key="critic" ...${CRITIC} ...${laid} version=${answers} />`}
+      ${valued && html`<${Curve} key="critic" ...${CRITIC} ...${laid} version=${version} />`}
     </div>`;
   const pane = (k) => html`<${EpisodePane} key=${k} data=${laps[k]} row=${rows[k]} name=${NAMES[k]}
     color=${COLORS[k]} links=${paneLinks(laps[k], k, query)} />`;

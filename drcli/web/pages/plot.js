@@ -91,7 +91,7 @@ export function Plot(props) {
     limits = {},
   } = props;
   const plot = useRef(null);
-  const state = useRef({ visible: true, late: false, zoomed: false });
+  const state = useRef({ visible: true, late: false, zoomed: false, stand: () => {} });
   const [hidden, setHidden] = useState([]);
   const [index, setIndex] = useState(null);
   const isShown = (each) =>

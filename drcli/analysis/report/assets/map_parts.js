@@ -19,7 +19,10 @@ export function ramp(stops) {
 /** Turns metres into pixels of the canvas: the whole track, or a part of it. */
 export class Camera {
   constructor([x0, y0, x1, y1]) {
-    Object.assign(this, { x0, y0, x1, y1 });
+    this.x0 = x0;
+    this.y0 = y0;
+    this.x1 = x1;
+    this.y1 = y1;
     this.reset();
   }
 
