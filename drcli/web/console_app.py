@@ -190,7 +190,9 @@ def page_routes() -> list[Route]:
     """Only for files of the package, whatever the path says."""
     known = _collect(files("drcli.web") / "pages", "/")
     shared = files("drcli.analysis.report") / "assets"
-    known.update({f"/{name}": shared / name for name in ("colors.css", "graph_parts.js")})
+    known.update(
+        {f"/{name}": shared / name for name in ("colors.css", "graph_parts.js", "map_parts.js")}
+    )
     known.update(_collect(shared / "uplot", "/vendor/uplot/"))
 
     async def serve(request: Request) -> Response:

@@ -16,6 +16,7 @@ _SCRIPTS = (
     "page.js",
     "graph_parts.js",
     "graphs.js",
+    "map_parts.js",
     "track_map.js",
     "lap_player.js",
     "start.js",

@@ -1,331 +1,158 @@
 // Chooses a stored episode: model, training or evaluation, iteration, worker, episode; all with numbers.
 
-import {
-  andResets,
-  duration,
-  empty,
-  failure,
-  fill,
-  h,
-  lapTime,
-  moment,
-  number,
-  stampText,
-} from "/dom.js";
-import { openTrace, storedModels, storedTraces } from "/episode_data.js";
-
-export const STATUS = {
-  lap_complete: "Lap complete",
-  off_track: "Off track",
-  crashed: "Crashed",
-  immobilized: "Did not move",
-  reversed: "Drove backwards",
-  in_progress: "In progress",
-  pause: "Waits",
-  prepare: "Starts",
-  park: "Parked",
-  time_up: "Time is up",
-  discarded: "Discarded",
-};
+import { playPath } from "/episode_data.js";
+import { setQuery, useGet } from "/store.js";
+import { andResets, duration, lapTime, moment, number, stampText } from "/text.js";
+import { Choice, Empty, Failure, html, useState } from "/ui.js";
 
 const KINDS = { training: "Training", evaluation: "Evaluations", opponent: "Race as the opponent" };
+const MARKS = { best: "good-mark", worst: "bad-mark" };
 
 /** What a trace is called on the page. */
-export function traceTitle({ kind, iteration, worker, stamp }, workers = 1) {
-  if (kind === "training")
-    return `Iteration ${iteration}${workers > 1 || worker ? `, worker ${worker}` : ""}`;
+export function traceTitle({ kind, iteration, worker, stamp }) {
+  if (kind === "training") return `Iteration ${iteration}${worker ? `, worker ${worker}` : ""}`;
   return kind === "evaluation" ? `Evaluation of ${stampText(stamp)}` : "Last race as the opponent";
 }
 
 /**
- * The chooser as an element.
- * @param {{chosen: {model?: string, trace?: string, episode?: string}, link: function(Object): string, action: string}} spec
+ * @param {{chosen: {model?: string, trace?: string, episode?: string}, link: (chosen: Object) => string, action: string}} props
  *   link gives the address of a chosen episode, action is what its link is called.
  */
-export function episodeChooser({ chosen, link, action }, signal) {
-  const state = {
-    models: [],
-    model: chosen.model ?? "",
-    traces: [],
-    kind: "",
-    worker: 0,
-    trace: chosen.trace ?? "",
+export function EpisodeChooser({ chosen, link, action }) {
+  const [picked, pick] = useState({ model: chosen.model, trace: chosen.trace });
+  const listed = useGet(playPath("models"));
+  const { models = [], own = "" } = listed.value ?? {};
+  const model =
+    [picked.model, chosen.model ? "" : own].find((each) => models.includes(each)) ?? models[0];
+  const stored = useGet(model ? playPath("traces", { model }) : null);
+  const traces = stored.value?.traces ?? [];
+  const of = (kind) => traces.filter((each) => each.kind === kind);
+  const trace =
+    traces.find((each) => each.name === picked.trace) ??
+    of("evaluation").at(-1) ??
+    of("training").find((each) => each.iteration === of("training").at(-1).iteration) ??
+    traces.at(-1);
+  const opened = useGet(trace ? playPath("open", { model, trace: trace.name }) : null);
+
+  const take = (found) => pick({ model, trace: found.name });
+  const pickModel = (value) => {
+    pick({ model: value, trace: "" });
+    if (!chosen.trace) setQuery({ model: value });
   };
-  const selects = h("div", { class: "chooser-selects" }),
-    list = h("div", { class: "chooser-episodes", "aria-live": "polite" });
-  const element = h("div", { class: "chooser" }, selects, list);
-  let turn = 0;
-
-  const select = (label, options, value, change) =>
-    h(
-      "label",
-      { class: "pick" },
-      h("span", {}, label),
-      h(
-        "select",
-        { value, change: (event) => change(event.currentTarget.value) },
-        options.map(([each, text]) => h("option", { value: each, selected: each === value }, text)),
-      ),
-    );
-
-  function show() {
-    const { traces, kind } = state,
-      kinds = [...new Set(traces.map((each) => each.kind))];
-    const ofKind = traces.filter((each) => each.kind === kind);
-    const workers = [...new Set(ofKind.map((each) => each.worker))].sort((a, b) => a - b);
-    const shown =
-      kind === "training"
-        ? ofKind.filter((each) => each.worker === state.worker)
-        : [...ofKind].reverse();
-    fill(
-      selects,
-      select(
-        "Model",
-        state.models.map((each) => [each, each]),
-        state.model,
-        (value) => {
-          state.model = value;
-          state.trace = "";
-          readTraces();
-        },
-      ),
-      kinds.length > 1
-        ? select(
-            "Driven in",
-            kinds.map((each) => [each, KINDS[each]]),
-            kind,
-            (value) => {
-              pick(traces.filter((each) => each.kind === value).at(-1));
-            },
-          )
-        : null,
-      workers.length > 1
-        ? select(
-            "Worker",
-            workers.map((each) => [String(each), `Worker ${each}`]),
-            String(state.worker),
-            (value) => {
-              const before = traces.find((each) => each.name === state.trace),
-                own = ofKind.filter((each) => each.worker === Number(value));
-              pick(own.find((each) => each.iteration === before?.iteration) ?? own.at(-1));
-            },
-          )
-        : null,
-      shown.length
-        ? select(
-            kind === "training" ? "Iteration" : "Drive",
-            shown.map((each) => [each.name, optionText(each, kind)]),
-            state.trace,
-            (value) => pick(traces.find((each) => each.name === value)),
-          )
-        : null,
-    );
-  }
-
-  function pick(trace) {
-    if (!trace) return;
-    Object.assign(state, { kind: trace.kind, worker: trace.worker, trace: trace.name });
-    const focused = selects.contains(document.activeElement)
-      ? [...selects.querySelectorAll("select")].indexOf(document.activeElement)
-      : -1;
-    show();
-    if (focused >= 0) selects.querySelectorAll("select")[focused]?.focus();
-    readEpisodes();
-  }
-
-  async function guarded(read) {
-    const mine = ++turn;
-    try {
-      const value = await read();
-      return mine === turn && !signal.aborted ? value : null;
-    } catch (error) {
-      if (mine === turn && !signal.aborted && error.name !== "AbortError") {
-        fill(
-          list,
-          failure(error),
-          h(
-            "p",
-            {},
-            h(
-              "button",
-              {
-                type: "button",
-                click: () =>
-                  state.models.length
-                    ? state.traces.length
-                      ? readEpisodes()
-                      : readTraces()
-                    : start(),
-              },
-              "Try again",
-            ),
-          ),
-        );
-      }
-      return null;
-    }
-  }
-
-  async function start() {
-    fill(list, h("p", { class: "quiet" }, "The models in the bucket are listed …"));
-    const found = await guarded(() => storedModels(signal));
-    if (!found) return;
-    state.models = found.models;
-    if (!found.models.length) {
-      fill(
-        list,
-        empty(
-          "There is no model in the bucket yet. Train one, and every episode that it drives can be played here.",
-          h("a", { class: "button", href: "#/" }, "Open the live page"),
-        ),
-      );
-      return;
-    }
-    if (!state.models.includes(state.model))
-      state.model = chosen.model
-        ? state.models[0]
-        : state.models.includes(found.own)
-          ? found.own
-          : state.models[0];
-    if (chosen.model && state.model !== chosen.model) state.trace = "";
-    readTraces();
-  }
-
-  async function readTraces() {
-    state.traces = [];
-    show();
-    fill(list, h("p", { class: "quiet" }, `The stored episodes of ${state.model} are listed …`));
-    const found = await guarded(() => storedTraces(state.model, signal));
-    if (!found) return;
-    state.traces = found.traces;
-    if (!found.traces.length) {
-      fill(
-        list,
-        empty(
-          `${state.model} has no stored episodes: it was neither trained nor evaluated here, or its traces were deleted (DR_TRAIN_TRACES_MAX_MB).`,
-          h(
-            "a",
-            { class: "button", href: `#/model?${new URLSearchParams({ prefix: state.model })}` },
-            "Open the model",
-          ),
-          "to evaluate it, or run ",
-          h("code", {}, "dr-evaluate"),
-        ),
-      );
-      return;
-    }
-    const training = found.traces.filter((each) => each.kind === "training");
-    const newest = training.at(-1);
-    pick(
-      found.traces.find((each) => each.name === state.trace) ??
-        found.traces.filter((each) => each.kind === "evaluation").at(-1) ??
-        training.find((each) => each.iteration === newest?.iteration) ??
-        found.traces.at(-1),
-    );
-  }
-
-  async function readEpisodes() {
-    fill(
-      list,
-      h("p", { class: "quiet" }, "The episodes are read; the first time this takes some seconds …"),
-    );
-    const facts = await guarded(() => openTrace(state.model, state.trace, signal));
-    if (!facts) return;
-    fill(
-      list,
-      facts.notes.map((note) => h("p", { class: "problem" }, note)),
-      episodeTable(
-        facts,
-        (index) => link({ model: state.model, trace: state.trace, episode: index }),
-        action,
-        chosen.trace === state.trace ? Number(chosen.episode) : -1,
-      ),
-    );
-  }
-
-  start();
-  return element;
+  const kind = trace?.kind;
+  const kinds = Object.keys(KINDS).filter((each) => of(each).length);
+  const workers = [...new Set(of(kind).map((each) => each.worker))].sort((a, b) => a - b);
+  const drives =
+    kind === "training"
+      ? of(kind).filter((each) => each.worker === trace.worker)
+      : of(kind).reverse();
+  const pickWorker = (value) => {
+    const others = of(kind).filter((each) => each.worker === Number(value));
+    take(others.find((each) => each.iteration === trace.iteration) ?? others.at(-1));
+  };
+  const failed = [listed, stored, opened].find((each) => each.error);
+  const wait = (text) => html`<p class="quiet">${text}</p>`;
+  const list = () => {
+    if (failed)
+      return html`<${Failure} error=${failed.error} />
+        <p><button type="button" onClick=${failed.reload}>Try again</button></p>`;
+    if (!listed.value) return wait("The models in the bucket are listed …");
+    if (!models.length)
+      return html`<${Empty} text="There is no model in the bucket yet. Train one, and every episode that it drives can be played here.">
+        <a class="button" href="#/">Open the live page</a><//>`;
+    if (!stored.value) return wait(`The stored episodes of ${model} are listed …`);
+    if (!trace)
+      return html`<${Empty} text=${`${model} has no stored episodes: it was neither trained nor evaluated here, or its traces were deleted (DR_TRAIN_TRACES_MAX_MB).`}>
+        <a class="button" href=${`#/model?${new URLSearchParams({ prefix: model })}`}>Open the model</a>
+        to evaluate it, or run <code>dr-evaluate</code><//>`;
+    if (!opened.value)
+      return wait("The episodes are read; the first time this takes some seconds …");
+    return html`${opened.value.notes.map((note) => html`<p key=${note} class="problem">${note}</p>`)}
+      <${Episodes} facts=${opened.value} action=${action}
+        link=${(episode) => link({ model, trace: trace.name, episode })}
+        current=${chosen.trace === trace.name && chosen.model === model ? Number(chosen.episode) : -1} />`;
+  };
+  return html`
+    <div class="chooser">
+      <div class="chooser-selects">
+        <${Choice} label="Model" options=${models} value=${model} onChange=${pickModel} />
+        ${
+          kinds.length > 1 &&
+          html`<${Choice} key="kind" label="Driven in" options=${kinds.map((each) => [each, KINDS[each]])}
+            value=${kind} onChange=${(value) => take(of(value).at(-1))} />`
+        }
+        ${
+          workers.length > 1 &&
+          html`<${Choice} key="worker" label="Worker" options=${workers.map((each) => [String(each), `Worker ${each}`])}
+            value=${String(trace.worker)} onChange=${pickWorker} />`
+        }
+        ${
+          trace &&
+          html`<${Choice} key="trace" label=${kind === "training" ? "Iteration" : "Drive"} value=${trace.name}
+            options=${drives.map((each) => [each.name, optionText(each)])}
+            onChange=${(value) => take(traces.find((each) => each.name === value))} />`
+        }
+      </div>
+      <div class="chooser-episodes" aria-live="polite">${list()}</div>
+    </div>`;
 }
 
-function optionText(trace, kind) {
+function optionText(trace) {
+  const {
+    mean_progress: progress,
+    mean_reward: reward,
+    clean_laps: clean,
+    full_laps: full,
+  } = trace;
   const numbers = [
-    trace.mean_progress !== null ? `progress ${number(trace.mean_progress, 0)} %` : null,
-    trace.mean_reward !== null ? `reward ${number(trace.mean_reward, 1)}` : null,
-    trace.clean_laps == null ? null : `${trace.clean_laps} clean laps${andResets(trace.resets)}`,
-    trace.clean_laps == null && trace.full_laps ? `${trace.full_laps} clean laps` : null,
-    trace.best_lap_s != null ? `best ${number(trace.best_lap_s, 2)} s` : null,
+    progress !== null && `progress ${number(progress, 0)} %`,
+    reward !== null && `reward ${number(reward, 1)}`,
+    clean != null && `${clean} clean laps${andResets(trace.resets)}`,
+    clean == null && full && `${full} clean laps`,
+    trace.best_lap_s != null && `best ${number(trace.best_lap_s, 2)} s`,
   ]
     .filter(Boolean)
     .join(", ");
-  const name =
-    kind === "training"
-      ? `Iteration ${trace.iteration}`
-      : kind === "evaluation"
-        ? `${stampText(trace.stamp)}${trace.iteration ? ` (${trace.iteration})` : ""}`
-        : moment(trace.modified);
+  const name = {
+    training: () => `Iteration ${trace.iteration}`,
+    evaluation: () => `${stampText(trace.stamp)}${trace.iteration ? ` (${trace.iteration})` : ""}`,
+    opponent: () => moment(trace.modified),
+  }[trace.kind]();
   return numbers ? `${name}: ${numbers}` : name;
 }
 
-function episodeTable(facts, link, action, current) {
-  const heads = ["", "Episode", "Reward", "Progress", "Time", "Ended", "Resets", "Start", "Steps"];
-  const marks = {
-    best: h("strong", { class: "mark good-mark" }, "best"),
-    worst: h("strong", { class: "mark bad-mark" }, "worst"),
-  };
-  const rows = facts.episodes.map((each) =>
-    h(
-      "tr",
-      { class: each.index === current ? "current" : null },
-      h(
-        "td",
-        {},
-        each.index === current
-          ? "shown"
-          : h(
-              "a",
-              {
-                class: "button short",
-                href: link(each.index),
-                "aria-label": `${action} episode ${each.number}`,
-              },
-              action,
-            ),
-      ),
-      h("th", { scope: "row" }, `${each.number} `, marks[each.mark] ?? null),
-      h("td", { class: "number" }, number(each.reward, 1)),
-      h("td", { class: "number" }, number(each.progress, 1, "%")),
-      h("td", { class: "number" }, each.completed ? lapTime(each.seconds) : duration(each.seconds)),
-      h("td", {}, each.text),
-      h("td", { class: "number" }, each.resets),
-      h(
-        "td",
-        { class: "number" },
-        each.start_percent === null
-          ? "–"
-          : `${number(Math.round(each.start_percent) % 100, 0)} % of the lap`,
-      ),
-      h("td", { class: "number" }, each.steps),
-    ),
-  );
-  return h(
-    "div",
-    { class: "scroll", tabindex: "0", role: "region", "aria-label": "Episodes" },
-    h(
-      "table",
-      {},
-      h("caption", {}, `${traceTitle(facts)}${facts.world ? ` on ${facts.world}` : ""}`),
-      h(
-        "thead",
-        {},
-        h(
-          "tr",
-          {},
-          heads.map((head) =>
-            h("th", { scope: "col" }, head || h("span", { class: "unseen" }, "Action")),
-          ),
-        ),
-      ),
-      h("tbody", {}, rows),
-    ),
-  );
+function Episodes({ facts, link, action, current }) {
+  const start = (share) =>
+    share === null ? "–" : `${number(Math.round(share) % 100, 0)} % of the lap`;
+  const title = `${traceTitle(facts)}${facts.world ? ` on ${facts.world}` : ""}`;
+  return html`
+    <div class="scroll" tabindex="0" role="region" aria-label="Episodes">
+      <table>
+        <caption>${title}</caption>
+        <thead><tr>
+          <th scope="col"><span class="unseen">Action</span></th>
+          ${["Episode", "Reward", "Progress", "Time", "Ended", "Resets", "Start", "Steps"].map(
+            (head) => html`<th key=${head} scope="col">${head}</th>`,
+          )}
+        </tr></thead>
+        <tbody>${facts.episodes.map(
+          (each) => html`
+          <tr key=${each.index} class=${each.index === current ? "current" : null}>
+            <td>${
+              each.index === current
+                ? "shown"
+                : html`<a class="button short" href=${link(each.index)} aria-label=${`${action} episode ${each.number}`}>${action}</a>`
+            }</td>
+            <th scope="row">${each.number} ${each.mark && html`<strong class=${`mark ${MARKS[each.mark]}`}>${each.mark}</strong>`}</th>
+            <td class="number">${number(each.reward, 1)}</td>
+            <td class="number">${number(each.progress, 1, "%")}</td>
+            <td class="number">${each.completed ? lapTime(each.seconds) : duration(each.seconds)}</td>
+            <td>${each.text}</td>
+            <td class="number">${each.resets}</td>
+            <td class="number">${start(each.start_percent)}</td>
+            <td class="number">${each.steps}</td>
+          </tr>`,
+        )}</tbody>
+      </table>
+    </div>`;
 }

@@ -1,28 +1,62 @@
 // A stored episode on the page: its columns at once, pictures and choices in windows when they are needed.
 
 import { get, getPacked } from "/api.js";
+import { signal as changes, useEffect, useState } from "/ui.js";
 
 const WINDOW = 64;
 const EXPLAINED = 16;
 const MOST_WINDOWS = 60; // of pictures: about 12 MB
 const MOST_CURVE = 3000; // rows whose choices are fetched before they are looked at, for the curve of the critic
 
-const address = (name, query) => `/api/play/${name}?${new URLSearchParams(query)}`;
+/** The path of a request of the player. @param {string} name @param {Record<string, any>} query */
+export const playPath = (name, query = {}) => `/api/play/${name}?${new URLSearchParams(query)}`;
 
-export const openTrace = (model, trace, signal) => get(address("open", { model, trace }), signal);
-export const storedModels = (signal) => get(address("models", {}), signal);
-export const storedTraces = (model, signal) => get(address("traces", { model }), signal);
+/**
+ * The stored episodes that are asked for; they are read again when others are.
+ * @param {{model: string, trace: string, episode: string}[]} chosen
+ * @returns {{key: string, laps: EpisodeData[] | null, error: any, again: () => void}}
+ */
+export function useLaps(chosen) {
+  const key = chosen.map((each) => new URLSearchParams(each)).join(" ");
+  const [state, setState] = useState({ key: "", laps: null, error: null });
+  const [tries, setTries] = useState(0);
+  useEffect(() => {
+    const own = new AbortController();
+    const take = (value) =>
+      own.signal.aborted || setState({ key, laps: null, error: null, ...value });
+    const read = async () => {
+      const laps = [];
+      for (const each of chosen)
+        laps.push(
+          new EpisodeData(
+            each,
+            await get(playPath("open", { model: each.model, trace: each.trace }), own.signal),
+            await get(playPath("lap", each), own.signal),
+            own.signal,
+          ),
+        );
+      return laps;
+    };
+    take({});
+    read().then(
+      (laps) => take({ laps }),
+      (error) => take({ error }),
+    );
+    return () => own.abort();
+  }, [key, tries]);
+  const now = state.key === key ? state : { laps: null, error: null };
+  return { ...now, key, again: () => setTries(tries + 1) };
+}
 
+/** One episode; components that ask it are drawn again when its answer may be another one. */
 export class EpisodeData {
-  /** Reads trace and lap; `changed` is called whenever something more is there. */
-  static async open({ model, trace, episode }, changed, signal) {
-    const facts = await openTrace(model, trace, signal);
-    const lap = await get(address("lap", { model, trace, episode }), signal);
-    return new EpisodeData({ model, trace, episode }, facts, lap, changed, signal);
-  }
-
-  constructor(query, facts, lap, changed, signal) {
-    Object.assign(this, { query, facts, lap, changed, signal });
+  constructor(query, facts, lap, signal) {
+    this.query = query;
+    this.facts = facts;
+    this.lap = lap;
+    this.signal = signal;
+    /** Changes when more of the episode is there, or it is looked at in another way. */
+    this.version = changes(0);
     this.rows = lap.time_s.length;
     this.checkpoint = facts.policy.available.includes(facts.policy.checkpoint)
       ? facts.policy.checkpoint
@@ -35,7 +69,6 @@ export class EpisodeData {
     this.busy = false;
     const known = new Set(facts.used_parameters);
     this.isUsed = (name) => known.has(name);
-    this.duration = lap.time_s.at(-1);
     this.progress = rising(lap.progress);
   }
 
@@ -51,18 +84,23 @@ export class EpisodeData {
     this.policyProblem = null;
     this.parts.policy.clear();
     this.parts.explained.clear();
-    this.#next();
+    this.#begin();
   }
 
   /** Show the explanation map or not. */
   explain(on) {
     this.explains = on;
-    this.#next();
+    this.#begin();
   }
 
   /** Forget what failed, and try again. */
   retry() {
     this.problem = this.policyProblem = null;
+    this.#begin();
+  }
+
+  #begin() {
+    this.version.value += 1;
     this.#next();
   }
 
@@ -100,13 +138,8 @@ export class EpisodeData {
     return found;
   }
 
-  /** What the critic expects at one row. */
-  valueAt(row) {
-    const choice = this.choice(row);
-    return choice?.value ? choice.value[choice.at] : null;
-  }
-
   #part(kind, row) {
+    if (this.version.value < 0) return undefined; // reading it is what makes a component follow it
     return this.parts[kind].get(Math.floor(row / (kind === "explained" ? EXPLAINED : WINDOW)));
   }
 
@@ -141,12 +174,9 @@ export class EpisodeData {
     const query = { ...this.query, first: place * size, count: size };
     this.busy = true;
     try {
-      const part =
-        kind === "steps"
-          ? await getPacked(address(kind, query), this.signal)
-          : kind === "policy"
-            ? await get(address(kind, { ...query, checkpoint }), this.signal)
-            : await getPacked(address(kind, { ...query, checkpoint }), this.signal);
+      const read = kind === "policy" ? get : getPacked;
+      const looks = kind === "steps" ? query : { ...query, checkpoint };
+      const part = await read(playPath(kind, looks), this.signal);
       if (kind === "steps" || checkpoint === this.checkpoint) this.#keep(kind, place, part);
     } catch (error) {
       if (this.signal.aborted || error.name === "AbortError") return;
@@ -156,7 +186,7 @@ export class EpisodeData {
       this.busy = false;
     }
     if (this.signal.aborted) return;
-    this.changed(kind);
+    this.version.value += 1;
     this.#next();
   }
 

@@ -1,403 +1,217 @@
 // One lap at one step: camera, numbers, choices of the policy, reward and its parameters.
 
-import { failure, fill, h, number, tiles } from "/dom.js";
-import { STATUS, traceTitle } from "/episode_chooser.js";
+import { traceTitle } from "/episode_chooser.js";
+import { capital, number } from "/text.js";
+import { Choice, Failure, Folded, Tiles, html, useEffect, useMemo, useRef, useState } from "/ui.js";
 
-const TILES = [
-  "Step",
-  "Time",
-  "Progress",
-  "Speed driven",
-  "Speed asked for",
-  "Steering",
-  "Reward",
-  "Reward so far",
-  "State",
-  "Critic expects",
-];
+const STATUS = {
+  immobilized: "Did not move",
+  reversed: "Drove backwards",
+  pause: "Waits",
+  prepare: "Starts",
+  park: "Parked",
+  time_up: "Time is up",
+};
+const quiet = (...text) => html`<p class="quiet">${text}</p>`;
 
-/** The pane of an episode; returns its element and `show(row)`. */
-export function episodePane(data, { name, color, links }, signal) {
-  const { facts, lap } = data,
-    summary = facts.episodes[Number(data.query.episode)];
-  const eyes = Math.max(facts.eyes, 1);
-  const canvas = h("canvas", {
-    width: 160 * eyes,
-    height: 120,
-    role: "img",
-    "aria-label": `Camera of the ${name}`,
-  });
-  const caption = h("p", { class: "camera-note quiet" }, " ");
-  const [figures, setFigures] = tiles(TILES);
-  const bars = h("div", { class: "choices" }),
-    parameters = h("div", { class: "parameters" }),
-    trouble = h("div", {});
-  const explain = h("input", {
-    type: "checkbox",
-    change: () => {
-      data.explain(explain.checked);
-      show(shown);
-    },
-  });
-  const total = sums(lap.reward);
-  const choose = policySelect(data, () => show(shown));
-  const element = h(
-    "section",
-    { class: "episode-pane", "aria-label": `${name}: ${data.query.model}` },
-    h(
-      "h2",
-      {},
-      h("span", { class: `swatch ink-${color}` }),
-      `${traceTitle(facts)}, episode ${summary?.number ?? ""}`,
-    ),
-    h(
-      "p",
-      { class: "quiet" },
-      `${data.query.model}${facts.world ? ` on ${facts.world}` : ""}: ${summary?.text ?? ""}, progress ${number(summary?.progress, 1, "%")}, ${number(summary?.seconds, 2, "s")}`,
-    ),
-    facts.notes.map((note) => h("p", { class: "problem" }, note)),
-    trouble,
-    h("p", { class: "actions" }, links),
-    h(
-      "div",
-      { class: "pane-columns" },
-      h("figure", { class: "camera" }, canvas, caption),
-      h(
-        "div",
-        { class: "pane-choices" },
-        h("h3", {}, "Choice of the policy at this picture"),
-        bars,
-        h(
-          "label",
-          { class: "tick" },
-          explain,
-          h("span", {}, "Show which pixels move the action (key E)"),
-        ),
-        choose,
-      ),
-    ),
-    figures,
-    h(
-      "details",
-      { class: "parameter-list", open: matchMedia("(min-width: 700px)").matches },
-      h("summary", {}, "Reward parameters of this step"),
-      parameters,
-    ),
-  );
-  if (data.checkpoint === null) explain.disabled = true;
-  let shown = 0,
-    turn = 0,
-    painted = null;
+/** The newest value that was there: what is shown stays while the next is fetched. */
+function useLast(value) {
+  const last = useRef(null);
+  if (value) last.current = value;
+  return last.current;
+}
 
-  async function paint(row) {
-    const { blob, explained } = data.picture(row);
-    if (!facts.outline) {
-      caption.textContent = "The track is not known here, so there are no pictures.";
-      return;
-    }
-    if (blob === null) {
-      caption.textContent = data.problem ? "There is no picture." : "The picture is drawn …";
-      return;
-    }
-    caption.textContent = explained
-      ? "Camera with the pixels that move the action: yellow most."
-      : data.explains && data.checkpoint !== null && !data.policyProblem
-        ? "The map is computed …"
-        : "Camera, drawn again from the recorded pose.";
-    if (blob === painted) return;
-    const mine = ++turn;
-    try {
-      const bitmap = await createImageBitmap(blob);
-      if (mine !== turn || signal.aborted) return;
-      if (canvas.width !== bitmap.width) canvas.width = bitmap.width;
-      canvas.getContext("2d").drawImage(bitmap, 0, 0);
-      bitmap.close();
-      painted = blob;
-    } catch {
-      caption.textContent = "This picture is damaged.";
-    }
-  }
+/**
+ * @param {{data: any, row: number, name: string, color: string, links: any}} props data: the EpisodeData
+ */
+export function EpisodePane({ data, row, name, color, links }) {
+  const { facts, lap } = data;
+  const summary = facts.episodes[Number(data.query.episode)];
+  const total = useMemo(() => {
+    let sum = 0;
+    return lap.reward.map((value) => (sum += value ?? 0));
+  }, [lap]);
+  const [open, setOpen] = useState(matchMedia("(min-width: 700px)").matches);
+  useEffect(() => data.want(row), [data, row]);
+  const choice = data.choice(row);
+  const last = useLast(choice && { ...choice, row });
+  const state = lap.status[row];
+  const problems = [data.problem, data.policyProblem].filter(Boolean);
+  const inTrace = lap.step[0] === 1 ? "" : ` (${number(lap.step[row])} in the trace)`;
+  return html`
+    <section class="episode-pane" aria-label=${`${name}: ${data.query.model}`}>
+      <h2><span class=${`swatch ink-${color}`}></span>${traceTitle(facts)}, episode ${summary?.number}</h2>
+      <p class="quiet">${`${data.query.model}${facts.world ? ` on ${facts.world}` : ""}: ${summary?.text ?? ""}, progress ${number(summary?.progress, 1, "%")}, ${number(summary?.seconds, 2, "s")}`}</p>
+      ${facts.notes.map((note) => html`<p key=${note} class="problem">${note}</p>`)}
+      ${problems.map((error) => html`<${Failure} key=${error.message} error=${error} />`)}
+      ${problems.length > 0 && html`<p><button type="button" onClick=${() => data.retry()}>Try again</button></p>`}
+      <p class="actions">${links}</p>
+      <div class="pane-columns">
+        <${CameraPicture} data=${data} row=${row} name=${name} />
+        <div class="pane-choices">
+          <h3>Choice of the policy at this picture</h3>
+          <div class="choices">${choicesOf(data, last)}</div>
+          <label class="tick">
+            <input type="checkbox" checked=${data.explains} disabled=${data.checkpoint === null}
+              onChange=${(event) => data.explain(event.currentTarget.checked)} />
+            <span>Show which pixels move the action (key E)</span>
+          </label>
+          ${policyChoice(data)}
+        </div>
+      </div>
+      <${Tiles} values=${[
+        ["Step", `${row + 1} of ${data.rows}${inTrace}`],
+        ["Time", number(lap.time_s[row], 2, "s")],
+        ["Progress", number(lap.progress[row], 1, "%")],
+        ["Speed driven", number(lap.driven_mps[row], 2, "m/s")],
+        ["Speed asked for", number(lap.speed_mps[row], 2, "m/s")],
+        ["Steering", `${number(lap.steering_deg[row], 1)}°`],
+        ["Reward", number(lap.reward[row], 4)],
+        ["Reward so far", number(total[row], 2)],
+        ["State", STATUS[state] ?? capital(state.replaceAll("_", " "))],
+        ["Critic expects", choice?.value ? number(choice.value[choice.at], 2) : "–"],
+      ]} />
+      <${Folded} title="Reward parameters of this step" open=${open} onToggle=${setOpen}>
+        <div class="parameters"><${Parameters} data=${data} row=${row} /></div>
+      <//>
+    </section>`;
+}
 
-  function show(row) {
-    shown = row;
-    explain.checked = data.explains;
-    explain.disabled = data.checkpoint === null;
-    data.want(row);
-    paint(row);
-    const choice = data.choice(row);
-    setFigures([
-      lap.step[0] === 1
-        ? `${row + 1} of ${data.rows}`
-        : `${row + 1} of ${data.rows} (${number(lap.step[row])} in the trace)`,
-      number(lap.time_s[row], 2, "s"),
-      number(lap.progress[row], 1, "%"),
-      number(lap.driven_mps[row], 2, "m/s"),
-      number(lap.speed_mps[row], 2, "m/s"),
-      `${number(lap.steering_deg[row], 1)}°`,
-      number(lap.reward[row], 4),
-      number(total[row], 2),
-      STATUS[lap.status[row]] ?? lap.status[row],
-      choice?.value ? number(choice.value[choice.at], 2) : "–",
-    ]);
-    showChoices(bars, data, row, choice);
-    showParameters(parameters, data, row);
-    const problems = [data.problem, data.policyProblem].filter(Boolean);
-    if (problems.length !== trouble.childElementCount / 2) {
-      fill(
-        trouble,
-        problems.flatMap((error) => [
-          failure(error),
-          h(
-            "p",
-            {},
-            h(
-              "button",
-              {
-                type: "button",
-                click: () => {
-                  data.retry();
-                  show(shown);
-                },
-              },
-              "Try again",
-            ),
-          ),
-        ]),
-      );
-    }
-  }
-
-  return {
-    element,
-    show,
-    toggleExplanation() {
-      if (!explain.disabled) {
-        data.explain(!data.explains);
-        show(shown);
+function CameraPicture({ data, row, name }) {
+  const canvas = useRef(null);
+  const [damaged, setDamaged] = useState(null);
+  const { blob, explained } = data.picture(row);
+  useEffect(() => {
+    let here = true;
+    const draw = async () => {
+      try {
+        const bitmap = await createImageBitmap(blob);
+        if (!here) return;
+        if (canvas.current.width !== bitmap.width) canvas.current.width = bitmap.width;
+        canvas.current.getContext("2d").drawImage(bitmap, 0, 0);
+        bitmap.close();
+      } catch {
+        if (here) setDamaged(blob);
       }
-    },
+    };
+    if (blob) draw();
+    return () => {
+      here = false;
+    };
+  }, [blob]);
+  const note = () => {
+    if (!data.facts.outline) return "The track is not known here, so there are no pictures.";
+    if (!blob) return data.problem ? "There is no picture." : "The picture is drawn …";
+    if (blob === damaged) return "This picture is damaged.";
+    if (explained) return "Camera with the pixels that move the action: yellow most.";
+    return data.explains && data.checkpoint !== null && !data.policyProblem
+      ? "The map is computed …"
+      : "Camera, drawn again from the recorded pose.";
   };
+  return html`
+    <figure class="camera">
+      <canvas ref=${canvas} width=${160 * Math.max(data.facts.eyes, 1)} height="120" role="img"
+        aria-label=${`Camera of the ${name} at step ${row + 1}`}></canvas>
+      <p class="camera-note quiet">${note()}</p>
+    </figure>`;
 }
 
 /** Which checkpoint looks at the pictures. */
-function policySelect(data, changed) {
+function policyChoice(data) {
   const { checkpoint, available, sentence } = data.facts.policy;
-  const note = sentence ? h("p", { class: "quiet" }, sentence) : null;
-  if (!available.length) return note;
-  const text = (number) => (number === checkpoint ? `${number} (drove this)` : `${number}`);
-  const select = h(
-    "select",
-    {
-      change: () => {
-        data.look(select.value === "" ? null : Number(select.value));
-        changed();
-      },
-    },
-    h("option", { value: "" }, "none"),
-    available.map((each) =>
-      h("option", { value: String(each), selected: each === data.checkpoint }, text(each)),
-    ),
-  );
-  return h(
-    "div",
-    {},
-    note,
-    h("label", { class: "pick" }, h("span", {}, "Checkpoint that looks"), select),
-  );
+  const options = available.map((each) => [
+    String(each),
+    each === checkpoint ? `${each} (drove this)` : String(each),
+  ]);
+  return html`<div>
+    ${sentence && quiet(sentence)}
+    ${
+      available.length > 0 &&
+      html`<${Choice} label="Checkpoint that looks" options=${[["", "none"], ...options]}
+        value=${String(data.checkpoint ?? "")}
+        onChange=${(value) => data.look(value === "" ? null : Number(value))} />`
+    }
+  </div>`;
 }
 
-function showChoices(place, data, row, choice) {
-  if (data.checkpoint === null || data.policyProblem || !data.facts.outline) {
-    fill(
-      place,
-      h(
-        "p",
-        { class: "quiet" },
-        data.policyProblem
-          ? "The policy cannot be asked."
-          : !data.facts.outline
-            ? "Without the track there are no pictures to ask about."
-            : "No checkpoint looks at the pictures.",
-      ),
-    );
-    return;
-  }
-  if (!choice) {
-    if (!place.childElementCount)
-      fill(
-        place,
-        h(
-          "p",
-          { class: "quiet" },
-          "The policy is loaded and asked; the first time this takes some seconds …",
-        ),
-      );
-    return;
-  }
-  const next = row + 1 < data.rows ? row + 1 : null;
-  if (choice.actions) discrete(place, data, choice, next);
-  else continuous(place, data, choice, next);
+function choicesOf(data, last) {
+  if (data.policyProblem) return quiet("The policy cannot be asked.");
+  if (!data.facts.outline) return quiet("Without the track there are no pictures to ask about.");
+  if (data.checkpoint === null) return quiet("No checkpoint looks at the pictures.");
+  if (!last)
+    return quiet("The policy is loaded and asked; the first time this takes some seconds …");
+  const next = last.row + 1 < data.rows ? last.row + 1 : null;
+  return html`<${last.actions ? Discrete : Continuous} lap=${data.lap} choice=${last} next=${next} />`;
 }
 
-function discrete(place, data, choice, next) {
-  const taken = next === null ? -1 : Number.parseInt(data.lap.action[next], 10),
-    shares = choice.probabilities[choice.at];
-  if (place.dataset.rows !== String(shares.length)) {
-    place.dataset.rows = String(shares.length);
-    fill(
-      place,
-      h(
-        "ol",
-        { class: "bars" },
-        choice.actions.map(([angle, speed]) =>
-          h(
-            "li",
-            {},
-            h("span", { class: "bar-name" }, `${number(angle, 0)}°, ${number(speed, 1)} m/s`),
-            h("span", { class: "bar-room" }, h("span", { class: "bar-fill" })),
-            h("span", { class: "bar-value" }),
-          ),
-        ),
-      ),
-      h("p", { class: "choice-note quiet" }),
-    );
-  }
+function Discrete({ lap, choice, next }) {
+  const taken = next === null ? -1 : Number.parseInt(lap.action[next], 10);
+  const shares = choice.probabilities[choice.at];
   const most = Math.max(...shares);
-  [...place.firstChild.children].forEach((item, k) => {
-    item.classList.toggle("taken", k === taken);
-    item.classList.toggle("most", shares[k] === most);
-    item.querySelector(".bar-fill").style.setProperty("transform", `scaleX(${shares[k]})`);
-    item.querySelector(".bar-value").textContent =
-      `${number(100 * shares[k], 1)} %${k === taken ? " driven" : ""}`;
-  });
   const note =
     next === null
       ? "The episode ends here, so no further action was driven."
-      : taken >= 0 && taken < shares.length
-        ? "“driven” is the action that followed this picture."
-        : "";
-  place.querySelector(".choice-note").textContent = [note, choice.no_value]
-    .filter(Boolean)
-    .join(" ");
+      : shares[taken] === undefined
+        ? ""
+        : "“driven” is the action that followed this picture.";
+  return html`
+    <ol class="bars" start="0">${choice.actions.map(
+      ([angle, speed], k) => html`
+      <li key=${k} class=${`${k === taken ? "taken" : ""} ${shares[k] === most ? "most" : ""}`}>
+        <span class="bar-name">${k}: ${number(angle, 0)}°, ${number(speed, 1)} m/s</span>
+        <span class="bar-room"><span class="bar-fill" style=${{ transform: `scaleX(${shares[k]})` }}></span></span>
+        <span class="bar-value">${number(100 * shares[k], 1)} %${k === taken ? " driven" : ""}</span>
+      </li>`,
+    )}</ol>
+    <p class="choice-note quiet">${[note, choice.no_value].filter(Boolean).join(" ")}</p>`;
 }
 
-function continuous(place, data, choice, next) {
-  delete place.dataset.rows;
-  const { at, low, high } = choice,
-    spread = (k) =>
-      low && high ? ` (${number(low[at][k], 1)} to ${number(high[at][k], 1)} in training)` : "";
-  const driven =
-    next === null
-      ? ["–", "–"]
-      : [`${number(data.lap.steering_deg[next], 1)}°`, number(data.lap.speed_mps[next], 2, "m/s")];
-  fill(
-    place,
-    h(
-      "table",
-      {},
-      h(
-        "thead",
-        {},
-        h(
-          "tr",
-          {},
-          ["", "Asked for", "Driven next"].map((head) => h("th", { scope: "col" }, head)),
-        ),
-      ),
-      h(
-        "tbody",
-        {},
-        h(
-          "tr",
-          {},
-          h("th", { scope: "row" }, "Steering"),
-          h("td", {}, `${number(choice.steering_deg[at], 1)}°${spread(0)}`),
-          h("td", {}, driven[0]),
-        ),
-        h(
-          "tr",
-          {},
-          h("th", { scope: "row" }, "Speed"),
-          h("td", {}, `${number(choice.speed_mps[at], 2)} m/s${spread(1)}`),
-          h("td", {}, driven[1]),
-        ),
-      ),
-    ),
-    choice.no_value ? h("p", { class: "quiet" }, choice.no_value) : null,
-  );
+function Continuous({ lap, choice, next }) {
+  const { at, low, high } = choice;
+  const spread = (k) =>
+    low && high ? ` (${number(low[at][k], 1)} to ${number(high[at][k], 1)} in training)` : "";
+  const rows = [
+    ["Steering", `${number(choice.steering_deg[at], 1)}°`, lap.steering_deg, 1, "°"],
+    ["Speed", `${number(choice.speed_mps[at], 2)} m/s`, lap.speed_mps, 2, " m/s"],
+  ];
+  return html`
+    <table>
+      <thead><tr><td></td><th scope="col">Asked for</th><th scope="col">Driven next</th></tr></thead>
+      <tbody>${rows.map(
+        ([name, asked, driven, digits, unit], k) => html`
+        <tr key=${name}><th scope="row">${name}</th><td>${asked}${spread(k)}</td>
+          <td>${next === null ? "–" : `${number(driven[next], digits)}${unit}`}</td></tr>`,
+      )}</tbody>
+    </table>
+    ${choice.no_value && quiet(choice.no_value)}`;
 }
 
-function showParameters(place, data, row) {
-  const found = data.parameters(row);
-  if (!found) {
-    if (!place.childElementCount || !data.facts.outline)
-      fill(
-        place,
-        h(
-          "p",
-          { class: "quiet" },
-          data.facts.outline
-            ? "The parameters are computed …"
-            : "The track is not known here, so the parameters cannot be worked out.",
-        ),
-      );
-    return;
-  }
-  const names = [...Object.keys(found.columns), ...Object.keys(found.constants)].sort(
+function Parameters({ data, row }) {
+  const found = useLast(data.parameters(row));
+  const { outline } = data.facts;
+  if (!outline)
+    return quiet("The track is not known here, so the parameters cannot be worked out.");
+  if (!found) return quiet("The parameters are computed …");
+  const { columns, constants, at } = found;
+  const values = { ...constants };
+  for (const name of Object.keys(columns)) values[name] = columns[name][at];
+  const names = [...Object.keys(columns), ...Object.keys(constants)].sort(
     (a, b) => Number(data.isUsed(b)) - Number(data.isUsed(a)),
   );
-  const key = names.join();
-  if (place.dataset.names !== key) {
-    place.dataset.names = key;
-    const unknown = Object.entries(found.unknown);
-    const waypoints = data.facts.outline
-      ? `waypoints: ${data.facts.outline.center.length} points of the centre line, drawn on the map.`
-      : "";
-    fill(
-      place,
-      h(
-        "dl",
-        { class: "parameter-grid" },
-        names.map((name) =>
-          h(
-            "div",
-            { class: data.isUsed(name) ? "used" : null },
-            h("dt", {}, name),
-            h("dd", { "data-name": name }),
-          ),
-        ),
-      ),
-      h(
-        "p",
-        { class: "quiet" },
-        names.some(data.isUsed)
-          ? "Those with a bar at their side are named in the reward function of the model. "
-          : "",
-        waypoints,
-      ),
-      unknown.length
-        ? h(
-            "p",
-            { class: "quiet" },
-            "Not known: ",
-            [...new Set(unknown.map(([, why]) => why))].map(
-              (why) =>
-                `${unknown
-                  .filter(([, each]) => each === why)
-                  .map(([name]) => name)
-                  .join(", ")}: ${why} `,
-            ),
-          )
-        : null,
-    );
-  }
-  for (const cell of place.querySelectorAll("dd")) {
-    const { name } = cell.dataset,
-      text = valueText(
-        name in found.columns ? found.columns[name][found.at] : found.constants[name],
-      );
-    if (cell.textContent !== text) cell.textContent = text;
-  }
+  const unknown = Object.groupBy(Object.keys(found.unknown), (name) => found.unknown[name]);
+  const reasons = Object.entries(unknown).map(([why, of]) => `${of.join(", ")}: ${why}`);
+  return html`
+    <dl class="parameter-grid">${names.map(
+      (name) => html`<div key=${name} class=${data.isUsed(name) ? "used" : null}>
+        <dt>${name}</dt><dd data-name=${name}>${valueText(values[name])}</dd></div>`,
+    )}</dl>
+    ${quiet(
+      names.some(data.isUsed)
+        ? "Those with a bar at their side are named in the reward function of the model. "
+        : "",
+      `waypoints: ${outline.center.length} points of the centre line, drawn on the map.`,
+    )}
+    ${reasons.length > 0 && quiet(`Not known: ${reasons.join(" ")}`)}`;
 }
 
 function valueText(value) {
@@ -406,9 +220,4 @@ function valueText(value) {
   if (Array.isArray(value))
     return value.length > 8 ? `${value.length} values` : `[${value.map(valueText).join(", ")}]`;
   return String(value);
-}
-
-function sums(values) {
-  let sum = 0;
-  return values.map((value) => (sum += value ?? 0));
 }

@@ -21,7 +21,7 @@ import { html, useEffect, useLayoutEffect, useRef, useSeen, useState } from "/ui
 const groupOf = (each) => each.group ?? each.name;
 
 /** Axes, scales and series as uPlot takes them. */
-function optionsOf({ x, series, axes, limits, isShown }) {
+function optionsOf({ x, series, axes, limits, isShown, seeks }) {
   const font = "12px system-ui";
   const line = ink("line");
   const axis = {
@@ -34,7 +34,7 @@ function optionsOf({ x, series, axes, limits, isShown }) {
   const right = { ...named(axes.right), scale: "right", side: 1, grid: { show: false }, size: 46 };
   return {
     legend: { show: false },
-    cursor: { drag: { x: true, y: false } },
+    cursor: { drag: { x: !seeks, y: false }, points: { show: !seeks } },
     scales: {
       x: {
         time: false,
@@ -44,7 +44,7 @@ function optionsOf({ x, series, axes, limits, isShown }) {
       right: limits.right ? { range: limits.right } : {},
     },
     axes: [
-      x === "Iteration" ? { ...axis, incrs: WHOLE_STEPS } : axis,
+      x === "Iteration" ? { ...axis, incrs: WHOLE_STEPS } : { ...named(axes.x), size: seeks ? 32 : 50 },
       { ...named(axes.left), size: 52 },
       ...(series.some((each) => each.axis) ? [right] : []),
     ],
@@ -73,9 +73,11 @@ function optionsOf({ x, series, axes, limits, isShown }) {
 /**
  * A plot of series over x, with toggles and a line that reads the values under the pointer.
  * @param {{title: string, hint?: string, x?: string, height?: number, series: Series[], data: any[][],
- *   axes?: {left?: string, right?: string}, limits?: {y?: number[], right?: number[]},
- *   mark?: {x: number, text: string} | null, read?: (index: number | null) => string, nothing?: string}} props
- *   `data` is x and a list for each series; `read` says what is at an index, or last, instead of the values.
+ *   axes?: {x?: string, left?: string, right?: string}, limits?: {y?: number[], right?: number[]},
+ *   mark?: {x: number, text: string} | null, read?: (index: number | null) => string, nothing?: string,
+ *   at?: number, seek?: (x: number) => void}} props
+ *   `data` is x and a list for each series; `read` says what is at an index, or last, instead of the values;
+ *   a line stands at the x of `at`, and `seek` gets the x of a click.
  */
 export function Plot(props) {
   const {
@@ -89,7 +91,7 @@ export function Plot(props) {
     limits = {},
   } = props;
   const plot = useRef(null);
-  const state = useRef({ visible: true, late: false, zoomed: false });
+  const state = useRef({ visible: true, late: false, zoomed: false, stand: () => {} });
   const [hidden, setHidden] = useState([]);
   const [index, setIndex] = useState(null);
   const isShown = (each) =>
@@ -116,10 +118,16 @@ export function Plot(props) {
 
   useLayoutEffect(() => {
     const element = place.current;
+    const line = Object.assign(document.createElement("div"), { className: "plot-at" });
     state.current.zoomed = false;
+    state.current.stand = () => {
+      const { at = null } = newest.current;
+      line.hidden = at === null;
+      line.style.transform = `translateX(${Math.round(self.valToPos(at ?? 0, "x"))}px)`;
+    };
     const self = new uPlot(
       {
-        ...optionsOf({ x, series, axes, limits, isShown }),
+        ...optionsOf({ x, series, axes, limits, isShown, seeks: Boolean(props.seek) }),
         width: Math.max(element.clientWidth, 200),
         height,
         hooks: {
@@ -128,6 +136,7 @@ export function Plot(props) {
           draw: [
             (each) => {
               const { mark } = newest.current;
+              state.current.stand();
               if (mark)
                 drawMark(each, mark.x, mark.text, { ink: ink("good"), paper: ink("paper") });
             },
@@ -136,6 +145,10 @@ export function Plot(props) {
       },
       newest.current.data,
       element,
+    );
+    self.over.append(line);
+    self.over.addEventListener("click", (event) =>
+      newest.current.seek?.(self.posToVal(event.offsetX, "x")),
     );
     self.over.addEventListener("dblclick", () => (state.current.zoomed = false));
     plot.current = self;
@@ -153,6 +166,8 @@ export function Plot(props) {
     const frame = requestAnimationFrame(draw);
     return () => cancelAnimationFrame(frame);
   }, [data, props.mark?.x]);
+
+  useEffect(() => state.current.stand(), [props.at]);
 
   const text = readout(props, index);
   useEffect(() => {

@@ -75,6 +75,38 @@ def test_two_laps_fit_side_by_side(console, visit):
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+def test_choices_are_in_the_address_and_pictures_say_what_they_show(console, visit):
+    other = {"other_model": MODEL, "other_trace": EVALUATION, "other_episode": 0}
+    page = visit(address(console, model=MODEL, trace=EVALUATION, episode=1, **other)).page
+
+    page.get_by_role("img", name="Speed driven: from").wait_for()
+    page.get_by_label("Path shows").select_option("action")
+    page.get_by_role("img", name="Number of the action: from").wait_for()
+    page.get_by_label("Align by").select_option("progress")
+    page.reload()
+    page.get_by_role("img", name="Number of the action: from").wait_for()
+    assert page.get_by_label("Align by").input_value() == "progress"
+    page.get_by_role("link", name="Remove the second lap").click()
+    page.locator(".episode-pane").nth(1).wait_for(state="detached")
+    page.get_by_role("img", name="Number of the action: from").wait_for()
+
+
+def test_the_time_that_a_lap_gains_is_told_and_sought(console, visit):
+    episode = {"other_model": MODEL, "other_trace": EVALUATION}
+    query = {"model": MODEL, "trace": EVALUATION, "episode": 0}
+    page = visit(address(console, **query, other_episode=1, **episode)).page
+
+    gained = page.locator("figure", has_text="Time that the second lap gains")
+    gained.get_by_text("the second lap is").wait_for()
+    before = page.locator(".position").text_content()
+    gained.locator(".u-over").click()
+    page.wait_for_function(
+        "old => document.querySelector('.position').textContent !== old", arg=before
+    )
+    told = gained.locator(".readout").text_content()
+    assert gained.get_by_role("img").get_attribute("aria-label").endswith(told)
+
+
 def test_what_is_wrong_is_a_sentence(console, visit):
     visited = visit(address(console, model=MODEL, trace="x/../y", episode=0))
 

@@ -170,11 +170,12 @@ function startMap(room) {
     camera.fit(width, height);
     ctx.setTransform(dots, 0, 0, dots, 0, 0);
     ctx.clearRect(0, 0, width, height);
-    drawRoad(ctx, camera, map);
+    drawRoad(ctx, camera, map, color);
     if ((period() >= 0 && !ownColors()) || paint.value === "visits") {
       drawCells(ctx, camera, map, Math.max(period(), 0), paint.value);
     }
-    drawBorders(ctx, camera, map);
+    drawBorders(ctx, camera, map, color);
+    drawWaypoints(ctx, camera, map, color);
     const laps = shownLaps(),
       many = laps.length > 6;
     for (const lap of laps) {
@@ -195,9 +196,10 @@ function startMap(room) {
     }
     drawEnds(ctx, camera, map, wantedEnds());
     if (laps.length && (state.playing || state.now < state.most)) {
-      for (const lap of laps) drawCar(ctx, camera, ...poseAt(lap, state.now), color(ink(lap)));
+      for (const lap of laps)
+        drawCar(ctx, camera, ...poseAt(lap, state.now), color(ink(lap)), color);
     } else if (laps.includes(state.focus) && laps.length > 1) {
-      drawCar(ctx, camera, ...poseAt(state.focus, state.now), color(ink(state.focus)));
+      drawCar(ctx, camera, ...poseAt(state.focus, state.now), color(ink(state.focus)), color);
     }
   }
 
