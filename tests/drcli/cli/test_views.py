@@ -192,7 +192,7 @@ def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
     assert commands("failed", 7.6) == []
     assert "dr-video --checkpoint best" in commands()
     unknown = make_report("finished", 2, best_laps=None)
-    offered = [command for command, _ in training_display.next_commands(unknown, "model")]
+    offered = [command for command, _ in training_display.next_commands(unknown)]
     assert "dr-video --checkpoint last" in offered  # the best one is the untrained one yet
 
 

@@ -56,6 +56,7 @@ from drcli.records.training_record import Pretrained
 from drcli.rewards.check import DriverReport, Extreme, ParameterReport, RewardReport, TimeReport
 from drcli.rewards.compare import ComparisonReport, DriverComparison, PlaceComparison
 from drcli.rewards.pictures import PlotReport
+from drcli.run import resume_or_start
 from drcli.run.evaluation_loop import BestLap, LoopReport
 from drcli.run.evaluation_report import EvaluationReport, TrialReport, compare, laps_report
 from drcli.run.increment import Increment
@@ -249,6 +250,8 @@ def run(
 ) -> PaperRun:
     """The run of the working folder, with nothing started yet."""
     paper = PaperRun(working_folder, make_report("none", pid=None))
+    # What takes it by its name, if it was first loaded now, would keep the paper one.
+    assert resume_or_start.prepare
     monkeypatch.setattr("drcli.run.plan.prepare", paper.prepare)
     for name in ("launch", "supervise_job"):
         monkeypatch.setattr(f"drcli.run.training.{name}", getattr(paper, name))
