@@ -22,6 +22,7 @@ export const title = "Race night";
 const SLIDE_MS = 12_000;
 const LAST_MS = 15_000;
 const REST_MS = 4000;
+const START_S = 5; // after it, a worker has its live view
 const ROWS = 8; // more become too small to be read from far away
 const SPLITS = [100 / 3, 200 / 3];
 const narrow = matchMedia("(max-width: 900px)");
@@ -122,7 +123,7 @@ function Night({ id, race, trouble }) {
   const classes = [
     "night",
     alone && "night-alone",
-    cars.topic && "night-live",
+    (cars.topic || cars.scene) && "night-live",
     wakes > 0 && resting === wakes && "night-still",
   ];
   return html`
@@ -155,8 +156,12 @@ function useDrivers(race) {
   const { driving } = race.moments;
   const live = driving && pageSeen.value ? race.live : null;
   const topic = live && `live:${live.run_id}:${live.worker}`;
-  const scene = useTopic(topic && `${topic}:scene`).value?.scene ?? null;
+  const told = useTopic(topic && `${topic}:scene`).value?.scene;
   const seen = useRef(new Map());
+  // The last scene stays until the result is there: a film may be made first.
+  const kept = useRef(null);
+  if (told && driving) kept.current = { key: driving.key, scene: told };
+  const scene = kept.current?.key === driving?.key ? (kept.current?.scene ?? null) : null;
   const drivers = useMemo(() => {
     if (!driving) seen.current.clear();
     return (driving?.cars ?? []).map((car) => {
@@ -200,11 +205,7 @@ const clock = (seconds) =>
 function boardRows(race, drivers) {
   const rows = race.leaderboard.map((row) => ({
     ...{ racer: row.racer, rank: row.rank, seconds: row.score_s, score: scoreText(race, row) },
-    gap: inPairs(race)
-      ? `best lap ${row.best_lap_text}`
-      : row.rank === null
-        ? "not qualified"
-        : gapText(row),
+    gap: inPairs(race) ? `best lap ${row.best_lap_text}` : gapText(row),
     drives: drivers.some((car) => car.racer === row.racer),
   }));
   if (race.rules.ranking !== "best-lap" || inPairs(race)) return rows;
@@ -350,11 +351,11 @@ function Driving({ race, topic, scene, drivers }) {
   const whose =
     drivers.find((car) => seen && car.shown === seen)?.racer ?? driversText({ cars: drivers });
   return html`
-    ${drivers.map((car) => html`<${Driver} key=${car.submission} car=${car} laps=${race.rules.max_laps} began=${began} />`)}
+    ${drivers.map((car) => html`<${Driver} key=${car.submission} car=${car} laps=${race.rules.max_laps} began=${began} live=${Boolean(topic)} here=${race.here} />`)}
     ${
-      topic &&
+      (topic || scene) &&
       html`<div class="night-pictures">
-        <${LivePicture} topic=${`${topic}:camera`} name="Camera" label=${`What the car of ${whose} sees`} size=${[160, 120]} wait="Waiting for the first picture." onCar=${setPictured} />
+        <${LivePicture} topic=${topic && `${topic}:camera`} name="Camera" label=${`What the car of ${whose} sees`} size=${[160, 120]} wait=${topic ? "Waiting for the first picture." : "No picture now."} onCar=${setPictured} />
         ${
           !error &&
           html`<div class="night-map"><${TrackMap} label=${`Map of the track with the car of ${driversText({ cars: drivers })}`} height=${null}
@@ -364,7 +365,7 @@ function Driving({ race, topic, scene, drivers }) {
     }`;
 }
 
-function Driver({ car, laps: most, began }) {
+function Driver({ car, laps: most, began, live, here }) {
   const { racer, shown, laps, splits } = car;
   const times = laps.map((each) => [
     `Lap ${each.lap}`,
@@ -374,16 +375,20 @@ function Driver({ car, laps: most, began }) {
     `${k + 1}/3`,
     splits[k] === undefined ? "–" : number(splits[k], 2, "s"),
   ]);
+  const seconds = Math.max(0, Date.now() / 1000 - began);
+  const said = !live
+    ? here && (shown || seconds > START_S)
+      ? "The laps are driven; the result comes soon."
+      : `Has driven for ${duration(seconds)}.`
+    : shown
+      ? `Lap ${Math.min(most, shown.laps + 1)} of ${most}, ${number(Math.max(0, shown.progress))} %, ${number(shown.lap_s, 1, "s")}${andResets(shown.resets)}`
+      : "Goes to the start.";
   const share = shown && (100 * shown.laps + Math.max(0, shown.progress)) / most;
   return html`
     <div class="night-driver">
       <p class="night-driver-name">${racer}</p>
       ${shown && html`<progress max="100" value=${Math.min(100, share)} aria-label=${`Progress of ${racer}`}></progress>`}
-      <p class="night-driver-facts">${
-        shown
-          ? `Lap ${Math.min(most, shown.laps + 1)} of ${most}, ${number(Math.max(0, shown.progress))} %, ${number(shown.lap_s, 1, "s")}${andResets(shown.resets)}`
-          : `has driven for ${duration(Math.max(0, Date.now() / 1000 - began))}`
-      }</p>
+      <p class="night-driver-facts">${said}</p>
       ${
         shown &&
         html`<dl class="night-splits" aria-label=${`Split times of ${racer}`}>
@@ -401,7 +406,7 @@ function Next({ race, isNarrow }) {
       .map((each) => racers.get(each) ?? each)
       .join(" – "),
   );
-  const most = isNarrow ? runs.length : 4;
+  const most = isNarrow ? runs.length : race.moments.driving ? 2 : 4;
   return html`
     <section class="night-next" aria-label="Next">
       <h2>Next</h2>

@@ -83,7 +83,7 @@ export function Page({ params: [id], query }) {
       ${race.damaged.map((message) => html`<${Failure} key=${message} error=${{ message: inPage(message) }} />`)}
     </div>
     ${folder && race.changeable && html`<${Rules} key=${folder.directory} folder=${folder.directory} open=${query.has("rules")} ...${props} />`}
-    <section class="race-page-part" aria-label="Leaderboard"><h2>Leaderboard</h2><${Board} race=${race} watch=${films} /></section>
+    <section class="race-page-part"><h2>Leaderboard</h2><${Board} race=${race} watch=${films} /></section>
     <div class="race-columns">
       <section aria-label="Queue"><h2>Queue</h2><${Queue} ...${props} /></section>
       ${
@@ -227,7 +227,7 @@ function Board({ race, watch }) {
     ["Crashes", (row) => number(row.crashes), "detail"],
   ];
   const columns = [
-    ["Rank", (row) => row.rank ?? "not qualified", "rank"],
+    ["Rank", (row) => row.rank ?? "–", "rank"],
     ["Racer", (row) => row.racer, "racer"],
     [
       "Model",
@@ -241,7 +241,7 @@ function Board({ race, watch }) {
       (row) =>
         row.video
           ? html`<${WatchButton} video=${row.video} name=${row.racer} watch=${watch} />`
-          : "–",
+          : html`<span class="detail">–</span>`,
       "film",
     ],
   ];

@@ -46,8 +46,10 @@ export function StateBadge({ state }) {
 }
 
 /** Seconds behind the first. */
-export const gapText = (row) =>
-  row.gap_s === null ? "–" : row.rank === 1 ? "" : `+${number(row.gap_s, 3, "s")}`;
+export function gapText({ rank, gap_s: gap }) {
+  if (rank === null) return "not qualified";
+  return gap === null ? "–" : rank === 1 ? "" : `+${number(gap, 3, "s")}`;
+}
 
 /** Points of a race in pairs. */
 export const pointsText = ({ points }) => number(points ?? 0, points % 1 ? 1 : 0);
