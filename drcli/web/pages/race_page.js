@@ -4,16 +4,7 @@ import { post } from "/api.js";
 import { confirmed } from "/dialogs.js";
 import { useDraft } from "/drafts.js";
 import { notify } from "/notices.js";
-import {
-  erase,
-  howToDrive,
-  keep,
-  savePage,
-  showLog,
-  submitted,
-  untilWhen,
-  watch,
-} from "/race_actions.js";
+import * as ask from "/race_actions.js";
 import { RaceForm } from "/race_form.js";
 import { Pairs } from "/race_pairs.js";
 import {
@@ -73,7 +64,7 @@ export function Page({ params: [id], query }) {
     return html`${back}<h1>Race</h1>
     ${error ? html`<${Failure} error=${error} />` : html`<p class="quiet">Reading the bucket …</p>`}`;
   const props = { id, race, act, after, take: setRace };
-  const films = (video, name) => watch(id, video, name);
+  const watch = (video, name) => ask.watch(id, video, name);
   return html`
     ${back}
     <${Head} race=${race} />
@@ -83,17 +74,17 @@ export function Page({ params: [id], query }) {
       ${race.damaged.map((message) => html`<${Failure} key=${message} error=${{ message: inPage(message) }} />`)}
     </div>
     ${folder && race.changeable && html`<${Rules} key=${folder.directory} folder=${folder.directory} open=${query.has("rules")} ...${props} />`}
-    <section class="race-page-part"><h2>Leaderboard</h2><${Board} race=${race} watch=${films} /></section>
+    <section class="race-page-part"><h2>Leaderboard</h2><${Board} race=${race} watch=${watch} /></section>
     <div class="race-columns">
       <section aria-label="Queue"><h2>Queue</h2><${Queue} ...${props} /></section>
       ${
         inPairs(race) &&
         html`<section class=${race.rules.pairing === "bracket" && "wide"} aria-label="Pairs">
-          <h2>Pairs</h2><${Pairs} race=${race} watch=${films} />
+          <h2>Pairs</h2><${Pairs} race=${race} watch=${watch} />
         </section>`
       }
     </div>
-    ${race.submissions.length > 0 && html`<${Submissions} ...${props} watch=${films} />`}`;
+    ${race.submissions.length > 0 && html`<${Submissions} ...${props} watch=${watch} />`}`;
 }
 
 function Head({ race }) {
@@ -134,7 +125,7 @@ function Actions({ id, race, act, after, take }) {
   const scheduled = race.state === "scheduled";
   const submit = () =>
     after(async () => {
-      const answer = await submitted(id);
+      const answer = await ask.submitted(id);
       if (!answer) return;
       const { taken } = answer;
       take(answer.race);
@@ -159,15 +150,15 @@ function Actions({ id, race, act, after, take }) {
     <p class="actions race-actions">
       ${open && button("Submit a model", submit, "main")}
       ${race.runner && race.here && button("Stop the queue", stop)}
-      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => asked("run", howToDrive(race)), open ? null : "main")}
+      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => asked("run", ask.howToDrive(race)), open ? null : "main")}
       <a class="button" href=${nightLink(id)}>Race night</a>
       ${(open || scheduled) && button("Close for submissions", close)}
-      ${!open && button(scheduled ? "Open now" : "Open again", () => asked("open", untilWhen()))}
-      ${button("Save as CSV", () => after(() => keep(id, "table.csv", `${id}.csv`)))}
-      ${button("Save as a page", () => after(() => savePage(id, race)))}
-      ${button("Log of the queue", () => after(() => showLog(id)))}
+      ${!open && button(scheduled ? "Open now" : "Open again", () => asked("open", ask.untilWhen()))}
+      ${button("Save as CSV", () => after(() => ask.keep(id, "table.csv", `${id}.csv`)))}
+      ${button("Save as a page", () => after(() => ask.savePage(id, race)))}
+      ${button("Log of the queue", () => after(() => ask.showLog(id)))}
       ${race.changeable && button("Change the rules", () => setQuery({ rules: "1" }))}
-      ${button("Delete", () => after(() => erase(id, race)), "danger")}
+      ${button("Delete", () => after(() => ask.erase(id, race)), "danger")}
     </p>`;
 }
 
@@ -203,48 +194,34 @@ function Board({ race, watch }) {
           : "Nobody has driven."
     } />`;
   const paired = inPairs(race);
-  const decides = (name) => (name === rules.ranking ? "decides" : "detail");
-  // Name, text, class: `decides` and `gap` stay on a small screen, `detail` does not.
-  const figures = [
-    ...(paired
-      ? [
-          ["Points", pointsText, "decides"],
-          ["Won, drawn, lost", (row) => `${row.wins}, ${row.draws}, ${row.losses}`, "gap"],
-          ["Best lap", (row) => row.best_lap_text, "detail"],
-        ]
-      : [
-          ["Best lap", (row) => row.best_lap_text, decides("best-lap")],
-          [
-            `Best average of ${rules.average_laps} laps`,
-            (row) => row.best_average_text,
-            decides("best-average"),
-          ],
-          ["Total time", (row) => row.total_text, decides("total-time")],
-          ["Gap", gapText, "gap"],
-        ]),
-    ["Laps", (row) => row.laps_text, "detail"],
-    ["Off track", (row) => number(row.off_track), "detail"],
-    ["Crashes", (row) => number(row.crashes), "detail"],
-  ];
+  // Name, text, class: what decides and the gap stay on a small screen, details do not.
+  const figure = (name, key, kind = "detail") => [name, (row) => row[key], `figure ${kind}`];
+  const time = (name, ranking, key) =>
+    figure(name, key, ranking === rules.ranking ? "decides" : "detail");
+  const average = `Best average of ${rules.average_laps} laps`;
+  const won = (row) => `${row.wins}, ${row.draws}, ${row.losses}`;
+  const model = (row) =>
+    html`${row.model}<span class="quiet race-checkpoint"> checkpoint ${checkpointNumber(row)}</span>`;
+  const film = ({ video, racer }) =>
+    video
+      ? html`<${WatchButton} video=${video} name=${racer} watch=${watch} />`
+      : html`<span class="detail">–</span>`;
   const columns = [
     ["Rank", (row) => row.rank ?? "–", "rank"],
     ["Racer", (row) => row.racer, "racer"],
-    [
-      "Model",
-      (row) =>
-        html`${row.model}<span class="quiet race-checkpoint"> checkpoint ${checkpointNumber(row)}</span>`,
-      "model",
-    ],
-    ...figures.map(([name, text, kind]) => [name, text, `figure ${kind}`]),
-    [
-      "Video",
-      (row) =>
-        row.video
-          ? html`<${WatchButton} video=${row.video} name=${row.racer} watch=${watch} />`
-          : html`<span class="detail">–</span>`,
-      "film",
-    ],
-  ];
+    ["Model", model, "model"],
+    paired
+      ? ["Points", pointsText, "figure decides"]
+      : time("Best lap", "best-lap", "best_lap_text"),
+    !paired && time(average, "best-average", "best_average_text"),
+    !paired && time("Total time", "total-time", "total_text"),
+    paired ? ["Won, drawn, lost", won, "figure gap"] : ["Gap", gapText, "figure gap"],
+    paired && figure("Best lap", "best_lap_text"),
+    figure("Laps", "laps_text"),
+    figure("Off track", "off_track"),
+    figure("Crashes", "crashes"),
+    ["Video", film, "film"],
+  ].filter(Boolean);
   return html`
     ${race.limit && html`<p class="quiet">The best lap, ${race.limit}.</p>`}
     <div class="scroll" tabindex="0" role="region" aria-label="Leaderboard">
@@ -261,17 +238,28 @@ function Board({ race, watch }) {
     </div>`;
 }
 
-async function withdraw({ submission, racer, model }, act) {
-  const detail =
-    "Its laps are removed, and it no longer counts. It cannot be undone; the model stays.";
-  if (await confirmed(`Withdraw ${racer}'s ${model}?`, { action: "Withdraw it", detail }))
-    act("withdraw", { submission });
-}
+const QUESTIONS = {
+  withdraw: [
+    (name) => `Withdraw ${name}?`,
+    "Withdraw it",
+    "Its laps are removed, and it no longer counts. It cannot be undone; the model stays.",
+  ],
+  restart: [
+    (name) => `Drive ${name} again?`,
+    "Drive it again",
+    "Its present laps no longer count.",
+  ],
+};
 
-async function restart({ submission, racer, model }, act) {
-  const detail = "Its present laps no longer count.";
-  if (await confirmed(`Drive ${racer}'s ${model} again?`, { action: "Drive it again", detail }))
-    act("restart", { submission });
+/** A button that asks first. */
+function Asking({ what, label, text, entry, act }) {
+  const { submission, racer, model } = entry;
+  const [question, action, detail] = QUESTIONS[what];
+  const go = async () => {
+    if (await confirmed(question(`${racer}'s ${model}`), { action, detail }))
+      act(what, { submission });
+  };
+  return html`<button type="button" class="race-small" aria-label=${label} onClick=${go}>${text}</button>`;
 }
 
 function Queue({ race, act }) {
@@ -322,7 +310,7 @@ function Waiting({ entry, at, last, focused, onFocused, move, act }) {
         <span class="race-buttons">
           <button type="button" class="race-small" disabled=${at === 0} aria-label=${`Move ${who} up`} onClick=${up}>↑</button>
           <button type="button" class="race-small" disabled=${last} aria-label=${`Move ${who} down`} onClick=${down}>↓</button>
-          <button type="button" class="race-small" aria-label=${`Withdraw ${who}`} onClick=${() => withdraw(entry, act)}>Withdraw</button>
+          <${Asking} what="withdraw" label=${`Withdraw ${who}`} text="Withdraw" entry=${entry} act=${act} />
         </span>
       </div>
     </li>`;
@@ -347,7 +335,8 @@ function Submissions({ race, act, watch }) {
     </section>`;
 }
 
-function Entry({ entry, act, watch }) {
+function Entry({ watch, ...props }) {
+  const { entry } = props;
   const { racer, model, state, message, remedy } = entry;
   const name = `${racer}, ${model}`;
   const laps = entry.lap_s.length ? entry.lap_text.join("; ") : (ENTRY_STATES[state] ?? state);
@@ -360,8 +349,8 @@ function Entry({ entry, act, watch }) {
       </div>
       <span class="race-buttons">
         ${entry.video && html`<${WatchButton} video=${entry.video} name=${name} watch=${watch} />`}
-        ${(state === "done" || state === "failed") && html`<button type="button" class="race-small" aria-label=${`Drive ${name} again`} onClick=${() => restart(entry, act)}>Drive again</button>`}
-        ${state !== "queued" && html`<button type="button" class="race-small" aria-label=${`Withdraw ${name}`} onClick=${() => withdraw(entry, act)}>Withdraw</button>`}
+        ${(state === "done" || state === "failed") && html`<${Asking} what="restart" label=${`Drive ${name} again`} text="Drive again" ...${props} />`}
+        ${state !== "queued" && html`<${Asking} what="withdraw" label=${`Withdraw ${name}`} text="Withdraw" ...${props} />`}
       </span>
     </li>`;
 }

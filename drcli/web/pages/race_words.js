@@ -1,7 +1,7 @@
 // Words and links that the pages about races share.
 
 import { api } from "/api.js";
-import { moment, number } from "/text.js";
+import { capital, moment, number } from "/text.js";
 import { html } from "/ui.js";
 
 export const raceLink = (race) => `#/race/${encodeURIComponent(race)}`;
@@ -91,66 +91,51 @@ export const LABELS = {
   prefix: "Model",
   checkpoint: "Checkpoint",
 };
-// What the terminal calls them; longer ones first.
-const OPTIONS = Object.entries({
-  "--off-track-penalty": "off_track_penalty_s",
-  "--collision-penalty": "collision_penalty_s",
-  DR_OA_NUMBER_OF_OBSTACLES: "obstacles",
-  DR_H2B_NUMBER_OF_BOT_CARS: "bots",
-  DR_WORLD_NAME: "world",
-  "--max-submissions": "max_submissions",
-  "--average-laps": "average_laps",
-  "--min-laps": "min_laps",
+// What the terminal calls them, where that is not almost the same.
+const NAMES = {
   "--laps": "max_laps",
   "--sensor": "sensors",
-  "--opens": "opens",
-  "--closes": "closes",
-  "--seed": "seed",
-  "--obstacles": "obstacles",
-  "--bots": "bots",
   "--type": "race_type",
-  "--checkpoint": "checkpoint",
-}).map(([option, key]) => [new RegExp(`${option}(?![A-Za-z-])`, "g"), key]);
-const NAMES = [
-  [/name of the race/, "name"],
-  [/name of the racer/, "racer"],
-  [/has submitted/, "racer"],
-  [/^Checkpoint /, "checkpoint"],
-  [/s3:|prefix of a model/, "prefix"],
-];
+  DR_WORLD_NAME: "world",
+  DR_OA_NUMBER_OF_OBSTACLES: "obstacles",
+  DR_H2B_NUMBER_OF_BOT_CARS: "bots",
+};
+const OPTION = /--[a-z]+(-[a-z]+)*|\bDR_[A-Z0-9_]+/g;
 const BUTTONS = {
   create: "Make a race",
   open: "Open again",
-  close: "Close for submissions",
   run: "Drive the queue",
   stop: "Stop the queue",
-  delete: "Delete",
-  withdraw: "Withdraw",
   restart: "Drive again",
   submit: "Submit a model",
   show: "Submissions",
   list: "Races",
 };
+// Sentences that name no option.
+const SAID = [
+  [/name of the race/, "name"],
+  [/name of the racer|has submitted/, "racer"],
+  [/^Checkpoint /, "checkpoint"],
+  [/s3:|prefix of a model/, "prefix"],
+];
+
+/** The rule that an option of the terminal means, or "". */
+function ruleOf(option) {
+  const name = option.replace(/^--/, "").replaceAll("-", "_");
+  return [NAMES[option], name, `${name}_s`].find((key) => LABELS[key]) ?? "";
+}
 
 /** A sentence in the words of the page: its fields and buttons instead of options and commands. */
 export const inPage = (text) =>
-  OPTIONS.reduce((all, [option, key]) => all.replace(option, `“${LABELS[key]}”`), text ?? "")
-    .replace(/`dr-race (\w+)[^`]*`/g, (whole, verb) =>
-      BUTTONS[verb] ? `“${BUTTONS[verb]}”` : whole,
-    )
-    .replace(/`dr-list-models[^`]*`/g, "the page “Models”");
+  (text ?? "")
+    .replace(/`dr-race (\w+)[^`]*`/g, (_, verb) => `“${BUTTONS[verb] ?? capital(verb)}”`)
+    .replace(/`dr-list-models[^`]*`/g, "the page “Models”")
+    .replace(OPTION, (option) => (ruleOf(option) ? `“${LABELS[ruleOf(option)]}”` : option));
 
 /** An error of the server in the words of the page, and the field that it is about. */
-export function aboutField(error) {
-  const { message, remedy } = error;
-  const about = [...OPTIONS, ...NAMES]
-    .map(([pattern, key]) => ({ key, at: `${message} ${remedy}`.search(pattern) }))
-    .filter(({ at }) => at >= 0)
-    .sort((a, b) => a.at - b.at);
-  return {
-    severity: "error",
-    key: about[0]?.key ?? "",
-    message: inPage(message),
-    remedy: inPage(remedy),
-  };
+export function aboutField({ message, remedy = "" }) {
+  const said = SAID.find(([pattern]) => pattern.test(message))?.[1];
+  const options = `${message} ${remedy}`.match(OPTION) ?? [];
+  const key = said ?? options.map(ruleOf).find(Boolean) ?? "";
+  return { severity: "error", key, message: inPage(message), remedy: inPage(remedy) };
 }
