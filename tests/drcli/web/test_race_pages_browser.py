@@ -130,7 +130,9 @@ def test_wrong_rules_are_marked_and_what_was_typed_is_not_lost(home, served, vis
     page.get_by_text("“Laps” is not a whole number.").wait_for()
     assert laps.get_attribute("aria-invalid") == "true"
     page.get_by_role("button", name="Make this race").click()
-    assert page.evaluate("document.activeElement === document.querySelector('[data-key=max_laps] input')")
+    assert page.evaluate(
+        "document.activeElement === document.querySelector('[data-key=max_laps] input')"
+    )
     page.get_by_role("link", name="Models").click()
     page.get_by_role("heading", name="Models").wait_for()
     page.get_by_role("link", name="Races").click()
