@@ -12,9 +12,8 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.errors import SettingsError
 from drcli.bucket.connect import open_running_bucket
 from drcli.config.race_types import RaceKind
-from drcli.model import keys, race_keys
+from drcli.model import race_keys
 from drcli.model.model_list import list_models
-from drcli.model.model_store import ModelStore
 from drcli.races import queue_process, submissions
 from drcli.races.organise import (
     change_rules,
