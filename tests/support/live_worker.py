@@ -146,7 +146,7 @@ def driving(folder: Path, name: str = "sim-0") -> Iterator[LiveShow]:
         finally:
             ended.set()
             thread.join(SOON_S)
-            drive.close()
+    drive.close()  # the view has drawn from it until now
 
 
 class Received:
