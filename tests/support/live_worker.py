@@ -4,7 +4,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -138,7 +138,8 @@ def driving(folder: Path, name: str = "sim-0") -> Iterator[LiveShow]:
             while True:
                 drive.episodes(show, after_step=rest)
 
-    with shown(folder, name=name) as (show, _):
+    # The view draws from the simulation until it is closed.
+    with closing(drive), shown(folder, name=name) as (show, _):
         thread = threading.Thread(target=go, daemon=True)
         thread.start()
         try:
@@ -146,7 +147,6 @@ def driving(folder: Path, name: str = "sim-0") -> Iterator[LiveShow]:
         finally:
             ended.set()
             thread.join(SOON_S)
-    drive.close()  # the view has drawn from it until now
 
 
 class Received:
