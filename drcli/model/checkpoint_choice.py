@@ -212,19 +212,6 @@ def take_choice(model: ModelStore, choice: CheckpointChoice, *, remedy: str = ""
     return chosen
 
 
-def best_and_last(model: ModelStore) -> str:
-    """Such as "best: 76, 20 of 20 laps clean, ...; last: 77, ..."."""
-    history, _ = readable_history(model)
-    scores, _ = readable_scores(model)
-    if scores is None:
-        return ""
-    words = {"best": scores.best_checkpoint, "last": scores.last_checkpoint}
-    return "; ".join(
-        f"{word}: {checkpoint_name(score.name).number}, {_driven(model, history, score)}"
-        for word, score in words.items()
-    )
-
-
 def laps_of(model: ModelStore, history: Iterable[IterationRecord], name: str) -> Laps | None:
     number = checkpoint_name(name).number
     laps = next((record.all_laps for record in history if record.iteration == number), None)

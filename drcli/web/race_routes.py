@@ -12,10 +12,8 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.errors import SettingsError
 from drcli.bucket.connect import open_running_bucket
 from drcli.config.race_types import RaceKind
-from drcli.model import keys, race_keys
-from drcli.model.checkpoint_choice import best_and_last
+from drcli.model import race_keys
 from drcli.model.model_list import list_models
-from drcli.model.model_store import ModelStore
 from drcli.races import queue_process, submissions
 from drcli.races.organise import (
     change_rules,
@@ -159,6 +157,7 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         memory = reader.folder.directory / "data" / "cache" / "tracks.json"
         tracks = [track.name for track in list_tracks(settings.tracks_folder, memory).tracks]
         return {
+            "folder": str(reader.folder.directory),
             "tracks": tracks,
             "sensors": list(RACE_SENSORS),
             "world": settings.world_name,
@@ -191,26 +190,12 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         bucket = open_running_bucket(settings.storage)
         return {"models": [] if bucket is None else list_models(bucket).models}
 
-    def checkpoints(request: Request) -> Any:
-        prefix = request.query_params.get("prefix", "")
-        if not keys.is_valid_prefix(prefix):
-            raise BadRequest("This is not the name of a model.")
-        bucket = open_running_bucket(reader.folder.settings().storage)
-        listed = [] if bucket is None else bucket.list(keys.model_folder(prefix))
-        names = {keys.checkpoint_of(prefix, info.key) for info in listed}
-        numbers = sorted({name.number for name in names if name is not None}, reverse=True)
-        about = ""
-        if bucket is not None:
-            about = best_and_last(ModelStore(bucket, prefix))
-        return {"checkpoints": numbers, "about": about}
-
     return [
         Route("/api/races", answers(lambda _: reader.races())),
         Route("/api/races", accepts(create), methods=["POST"]),
         Route("/api/races/form", answers(form)),
         Route("/api/races/check", accepts(check), methods=["POST"]),
         Route("/api/races/models", answers(models)),
-        Route("/api/races/checkpoints", answers(checkpoints)),
     ]
 
 

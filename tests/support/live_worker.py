@@ -1,9 +1,10 @@
 """A live view over a small simulation, and viewers of it, without worker processes."""
 
 import queue
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,34 @@ def shown(
     finally:
         address.delete(run_folder(folder, run_id), name)
         show.close()
+
+
+@contextmanager
+def driving(folder: Path, name: str = "sim-0") -> Iterator[LiveShow]:
+    """A worker with a live view that drives until the block is left."""
+    drive, ended = SmallDrive(), threading.Event()
+
+    class Ended(Exception):
+        pass
+
+    def rest() -> None:
+        if ended.wait(0.02):
+            raise Ended
+
+    def go() -> None:
+        with suppress(Ended):
+            while True:
+                drive.episodes(show, after_step=rest)
+
+    # The view draws from the simulation until it is closed.
+    with closing(drive), shown(folder, name=name) as (show, _):
+        thread = threading.Thread(target=go, daemon=True)
+        thread.start()
+        try:
+            yield show
+        finally:
+            ended.set()
+            thread.join(SOON_S)
 
 
 class Received:

@@ -50,22 +50,22 @@ export const post = (path, body = {}, signal) => request("POST", path, body, sig
 export const put = (path, body = {}, signal) => request("PUT", path, body, signal);
 export const remove = (path, signal) => request("DELETE", path, undefined, signal);
 
+/** The answer to a request for what is not JSON; its error may be. */
+async function file(path, signal) {
+  const answer = await answerOf("GET", path, undefined, signal);
+  if (answer.ok) return answer;
+  const value = await answer.json().catch(() => null);
+  throw new ApiError(
+    answer.status,
+    value?.error ?? { message: `The console answered ${answer.status}.` },
+  );
+}
+
+export const getBlob = async (path, signal) => (await file(path, signal)).blob();
+
 /** Facts and pictures (blobs) of a packed answer: four bytes with the length of the facts, the facts, the pictures. */
 export async function getPacked(path, signal, type = "image/jpeg") {
-  const answer = await answerOf("GET", path, undefined, signal);
-  if (!answer.ok) {
-    let value = null;
-    try {
-      value = await answer.json();
-    } catch {
-      /* not JSON */
-    }
-    throw new ApiError(
-      answer.status,
-      value?.error ?? { message: `The console answered ${answer.status}.` },
-    );
-  }
-  const buffer = await answer.arrayBuffer();
+  const buffer = await (await file(path, signal)).arrayBuffer();
   const end = 4 + new DataView(buffer).getUint32(0);
   const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, end - 4)));
   let at = end;

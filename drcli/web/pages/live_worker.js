@@ -1,14 +1,12 @@
 // One worker: camera, view from behind, map with all cars, figures, what the policy wants, last episodes.
 
-import { get, post } from "/api.js";
-import { follow } from "/socket.js";
+import { post } from "/api.js";
+import { LivePicture, addTrails, pageSeen, rgb, useTrack } from "/live_picture.js";
 import { useAction, useTopic } from "/store.js";
 import { andResets, capital, duration, lapTime, number } from "/text.js";
 import { TrackMap } from "/track_map.js";
-import { Choice, Tiles, html, signal, useEffect, useMemo, useRef, useSeen, useState } from "/ui.js";
+import { Choice, Tiles, html, useMemo, useRef, useSeen, useState } from "/ui.js";
 
-const TRAIL_POINTS = 400;
-const MOST_TRAILS = 8;
 const STATUS = {
   in_progress: "drives",
   lap_complete: "lap complete",
@@ -20,90 +18,6 @@ const STATUS = {
   stopped: "stopped",
 };
 const statusText = (status) => STATUS[status] ?? String(status).replaceAll("_", " ");
-const rgb = (values) => (values?.length === 3 ? `rgb(${values.join(",")})` : "c1");
-
-const pageSeen = signal(!document.hidden);
-document.addEventListener("visibilitychange", () => {
-  pageSeen.value = !document.hidden;
-});
-
-const tracks = new Map();
-/** The lines of a track, read once; without them, `error` says why. */
-function useTrack(world) {
-  const [state, setState] = useState({ world: null, lines: null, error: null });
-  useEffect(() => {
-    if (!world) return;
-    if (!tracks.has(world)) tracks.set(world, get(`/api/track?world=${encodeURIComponent(world)}`));
-    tracks.get(world).then(
-      (lines) => setState({ world, lines, error: null }),
-      (error) => {
-        tracks.delete(world);
-        setState({ world, lines: null, error });
-      },
-    );
-  }, [world]);
-  return state.world === world ? state : { lines: null, error: null };
-}
-
-/**
- * A picture of a worker that is replaced by each newer one; its size never changes.
- * @param {{topic: string | null, name: string, label: string, size: number[], wait: string, car?: number | null, onCar?: (car: number | null) => void}} props
- *   `car`: pictures of another one are not shown; `onCar` hears whose picture is.
- */
-function LivePicture({ topic, name, label, size, wait, car, onCar = () => {} }) {
-  const [width, height] = size;
-  const canvas = useRef(null);
-  const [told, setTold] = useState(null);
-  useEffect(() => {
-    setTold(null);
-    if (!topic) return undefined;
-    const own = new AbortController();
-    let newest = null;
-    let drawing = false;
-    const draw = async () => {
-      drawing = true;
-      while (newest && !own.signal.aborted) {
-        const { facts, blob } = newest;
-        newest = null;
-        try {
-          const picture = await createImageBitmap(blob);
-          const place = canvas.current;
-          if (!place) break;
-          if (place.width !== picture.width)
-            Object.assign(place, { width: picture.width, height: picture.height });
-          place.getContext("2d").drawImage(picture, 0, 0);
-          picture.close();
-          const age = Date.now() - 1000 * facts.step_s;
-          Object.assign(place.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
-          setTold({ car: facts.car ?? null, age });
-          onCar(facts.car ?? null);
-        } catch {
-          /* a damaged picture; the next one comes soon */
-        }
-      }
-      drawing = false;
-    };
-    follow(
-      topic,
-      (value) => {
-        newest = value;
-        if (!drawing) draw();
-      },
-      own.signal,
-    );
-    return () => own.abort();
-  }, [topic]);
-  const other = told && (car ?? null) !== null && told.car !== car;
-  const after = told && (told.age < 10000 ? number(told.age, 0, "ms") : "more than 10 s");
-  return html`
-    <figure class="live-picture">
-      <div class="live-frame" style=${{ aspectRatio: `${width} / ${height}` }}>
-        <canvas ref=${canvas} role="img" aria-label=${label} width=${width} height=${height}></canvas>
-        ${(!told || other) && html`<p class="live-over">${other ? "The picture of this car comes soon." : wait}</p>`}
-      </div>
-      <figcaption>${name}${told && !other && `${told.car === null ? "" : `, car ${told.car + 1}`}, ${after} after its step`}</figcaption>
-    </figure>`;
-}
 
 /** Probabilities of discrete actions as bars, or mean and spread; what the critic expects. */
 function Policy({ actions, shown }) {
@@ -148,23 +62,6 @@ const Finished = ({ episodes }) => html`
         })}
     </ol>
   </div>`;
-
-/** Lines of an evaluation as they come: its trace is written at its end. */
-function addTrails(trails, cars, colorOf) {
-  for (const each of cars) {
-    const key = `${each.car}.${each.episode}.${each.laps}`;
-    if (!trails.has(key)) {
-      trails.set(key, { x: [], y: [], color: colorOf(each) });
-      for (const old of [...trails.keys()].slice(0, -MOST_TRAILS)) trails.delete(old);
-    }
-    const line = trails.get(key);
-    line.x = [...line.x, each.x].slice(-TRAIL_POINTS);
-    line.y = [...line.y, each.y].slice(-TRAIL_POINTS);
-  }
-  return [...trails.values()]
-    .reverse()
-    .map((line, k) => ({ ...line, alpha: Math.max(0.15, 0.9 - 0.12 * k) }));
-}
 
 /** Lines of the newest iteration, the last one on top. */
 function lapLines(laps) {

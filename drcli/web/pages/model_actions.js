@@ -18,7 +18,7 @@ const OWN_FILES = {
 };
 
 /** Checkpoints to choose from, with how each drove. */
-function checkpointOptions(checkpoints) {
+export function checkpointOptions(checkpoints) {
   const all = [...checkpoints].reverse();
   const drove = ({ episodes, laps, best_lap_s: best }) =>
     episodes

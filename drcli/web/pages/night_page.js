@@ -1,456 +1,446 @@
-// A race for a projector: leaderboard, who drives now, what comes next, the last result, and the winner.
+// A race for a projector: leaderboard, who drives now and how, what comes next, the last result, and the winner.
 
-import { andResets, failure, fill, h, number } from "/dom.js";
-import { pairsView } from "/race_pairs.js";
-import { gapText, raceLink, waitText } from "/race_words.js";
-import { follow } from "/socket.js";
+import { LivePicture, addTrails, pageSeen, rgb, useTrack } from "/live_picture.js";
+import { Pairs } from "/race_pairs.js";
+import {
+  aboutField,
+  driversText,
+  gapText,
+  inPairs,
+  pointsText,
+  raceLink,
+  videoPath,
+  waitText,
+} from "/race_words.js";
+import { useTopic } from "/store.js";
+import { andResets, duration, number } from "/text.js";
+import { TrackMap } from "/track_map.js";
+import { Failure, html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "/ui.js";
 
 export const title = "Race night";
 
-const SLIDE_S = 12;
-const LAST_S = 15;
-const NARROW = "(max-width: 900px)";
+const SLIDE_MS = 12_000;
+const LAST_MS = 15_000;
+const REST_MS = 4000;
+const START_S = 5; // after it, a worker has its live view
+const ROWS = 8; // more become too small to be read from far away
+const SPLITS = [100 / 3, 200 / 3];
+const narrow = matchMedia("(max-width: 900px)");
+const still = matchMedia("(prefers-reduced-motion: reduce)");
 
-export function show(main, [id], { signal }) {
-  const heading = h("h1", {}, "Race night"),
-    facts = h("p", { class: "night-facts" }),
-    stage = h("section", { class: "night-stage", "aria-label": "Leaderboard" });
-  const now = h("section", { class: "night-now", "aria-label": "Driven now" }),
-    next = h("section", { class: "night-next", "aria-label": "Next" });
-  const last = h("section", {
-    class: "night-last",
-    "aria-live": "polite",
-    "aria-label": "Last result",
-    hidden: true,
-  });
-  const trouble = h("div", { role: "status" });
-  const pause = h(
-    "button",
-    { type: "button", "aria-pressed": "false", click: () => setPaused(!paused) },
-    "Pause",
-  );
-  const full = h("button", { type: "button", click: fullScreen }, "Full screen");
-  const bar = h(
-    "p",
-    { class: "night-bar actions" },
-    h("a", { class: "button", href: raceLink(id) }, "Back to the race"),
-    h("button", { type: "button", click: () => turn(-1) }, "Previous"),
-    h("button", { type: "button", click: () => turn(1) }, "Next"),
-    pause,
-    full,
-    h("span", { class: "night-keys" }, "Keys: F full screen, arrows previous and next, P pause"),
-  );
-  const night = h(
-    "div",
-    { class: "night" },
-    h("header", {}, heading, facts),
-    trouble,
-    h("div", { class: "night-body" }, stage, h("div", { class: "night-side" }, now, next)),
-    last,
-    bar,
-  );
-  fill(main, night);
-  document.documentElement.classList.add("night-on");
+/** Calls a listener for events of a target, with what it knows now. */
+function useEvents(target, names, listener) {
+  const newest = useRef(listener);
+  newest.current = listener;
+  useEffect(() => {
+    const call = (event) => newest.current(event);
+    for (const name of names) target.addEventListener(name, call);
+    return () => {
+      for (const name of names) target.removeEventListener(name, call);
+    };
+  }, []);
+}
 
-  let race = null,
-    drawn = "",
-    slide = 0,
-    paused = false,
-    scene = null,
-    liveTopic = "",
-    live = null,
-    lastKey = null,
-    lastTimer = 0,
-    ranks = new Map();
-  const narrow = matchMedia(NARROW);
+function useNarrow() {
+  const [value, setValue] = useState(narrow.matches);
+  useEvents(narrow, ["change"], () => setValue(narrow.matches));
+  return value;
+}
 
-  follow(
-    `race:${id}`,
-    (value) => {
-      if (value.error) {
-        drawn = "";
-        fill(trouble, failure(value.error));
-        return;
-      }
-      fill(trouble);
-      const text = JSON.stringify(value);
-      if (text === drawn) return;
-      const before = race;
-      drawn = text;
-      race = value;
-      document.title = `${race.rules.name} – Race night`;
-      followLive();
-      announce(before);
-      if (race.winner && !before?.winner) slide = 0;
-      draw();
-    },
-    signal,
-  );
-
-  function followLive() {
-    const topic =
-      race.live && race.moments.driving ? `live:${race.live.run_id}:${race.live.worker}:scene` : "";
-    if (topic === liveTopic) return;
-    live?.abort();
-    liveTopic = topic;
-    scene = null;
-    if (!topic) return;
-    live = new AbortController();
-    follow(
-      topic,
-      (data) => {
-        scene = data.scene ?? data;
-        if (Array.isArray(scene.cars)) drawNow();
-      },
-      live.signal,
-    );
-  }
-
-  /** Rows that fit: what the screen has, but never so many that they become small. */
-  const rowsOnSlide = () => (narrow.matches ? 99 : 8);
-
-  function slides() {
-    const found = [];
-    if (race.winner) found.push("winner");
-    for (let first = 0; first < Math.max(1, race.leaderboard.length); first += rowsOnSlide())
-      found.push(first);
-    if (race.pairs.length) found.push("pairs");
-    return found;
-  }
-
-  function turn(by) {
-    if (!race) return;
-    const count = slides().length;
-    slide = (slide + by + count) % count;
-    draw();
-    restartClock();
-  }
-
-  let clock = 0;
-  function restartClock() {
-    clearInterval(clock);
-    if (!paused)
-      clock = setInterval(() => {
-        if (race && slides().length > 1) {
-          slide = (slide + 1) % slides().length;
-          draw();
-        }
-      }, SLIDE_S * 1000);
-  }
-
-  function setPaused(value) {
-    paused = value;
-    pause.setAttribute("aria-pressed", String(paused));
-    restartClock();
-  }
-
-  async function fullScreen() {
-    try {
-      if (document.fullscreenElement) await document.exitFullscreen();
-      else await night.requestFullscreen();
-    } catch {
-      fill(
-        trouble,
-        h("p", {}, "This browser does not allow full screen here; its own key is often F11."),
-      );
-    }
-  }
-
-  function draw() {
-    const { rules, words } = race,
-      all = slides();
-    slide = Math.min(slide, all.length - 1);
-    heading.textContent = rules.name;
-    facts.textContent = `${words.place}. ${words.decides}`;
-    const shown = all[slide];
-    night.classList.toggle("night-alone", shown === "winner" || shown === "pairs");
-    if (shown === "winner") fill(stage, winner());
-    else if (shown === "pairs")
-      fill(
-        stage,
-        h("h2", {}, rules.pairing === "bracket" ? "Bracket" : "Pairs"),
-        h(
-          "div",
-          { class: "night-pairs" },
-          pairsView(
-            { ...race, pairs: race.pairs.map((pair) => ({ ...pair, videos: [] })) },
-            () => {},
-          ),
-        ),
-      );
-    else fill(stage, board(shown));
-    if (shown === "pairs" && !narrow.matches) fit(stage.querySelector(".night-pairs"));
-    if (all.length > 1)
-      stage.append(
-        h(
-          "p",
-          { class: "night-dots", "aria-hidden": "true" },
-          all.map((each, k) => h("span", { class: k === slide ? "on" : null })),
-        ),
-      );
-    drawNow();
-    drawNext();
-  }
-
-  /** Smaller text until all pairs are seen; many of them are scrolled rather than made unreadable. */
-  function fit(box) {
-    for (let share = 1; share > 0.4; share -= 0.1) {
-      box.style.setProperty("--fit", share.toFixed(1));
-      if (box.scrollHeight <= box.clientHeight + 1 && box.scrollWidth <= box.clientWidth + 1)
-        return;
-    }
-  }
-
-  function score(row) {
-    if (race.rules.race_type === "HEAD_TO_MODEL")
-      return `${number(row.points ?? 0, row.points % 1 ? 1 : 0)} ${row.points === 1 ? "point" : "points"}`;
-    return row.score_s === null ? row.laps_text : row.score_text;
-  }
-
-  function board(first) {
-    const rows = race.leaderboard.slice(first, first + rowsOnSlide());
-    if (!rows.length)
-      return h(
-        "p",
-        { class: "night-empty" },
-        race.submissions.length
-          ? "Nobody has driven yet."
-          : race.state === "open"
-            ? "Submit your model!"
-            : "Nobody has submitted a model.",
-      );
-    const inPairs = race.rules.race_type === "HEAD_TO_MODEL";
-    const list = h(
-      "ol",
-      { class: "night-board", start: String(first + 1) },
-      rows.map((row) => {
-        const rank = row.rank === null ? "–" : String(row.rank),
-          moved = ranks.size && ranks.get(row.racer) !== row.rank;
-        return h(
-          "li",
-          { class: `${row.rank === 1 ? "first" : ""}${moved ? " moved" : ""}` },
-          h("span", { class: "night-rank" }, rank),
-          h("span", { class: "night-racer" }, row.racer),
-          h("span", { class: "night-score" }, score(row)),
-          h(
-            "span",
-            { class: "night-gap" },
-            inPairs
-              ? `best lap ${row.best_lap_text}`
-              : row.rank === null
-                ? "not qualified"
-                : gapText(row),
-          ),
-        );
-      }),
-    );
-    ranks = new Map(race.leaderboard.map((row) => [row.racer, row.rank]));
-    return list;
-  }
-
-  function winner() {
-    const first = race.leaderboard[0];
-    return h(
-      "div",
-      { class: "night-winner", role: "status" },
-      h("p", {}, "Winner"),
-      h("p", { class: "night-winner-name" }, race.winner),
-      h("p", { class: "night-winner-score" }, score(first)),
-      race.leaderboard.length > 1
-        ? h(
-            "p",
-            { class: "night-podium" },
-            race.leaderboard
-              .slice(1, 3)
-              .filter((row) => row.rank)
-              .map((row) => `${row.rank}. ${row.racer} ${score(row)}`)
-              .join("   "),
-          )
-        : null,
-    );
-  }
-
-  function progressOf(car) {
-    if (!scene || !Array.isArray(scene.cars)) return null;
-    const index = (scene.racers ?? []).findIndex((racer) =>
-      racer.model?.includes(`-${car.submission}/`),
-    );
-    return (
-      scene.cars.find((each) => each.racer === index) ??
-      (race.moments.driving.cars.length === 1 ? (scene.cars[0] ?? null) : null)
-    );
-  }
-
-  function drawNow() {
-    const driving = race.moments.driving;
-    if (!driving) {
-      const said =
-        race.state === "finished"
-          ? "The race is over."
-          : race.queue.length
-            ? race.runner
-              ? "The next car goes to the start."
-              : `${waitText(race.queue.length)}. Nobody is driving the queue.`
-            : "Nobody is driving.";
-      fill(now, h("h2", {}, "Now"), h("p", { class: "quiet" }, said));
-      return;
-    }
-    fill(
-      now,
-      h("h2", {}, "Now"),
-      driving.cars.map((car) => {
-        const found = progressOf(car),
-          laps = race.rules.max_laps;
-        const share = found
-          ? Math.min(100, (100 * found.laps + Math.max(0, found.progress)) / laps)
-          : null;
-        const bar = h("progress", {
-          max: "100",
-          "aria-label": `Progress of ${car.racer}`,
-          value: share === null ? null : share,
-        });
-        if (share === null) bar.removeAttribute("value");
-        return h(
-          "div",
-          { class: "night-driver" },
-          h("p", { class: "night-driver-name" }, car.racer),
-          found ? bar : null,
-          h(
-            "p",
-            { class: "night-driver-facts" },
-            found
-              ? `Lap ${Math.min(laps, found.laps + 1)} of ${laps}, ${number(Math.max(0, found.progress))} %, ${number(found.lap_s, 1, "s")}${andResets(found.resets)}`
-              : sinceText(driving.began_at),
-          ),
-        );
-      }),
-    );
-  }
-
-  const sinceText = (began) => {
-    const seconds = Math.max(0, Math.round(Date.now() / 1000 - began));
-    return `has driven for ${seconds < 90 ? `${seconds} s` : `${Math.round(seconds / 60)} min`}`;
-  };
-  const ticking = setInterval(() => {
-    if (race?.moments.driving && !(scene && Array.isArray(scene.cars))) drawNow();
-  }, 1000);
-
-  function drawNext() {
-    const entries = new Map(race.submissions.map((entry) => [entry.submission, entry]));
-    const names = race.queue.map((run) =>
-      run
-        .split("+")
-        .map((each) => entries.get(each)?.racer ?? each)
-        .join(" – "),
-    );
-    const most = narrow.matches ? names.length : 4;
-    fill(
-      next,
-      h("h2", {}, "Next"),
-      names.length
-        ? h(
-            "ol",
-            {},
-            names.slice(0, most).map((name) => h("li", {}, name)),
-          )
-        : h(
-            "p",
-            { class: "quiet" },
-            race.state === "open" ? "The queue is empty: submit a model." : "The queue is empty.",
-          ),
-      names.length > most
-        ? h("p", { class: "quiet" }, `and ${number(names.length - most)} more`)
-        : null,
-    );
-  }
-
-  /** A result that has come since the page was opened, for some seconds. */
-  function announce(before) {
-    const found = race.moments.last;
-    const key = found?.key ?? "";
-    if (before && key && key !== lastKey) {
-      const cars = found.cars.map(
-        (car) => `${car.racer}: ${found.state === "failed" ? "the run has failed" : car.text}`,
-      );
-      const places = found.cars
-        .map((car) => race.leaderboard.find((row) => row.submission === car.submission))
-        .filter((row) => row?.rank);
-      fill(
-        last,
-        h(
-          "p",
-          {},
-          h("strong", {}, "Last result  "),
-          cars.join("   "),
-          places.length === 1 ? h("strong", {}, `   Rank ${places[0].rank}`) : null,
-        ),
-      );
-      last.hidden = false;
-      last.classList.remove("in");
-      void last.offsetWidth; // begins the animation again
-      last.classList.add("in");
-      clearTimeout(lastTimer);
-      lastTimer = setTimeout(() => {
-        last.hidden = true;
-      }, LAST_S * 1000);
-    }
-    lastKey = key;
-  }
-
-  addEventListener(
-    "keydown",
-    (event) => {
-      if (
-        event.ctrlKey ||
-        event.metaKey ||
-        event.altKey ||
-        event.target.closest?.("input, select, textarea, dialog")
-      )
-        return;
-      const steps = { ArrowRight: 1, ArrowLeft: -1, PageDown: 1, PageUp: -1 };
-      if (event.key in steps) turn(steps[event.key]);
-      else if (event.key === "f" || event.key === "F") fullScreen();
-      else if (event.key === "p" || event.key === "P") setPaused(!paused);
-      else return;
-      event.preventDefault();
-    },
-    { signal },
-  );
-  narrow.addEventListener(
-    "change",
-    () => {
-      if (race) draw();
-    },
-    { signal },
-  );
-  let resting = 0;
-  const wake = () => {
-    night.classList.remove("night-still");
-    clearTimeout(resting);
-    resting = setTimeout(() => night.classList.add("night-still"), 4000);
-  };
-  for (const kind of ["pointermove", "keydown", "focusin"])
-    addEventListener(kind, wake, { signal });
-  document.addEventListener(
-    "fullscreenchange",
-    () => {
-      full.textContent = document.fullscreenElement ? "Leave full screen" : "Full screen";
-    },
-    { signal },
-  );
-  wake();
-  restartClock();
-  signal.addEventListener(
-    "abort",
-    () => {
-      clearInterval(clock);
-      clearInterval(ticking);
-      clearTimeout(lastTimer);
-      clearTimeout(resting);
-      live?.abort();
+export function Page({ params: [id] }) {
+  const { value: race, error } = useTopic(`race:${id}`);
+  useEffect(() => {
+    document.documentElement.classList.add("night-on");
+    return () => {
       document.documentElement.classList.remove("night-on");
       if (document.fullscreenElement) document.exitFullscreen().catch(() => {});
-    },
-    { once: true },
+    };
+  }, []);
+  useEffect(() => {
+    if (race) document.title = `${race.rules.name} – Race night`;
+  }, [race?.rules.name]);
+  const trouble = error && html`<${Failure} error=${aboutField(error)} />`;
+  if (race) return html`<${Night} id=${id} race=${race} trouble=${trouble} />`;
+  return html`<div class="night"><h1>Race night</h1><div role="status">${trouble}</div></div>`;
+}
+
+function Night({ id, race, trouble }) {
+  const place = useRef(null);
+  const [slide, setSlide] = useState(0);
+  const [paused, setPaused] = useState(false);
+  const [full, setFull] = useState(false);
+  const [refused, setRefused] = useState(false);
+  const [resting, setResting] = useState(0);
+  const isNarrow = useNarrow();
+  const cars = useDrivers(race);
+  const rows = boardRows(race, cars.drivers);
+  const size = isNarrow ? Infinity : ROWS;
+  const pages = Math.max(1, Math.ceil(rows.length / size));
+  const slides = [
+    ...(race.winner ? ["winner"] : []),
+    ...Array.from({ length: pages }, (_, k) => k),
+    ...(race.pairs.length ? ["pairs"] : []),
+  ];
+  const count = slides.length;
+  const at = Math.min(slide, count - 1);
+  const shown = slides[at];
+  const turn = (by) => setSlide((at + by + count) % count);
+
+  useEffect(() => setSlide(0), [race.winner]);
+  useEffect(() => {
+    if (paused || count < 2) return undefined;
+    const timer = setTimeout(() => turn(1), SLIDE_MS);
+    return () => clearTimeout(timer);
+  }, [paused, at, count]);
+  const fullScreen = () =>
+    (document.fullscreenElement
+      ? document.exitFullscreen()
+      : place.current.requestFullscreen()
+    ).catch(() => setRefused(true));
+  useEvents(document, ["fullscreenchange"], () => setFull(Boolean(document.fullscreenElement)));
+  useEvents(window, ["keydown"], (event) => {
+    const typed = event.target.closest?.("input, select, textarea, dialog");
+    if (event.ctrlKey || event.metaKey || event.altKey || typed) return;
+    const next = () => turn(1);
+    const previous = () => turn(-1);
+    const does = {
+      ...{ ArrowRight: next, PageDown: next, ArrowLeft: previous, PageUp: previous },
+      ...{ f: fullScreen, p: () => setPaused(!paused) },
+    }[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!does) return;
+    event.preventDefault();
+    does();
+  });
+  const [wakes, setWakes] = useState(0);
+  useEvents(window, ["pointermove", "keydown", "focusin"], () => setWakes((times) => times + 1));
+  useEffect(() => {
+    const timer = setTimeout(() => setResting(wakes), REST_MS);
+    return () => clearTimeout(timer);
+  }, [wakes]);
+
+  const alone = shown === "winner" || shown === "pairs";
+  const { rules, words } = race;
+  const classes = [
+    "night",
+    alone && "night-alone",
+    (cars.topic || cars.scene) && "night-live",
+    wakes > 0 && resting === wakes && "night-still",
+  ];
+  return html`
+    <div ref=${place} class=${classes.filter(Boolean).join(" ")}>
+      <header><h1>${rules.name}</h1><p class="night-facts">${words.place}. ${words.decides}</p></header>
+      <div role="status">${trouble}${refused && html`<p>This browser does not allow full screen here; its own key is often F11.</p>`}</div>
+      <div class="night-body">
+        <section class="night-stage" aria-label="Leaderboard">
+          ${shown === "winner" && html`<${Winner} race=${race} />`}
+          ${shown === "pairs" && html`<${AllPairs} race=${race} isNarrow=${isNarrow} />`}
+          ${!alone && html`<${Board} race=${race} first=${shown * ROWS || 0} rows=${rows.slice(shown * size || 0, (shown + 1) * size)} />`}
+          ${count > 1 && html`<p class="night-dots" aria-hidden="true">${slides.map((each, k) => html`<span key=${each} class=${k === at && "on"}></span>`)}</p>`}
+        </section>
+        <div class="night-side"><${Side} id=${id} race=${race} cars=${cars} isNarrow=${isNarrow} /></div>
+      </div>
+      <${LastResult} race=${race} />
+      <p class="night-bar actions">
+        <a class="button" href=${raceLink(id)}>Back to the race</a>
+        <button type="button" onClick=${() => turn(-1)}>Previous</button>
+        <button type="button" onClick=${() => turn(1)}>Next</button>
+        <button type="button" aria-pressed=${String(paused)} onClick=${() => setPaused(!paused)}>Pause</button>
+        <button type="button" onClick=${fullScreen}>${full ? "Leave full screen" : "Full screen"}</button>
+        <span class="night-keys">Keys: F full screen, arrows previous and next, P pause</span>
+      </p>
+    </div>`;
+}
+
+/** The cars that drive now, as their worker shows them, with their laps and the splits of this lap. */
+function useDrivers(race) {
+  const { driving } = race.moments;
+  const live = driving && pageSeen.value ? race.live : null;
+  const topic = live && `live:${live.run_id}:${live.worker}`;
+  const told = useTopic(topic && `${topic}:scene`).value?.scene;
+  const seen = useRef(new Map());
+  // The last scene stays until the result is there: a film may be made first.
+  const kept = useRef(null);
+  if (told && driving) kept.current = { key: driving.key, scene: told };
+  const scene = kept.current?.key === driving?.key ? (kept.current?.scene ?? null) : null;
+  const drivers = useMemo(() => {
+    if (!driving) seen.current.clear();
+    return (driving?.cars ?? []).map((car) => {
+      const named = (scene?.racers ?? []).findIndex((racer) =>
+        racer.model?.includes(`-${car.submission}/`),
+      );
+      const racer = named < 0 && driving.cars.length === 1 ? 0 : named;
+      const shown = scene?.cars.find((each) => each.racer === racer) ?? null;
+      const laps = (scene?.finished ?? []).filter(
+        (each) => each.racer === racer && each.ended_s >= driving.began_at,
+      );
+      if (shown) addSplits(seen.current, `${driving.key} ${car.submission}`, shown);
+      const splits = seen.current.get(`${driving.key} ${car.submission}`)?.splits ?? [];
+      return { ...car, shown, laps, splits };
+    });
+  }, [driving, scene]);
+  return { topic, scene, drivers };
+}
+
+/** The time at which a car has passed each third of its lap, between two scenes. */
+function addSplits(seen, key, { laps, progress, lap_s: now }) {
+  const before = seen.get(key);
+  const same = before?.lap === laps && now >= before.now;
+  const splits = same ? before.splits : [];
+  SPLITS.forEach((mark, k) => {
+    if (!same || before.progress >= mark || progress < mark) return;
+    const share = (mark - before.progress) / (progress - before.progress);
+    splits[k] = before.now + share * (now - before.now);
+  });
+  seen.set(key, { lap: laps, progress, now, splits });
+}
+
+function scoreText(race, row) {
+  if (inPairs(race)) return `${pointsText(row)} ${row.points === 1 ? "point" : "points"}`;
+  return row.score_s === null ? row.laps_text : row.score_text;
+}
+const clock = (seconds) =>
+  `${Math.floor(seconds / 60)}:${(seconds % 60).toFixed(3).padStart(6, "0")}`;
+
+/** The rows of the board; where the best lap decides, a clean lap counts as soon as it is driven. */
+function boardRows(race, drivers) {
+  const rows = race.leaderboard.map((row) => ({
+    ...{ racer: row.racer, rank: row.rank, seconds: row.score_s, score: scoreText(race, row) },
+    gap: inPairs(race) ? `best lap ${row.best_lap_text}` : gapText(row),
+    drives: drivers.some((car) => car.racer === row.racer),
+  }));
+  if (race.rules.ranking !== "best-lap" || inPairs(race)) return rows;
+  for (const { racer, laps } of drivers) {
+    const clean = laps.filter((lap) => lap.progress >= 100 && !lap.resets);
+    const best = Math.min(...clean.map((lap) => lap.time_s));
+    const old = rows.findIndex((row) => row.racer === racer);
+    if (!clean.length || (old >= 0 && (rows[old].seconds ?? Infinity) <= best)) continue;
+    if (old >= 0) rows.splice(old, 1);
+    const behind = rows.findIndex((row) => (row.seconds ?? Infinity) > best);
+    const rank = behind < 0 ? rows.length : behind;
+    const first = rank ? rows[0].seconds : best;
+    const gap = rank ? `+${number(best - first, 3, "s")}` : "leads now";
+    const row = { racer, rank: rank + 1, seconds: best, score: clock(best), gap, drives: true };
+    rows.splice(rank, 0, row);
+    rows.forEach((each, k) => {
+      if (each.rank !== null) each.rank = k + 1;
+    });
+  }
+  return rows;
+}
+
+function Board({ race, rows, first }) {
+  const list = useRef(null);
+  const tops = useRef(new Map());
+  useLayoutEffect(() => {
+    const now = new Map([...(list.current?.children ?? [])].map((row) => [row.title, row]));
+    for (const [racer, row] of now) {
+      const top = row.offsetTop;
+      const moved = (tops.current.get(racer) ?? top) - top;
+      if (moved && !still.matches)
+        row.animate([{ transform: `translateY(${moved}px)` }, { transform: "none" }], {
+          duration: 900,
+          easing: "ease-in-out",
+        });
+      now.set(racer, top);
+    }
+    tops.current = now;
+  });
+  if (!rows.length)
+    return html`<p class="night-empty">${race.submissions.length ? "Nobody has driven yet." : race.state === "open" ? "Submit your model!" : "Nobody has submitted a model."}</p>`;
+  return html`
+    <ol ref=${list} class="night-board" start=${first + 1}>${rows.map(
+      ({ racer, rank, score, gap, drives }) => html`
+        <li key=${racer} title=${racer} class=${`${rank === 1 ? "first" : ""}${drives ? " drives" : ""}`}>
+          <span class="night-rank">${rank ?? "–"}</span>
+          <span class="night-racer">${racer}</span>
+          <span class="night-score">${score}</span>
+          <span class="night-gap">${gap}</span>
+        </li>`,
+    )}</ol>`;
+}
+
+function Winner({ race }) {
+  const [first, ...others] = race.leaderboard;
+  const podium = others.slice(0, 2).filter((row) => row.rank);
+  return html`
+    <div class="night-winner" role="status">
+      <p>Winner</p>
+      <p class="night-winner-name">${race.winner}</p>
+      <p class="night-winner-score">${scoreText(race, first)}</p>
+      ${podium.length > 0 && html`<p class="night-podium">${podium.map((row) => `${row.rank}. ${row.racer} ${scoreText(race, row)}`).join("   ")}</p>`}
+    </div>`;
+}
+
+function AllPairs({ race, isNarrow }) {
+  const box = useRef(null);
+  // Smaller text until all pairs are seen; many of them are scrolled rather than made unreadable.
+  useLayoutEffect(() => {
+    const { current } = box;
+    for (let share = 1; share > 0.4; share -= 0.1) {
+      current.style.setProperty("--fit", share.toFixed(1));
+      const tall = current.scrollHeight > current.clientHeight + 1;
+      if (isNarrow || (!tall && current.scrollWidth <= current.clientWidth + 1)) return;
+    }
+  });
+  return html`
+    <h2>${race.rules.pairing === "bracket" ? "Bracket" : "Pairs"}</h2>
+    <div ref=${box} class="night-pairs"><${Pairs} race=${race} /></div>`;
+}
+
+/** Videos of a run that has ended. */
+function filmsOf(race, run) {
+  const names = run.cars.map((car) => car.submission);
+  if (names.length === 1)
+    return race.submissions
+      .filter((entry) => entry.submission === names[0] && entry.video)
+      .map((entry) => entry.video);
+  const same = (pair) => names.includes(pair.first) && names.includes(pair.second);
+  return race.pairs.find(same)?.videos ?? [];
+}
+
+/** Who drives with pictures, then the film of it, and who is next. */
+function Side({ id, race, cars, isNarrow }) {
+  const { driving, last } = race.moments;
+  const begun = useRef(last?.key);
+  const [ended, setEnded] = useState("");
+  const film = last?.state === "done" ? filmsOf(race, last)[0] : null;
+  const fresh = last?.key !== begun.current && ended !== last?.key;
+  const shown = film && ended !== `bad ${last.key}` && (!driving || fresh);
+  const screen =
+    shown &&
+    html`
+    <section class="night-film" aria-label="Film of the last run">
+      <h2>${driversText(last)}</h2>
+      <video key=${film} autoplay muted playsinline loop=${!driving} src=${videoPath(id, film)} aria-label=${`Film of ${driversText(last)}`}
+        onEnded=${() => setEnded(last.key)} onError=${() => setEnded(`bad ${last.key}`)}></video>
+    </section>`;
+  return html`
+    <section class="night-now" aria-label="Driven now"><h2>Now</h2>${driving ? html`<${Driving} key=${driving.key} race=${race} ...${cars} />` : html`<p class="quiet">${idleText(race)}</p>`}</section>
+    ${screen}
+    ${!(driving && shown) && html`<${Next} race=${race} isNarrow=${isNarrow} />`}`;
+}
+
+function idleText({ state, queue, runner }) {
+  if (state === "finished") return "The race is over.";
+  if (!queue.length) return "Nobody is driving.";
+  return runner
+    ? "The next car goes to the start."
+    : `${waitText(queue.length)}. Nobody is driving the queue.`;
+}
+
+function Driving({ race, topic, scene, drivers }) {
+  const [, setNow] = useState(0);
+  const trails = useRef(new Map());
+  const { lines, error } = useTrack(scene?.world ?? race.rules.world);
+  const [pictured, setPictured] = useState(null);
+  const moving = scene?.cars ?? [];
+  const color = (each) => rgb(scene.racers[each.racer]?.rgb);
+  const paths = useMemo(() => (scene ? addTrails(trails.current, moving, color) : []), [scene]);
+  const began = race.moments.driving.began_at;
+  useEffect(() => {
+    const timer = setInterval(() => setNow(Date.now()), 1000);
+    return () => clearInterval(timer);
+  }, []);
+  const marks = moving.map((each) => ({
+    ...{ x: each.x, y: each.y, yaw: (each.yaw_deg * Math.PI) / 180, color: color(each), name: "" },
+  }));
+  const objects = (scene?.shown?.objects ?? []).map(({ x, y, yaw_deg: yaw }) => [
+    ...[x, y, (yaw * Math.PI) / 180],
+  ]);
+  const seen = moving.find((each) => each.car === pictured);
+  const whose =
+    drivers.find((car) => seen && car.shown === seen)?.racer ?? driversText({ cars: drivers });
+  return html`
+    ${drivers.map((car) => html`<${Driver} key=${car.submission} car=${car} laps=${race.rules.max_laps} began=${began} live=${Boolean(topic)} here=${race.here} />`)}
+    ${
+      (topic || scene) &&
+      html`<div class="night-pictures">
+        <${LivePicture} topic=${topic && `${topic}:camera`} name="Camera" label=${`What the car of ${whose} sees`} size=${[160, 120]} wait=${topic ? "Waiting for the first picture." : "No picture now."} onCar=${setPictured} />
+        ${
+          !error &&
+          html`<div class="night-map"><${TrackMap} label=${`Map of the track with the car of ${driversText({ cars: drivers })}`} height=${null}
+          track=${lines} paths=${paths} cars=${marks} objects=${objects} /></div>`
+        }
+      </div>`
+    }`;
+}
+
+function Driver({ car, laps: most, began, live, here }) {
+  const { racer, shown, laps, splits } = car;
+  const times = laps.map((each) => [
+    `Lap ${each.lap}`,
+    each.progress >= 100 ? clock(each.time_s) + andResets(each.resets) : "not complete",
+  ]);
+  const thirds = SPLITS.map((_, k) => [
+    `${k + 1}/3`,
+    splits[k] === undefined ? "–" : number(splits[k], 2, "s"),
+  ]);
+  const seconds = Math.max(0, Date.now() / 1000 - began);
+  const said = !live
+    ? here && (shown || seconds > START_S)
+      ? "The laps are driven; the result comes soon."
+      : `Has driven for ${duration(seconds)}.`
+    : shown
+      ? `Lap ${Math.min(most, shown.laps + 1)} of ${most}, ${number(Math.max(0, shown.progress))} %, ${number(shown.lap_s, 1, "s")}${andResets(shown.resets)}`
+      : "Goes to the start.";
+  const share = shown && (100 * shown.laps + Math.max(0, shown.progress)) / most;
+  return html`
+    <div class="night-driver">
+      <p class="night-driver-name">${racer}</p>
+      ${shown && html`<progress max="100" value=${Math.min(100, share)} aria-label=${`Progress of ${racer}`}></progress>`}
+      <p class="night-driver-facts">${said}</p>
+      ${
+        shown &&
+        html`<dl class="night-splits" aria-label=${`Split times of ${racer}`}>
+        ${[...times.slice(-3), ...thirds].map(([name, text]) => html`<div key=${name}><dt>${name}</dt><dd>${text}</dd></div>`)}
+      </dl>`
+      }
+    </div>`;
+}
+
+function Next({ race, isNarrow }) {
+  const racers = new Map(race.submissions.map(({ submission, racer }) => [submission, racer]));
+  const runs = race.queue.map((run) =>
+    run
+      .split("+")
+      .map((each) => racers.get(each) ?? each)
+      .join(" – "),
   );
+  const most = isNarrow ? runs.length : race.moments.driving ? 2 : 4;
+  return html`
+    <section class="night-next" aria-label="Next">
+      <h2>Next</h2>
+      ${
+        runs.length
+          ? html`<ol>${runs.slice(0, most).map((name, k) => html`<li key=${race.queue[k]}>${name}</li>`)}</ol>`
+          : html`<p class="quiet">The queue is empty${race.state === "open" ? ": submit a model." : "."}</p>`
+      }
+      ${runs.length > most && html`<p class="quiet">and ${number(runs.length - most)} more</p>`}
+    </section>`;
+}
+
+/** A result that has come since the page was opened, for some seconds. */
+function LastResult({ race }) {
+  const run = race.moments.last;
+  const known = useRef(run?.key);
+  const [shown, setShown] = useState(null);
+  useEffect(() => {
+    if (!run || run.key === known.current) return undefined;
+    known.current = run.key;
+    setShown(run.key);
+    const timer = setTimeout(() => setShown(null), LAST_MS);
+    return () => clearTimeout(timer);
+  }, [run?.key]);
+  const here = run && shown === run.key;
+  const places = here
+    ? race.leaderboard.filter(
+        (row) => row.rank && run.cars.some((car) => car.submission === row.submission),
+      )
+    : [];
+  const result = (car) =>
+    `${car.racer}: ${run.state === "failed" ? "the run has failed" : car.text}`;
+  return html`
+    <section class="night-last in" aria-live="polite" aria-label="Last result" hidden=${!here}>
+      ${here && html`<p><strong>Last result  </strong>${run.cars.map(result).join("   ")}${places.length === 1 && html`<strong>   Rank ${places[0].rank}</strong>`}</p>`}
+    </section>`;
 }

@@ -1,162 +1,74 @@
 // All races of the bucket, and the form that makes one.
 
-import { api, post } from "/api.js";
-import { empty, failure, fill, h, number } from "/dom.js";
-import { raceForm, usualRules } from "/race_form.js";
-import { KINDS, dateText, nightLink, raceLink, stateBadge, waitText } from "/race_words.js";
-import { follow } from "/socket.js";
+import { post } from "/api.js";
+import { useDraft } from "/drafts.js";
+import { RaceForm } from "/race_form.js";
+import { KINDS, StateBadge, dateText, inPage, nightLink, raceLink, waitText } from "/race_words.js";
+import { setQuery, useGet, useTopic } from "/store.js";
+import { number } from "/text.js";
+import { Empty, Failure, html, useEffect } from "/ui.js";
 
 export const title = "Races";
 
 const COLUMNS = ["Race", "State", "Track", "Kind", "Leader", "Submissions", "Queue", "Made"];
 
-export function show(main, params, { signal, query }) {
-  const list = h("div", { class: "race-list" }, h("p", { class: "quiet" }, "Reading the bucket …"));
-  const place = h("div", {});
-  const make = h(
-    "button",
-    {
-      type: "button",
-      class: "main",
-      "aria-expanded": "false",
-      click: () => (place.firstChild ? close() : open()),
-    },
-    "Make a race",
-  );
-  fill(
-    main,
-    h("h1", {}, "Races"),
-    h(
-      "p",
-      {},
-      "A leaderboard over models of this bucket: racers submit checkpoints, a queue drives them under the same rules, and the best is first.",
-    ),
-    h("p", { class: "actions" }, make),
-    place,
-    list,
-  );
-
-  function close() {
-    fill(place);
-    make.setAttribute("aria-expanded", "false");
-    make.focus();
-  }
-
-  async function open() {
-    make.setAttribute("aria-expanded", "true");
-    fill(place, h("p", { class: "quiet" }, "Reading the tracks …"));
-    try {
-      const usual = await usualRules(signal);
-      const send = async (wish) => {
-        location.hash = raceLink((await post(api("races"), wish, signal)).race);
-      };
-      fill(
-        place,
-        h(
-          "section",
-          { class: "race-card", "aria-label": "Make a race" },
-          h("h2", {}, "Make a race"),
-          raceForm({ usual, action: "Make this race", send, cancel: close, signal }),
-        ),
-      );
-      place.querySelector("input").focus();
-    } catch (error) {
-      if (error.name !== "AbortError") fill(place, failure(error));
-    }
-  }
-
-  follow(
-    "races",
-    (found) => {
-      if (found.error) {
-        fill(list, failure(found.error));
-        return;
+export function Page({ query }) {
+  const { value: found, error } = useTopic("races");
+  const folder = useGet("/api/new-folder").value;
+  const open = query.has("new");
+  return html`
+    <h1>Races</h1>
+    <p>A leaderboard over models of this bucket: racers submit checkpoints, a queue drives them under the same rules, and the best is first.</p>
+    <p class="actions"><button type="button" class="main" aria-expanded=${String(open)}
+      onClick=${() => setQuery({ new: open ? "" : "1" })}>Make a race</button></p>
+    ${folder && html`<${Creation} key=${folder.directory} folder=${folder.directory} open=${open} />`}
+    <div class="race-list">
+      ${error && html`<${Failure} error=${error} />`}
+      ${!found && !error && html`<p class="quiet">Reading the bucket …</p>`}
+      ${found?.races.length > 0 && html`<${List} races=${found.races} />`}
+      ${
+        found?.races.length === 0 &&
+        !open &&
+        html`<${Empty} text=${`There is no race in s3://${found.bucket} yet. Make one, let racers submit their models, and drive its queue.`}>
+          <button type="button" onClick=${() => setQuery({ new: "1" })}>Make the first race</button>
+        <//>`
       }
-      const focused = document.activeElement?.dataset?.race;
-      fill(
-        list,
-        found.races.length
-          ? table(found.races)
-          : place.firstChild
-            ? null
-            : empty(
-                `There is no race in s3://${found.bucket} yet. Make one, let racers submit their models, and drive its queue.`,
-                h("button", { type: "button", click: open }, "Make the first race"),
-              ),
-        found.damaged.map((message) => failure({ message, remedy: "" })),
-      );
-      if (focused)
-        list.querySelector(`[data-race="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
-    },
-    signal,
-  );
-
-  if (query?.has("new")) open();
+      ${found?.damaged.map((message) => html`<${Failure} key=${message} error=${{ message: inPage(message) }} />`)}
+    </div>`;
 }
 
-function table(races) {
-  const cell = (k, kind, ...content) =>
-    h("td", { class: kind, role: "cell", "data-label": COLUMNS[k] }, h("span", {}, content));
-  return h(
-    "div",
-    { class: "scroll", tabindex: "0", role: "region", "aria-label": "Races" },
-    h(
-      "table",
-      { class: "race-table", role: "table" },
-      h(
-        "caption",
-        {},
-        number(races.length),
-        races.length === 1 ? " race, " : " races, ",
-        "the newest first",
-      ),
-      h(
-        "thead",
-        { role: "rowgroup" },
-        h(
-          "tr",
-          { role: "row" },
-          COLUMNS.map((name) => h("th", { scope: "col", role: "columnheader" }, name)),
-        ),
-      ),
-      h(
-        "tbody",
-        { role: "rowgroup" },
-        races.map((race) =>
-          h(
-            "tr",
-            { role: "row" },
-            h(
-              "th",
-              { scope: "row", role: "rowheader" },
-              h("a", { href: raceLink(race.race), "data-race": race.race }, race.name),
-            ),
-            cell(1, null, stateBadge(race.state)),
-            cell(2, null, race.world),
-            cell(3, null, KINDS[race.race_type]),
-            cell(
-              4,
-              null,
-              race.leader ?? "nobody yet",
-              race.leader_s === null ? null : ` ${race.leader_text}`,
-            ),
-            cell(5, "number", number(race.submissions)),
-            cell(
-              6,
-              null,
-              race.queued ? waitText(race.queued) : "empty",
-              race.runner ? ", being driven" : "",
-              " ",
-              h(
-                "a",
-                { href: nightLink(race.race), "aria-label": `Race night of ${race.name}` },
-                "Race night",
-              ),
-            ),
-            cell(7, null, dateText(race.created_at)),
-          ),
-        ),
-      ),
-    ),
-  );
+function Creation({ folder, open }) {
+  const draft = useDraft(`new-race:${folder}`, 1);
+  useEffect(() => {
+    if (draft.restored) setQuery({ new: "1" });
+  }, []);
+  if (!open) return null;
+  const send = async (rules) => {
+    const { race } = await post("/api/races", rules);
+    location.hash = raceLink(race);
+  };
+  return html`<${RaceForm} title="Make a race" action="Make this race" draft=${draft} send=${send} leave=${() => setQuery({ new: "" })} />`;
 }
+
+const List = ({ races }) => html`
+  <div class="scroll" tabindex="0" role="region" aria-label="Races">
+    <table class="race-table race-all" role="table">
+      <caption>${number(races.length)} ${races.length === 1 ? "race" : "races"}, the newest first</caption>
+      <thead role="rowgroup"><tr role="row">${COLUMNS.map((name) => html`<th key=${name} scope="col" role="columnheader">${name}</th>`)}</tr></thead>
+      <tbody role="rowgroup">${races.map((race) => {
+        const cells = [
+          html`<${StateBadge} state=${race.state} />`,
+          race.world,
+          KINDS[race.race_type],
+          `${race.leader ?? "nobody yet"}${race.leader_s === null ? "" : ` ${race.leader_text}`}`,
+          number(race.submissions),
+          html`${race.queued ? waitText(race.queued) : "empty"}${race.runner && ", being driven"} <a href=${nightLink(race.race)} aria-label=${`Race night of ${race.name}`}>Race night</a>`,
+          dateText(race.created_at),
+        ];
+        return html`<tr key=${race.race} role="row">
+          <th scope="row" role="rowheader"><a href=${raceLink(race.race)}>${race.name}</a></th>
+          ${cells.map((cell, k) => html`<td key=${k} role="cell" data-label=${COLUMNS[k + 1]}><span>${cell}</span></td>`)}
+        </tr>`;
+      })}</tbody>
+    </table>
+  </div>`;

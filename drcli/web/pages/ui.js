@@ -1,9 +1,13 @@
 // Components that all pages use.
 
 import { mendLink } from "/mend.js";
-import { html, useEffect, useRef } from "/vendor/preact/preact.js";
+import { html, useEffect, useRef, useState } from "/vendor/preact/preact.js";
 
 export * from "/vendor/preact/preact.js";
+
+let ids = 0;
+/** An id of its own for an element; Preact's begin again in each dialog. */
+export const useId = () => useState(() => `id-${(ids += 1)}`)[0];
 
 /** Text in which words in backticks are code. */
 export const Prose = ({ text }) =>

@@ -11,6 +11,7 @@ from starlette.testclient import TestClient
 
 from browser import headless_browser
 from drcli.web.console_app import build_app
+from drcli.web.model_reader import ModelReader
 from drcli.web.served_folder import ServedFolder
 from home_races import Home, home_in
 from served_console import ServedConsole, served_console
@@ -38,7 +39,8 @@ def home(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
     found = home_in(working_folder, monkeypatch)
     for module in ("race_reader", "race_routes"):
         monkeypatch.setattr(f"drcli.web.{module}.open_running_bucket", lambda _: found.bucket)
-    monkeypatch.setattr(ServedFolder, "bucket", lambda *_: found.bucket)
+    for owner in (ServedFolder, ModelReader):
+        monkeypatch.setattr(owner, "bucket", lambda *_: found.bucket)
     return found
 
 

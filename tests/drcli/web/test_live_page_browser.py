@@ -1,60 +1,18 @@
 """The live page in a browser: a worker that comes, is watched, and goes; the log; keyboard."""
 
 import re
-import threading
 
 import pytest
 
 from drcli.records.run_record import log_file
-from live_worker import SmallDrive, shown
+from live_worker import driving
 
 
-@pytest.fixture
-def driving(served):
-    """A worker that drives until the block is left."""
-    drive = SmallDrive()
-    ended = threading.Event()
-
-    class Ended(Exception):
-        pass
-
-    def rest():
-        if ended.wait(0.02):
-            raise Ended
-
-    class Driving:
-        name = "sim-0"
-
-        def __enter__(self):
-            ended.clear()
-            self._shown = shown(served.folder, name=self.name)
-            show, _ = self._shown.__enter__()
-            self.show = show
-            self._thread = threading.Thread(target=self._drive, args=(show,), daemon=True)
-            self._thread.start()
-            return show
-
-        def _drive(self, show):
-            try:
-                while True:
-                    drive.episodes(show, after_step=rest)
-            except Ended:
-                pass
-
-        def __exit__(self, *_):
-            ended.set()
-            self._thread.join(20.0)
-            self._shown.__exit__(None, None, None)
-
-    yield Driving()
-    drive.close()
-
-
-def test_a_worker_is_shown_while_it_runs(served, visit, driving):
+def test_a_worker_is_shown_while_it_runs(served, visit):
     page = visit(served.url, width=800).page
     page.get_by_text("There is no training yet.").wait_for()
     page.get_by_text("No worker runs now.").wait_for()
-    with driving:
+    with driving(served.folder):
         card = page.locator("article[data-worker=sim-0]")
         card.get_by_text("Drives iteration 3.").wait_for()
         card.scroll_into_view_if_needed()
@@ -175,10 +133,9 @@ def test_clean_laps_and_their_median_come_before_everything_else(served, visit):
     assert "Clean laps95 % (19 of 20)Median clean lap6.10 s" in told["text"]
 
 
-def test_the_card_of_an_evaluation_is_headed_by_its_model(served, visit, driving):
-    driving.name = "evaluation-20260102030405"
+def test_the_card_of_an_evaluation_is_headed_by_its_model(served, visit):
     page = visit(served.url).page
-    with driving:
+    with driving(served.folder, "evaluation-20260102030405"):
         page.get_by_role("heading", name="Evaluation of model-1").wait_for()
 
 

@@ -232,11 +232,6 @@ def test_what_a_submission_may_be_made_of(home, client, monkeypatch):
     monkeypatch.setattr("drcli.web.race_routes.list_tracks", lambda *_: tracks)
     models = client.get("/api/races/models").json()["models"]
     assert [model["prefix"] for model in models] == ["ann", "bob", "cem"]
-    assert client.get("/api/races/checkpoints?prefix=ann").json() == {
-        "checkpoints": [5],
-        "about": "best: 5, never evaluated; last: 5, never evaluated",
-    }
-    assert client.get("/api/races/checkpoints?prefix=../x").status_code == 400
     form = client.get("/api/races/form").json()
     assert (form["world"], form["racer"], form["model"]) == ("bean", "Ann", "ann")
     assert form["tracks"] == ["bean"]
