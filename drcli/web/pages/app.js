@@ -4,7 +4,7 @@ import { clearNotices, dismiss, notices, notify } from "/notices.js";
 import { mendLink } from "/mend.js";
 import { follow, onConnection } from "/socket.js";
 import { route, useGet } from "/store.js";
-import { Empty, Prose, html, render, signal, useEffect, useRef, useState } from "/ui.js";
+import { Empty, Prose, html, render, signal, useEffect, useState } from "/ui.js";
 
 const PAGES = [
   { path: "/", name: "Live", module: "/live_page.js" },
@@ -76,11 +76,8 @@ function Main() {
   if (page?.error) return html`<${Broken} error=${page.error} again=${again} />`;
   // The page itself says what is wrong with a folder that cannot be read.
   if (!page || (path !== "/new" && !folder.value && !folder.error)) return null;
-  const { module } = page;
-  const props = { params: found.params, query };
-  return module.Page
-    ? html`<${module.Page} key=${path} ...${props} />`
-    : html`<${Drawn} key=${`${path}?${query}`} show=${module.show} ...${props} />`;
+  const { Page: Shown } = page.module;
+  return html`<${Shown} key=${path} params=${found.params} query=${query} />`;
 }
 
 const Broken = ({ error, again }) => html`
@@ -88,24 +85,6 @@ const Broken = ({ error, again }) => html`
   <p><${Prose} text=${error.message} /></p>
   ${error.remedy && html`<p><${Prose} text=${error.remedy} /></p>`}
   <p><button type="button" onClick=${again}>Try again</button></p>`;
-
-/** A page that draws itself into an element. */
-function Drawn({ show, params, query }) {
-  const place = useRef(null);
-  const [error, setError] = useState(null);
-  useEffect(() => {
-    if (error) return undefined;
-    const own = new AbortController();
-    Promise.resolve(show(place.current, params, { signal: own.signal, query })).catch((reason) => {
-      if (own.signal.aborted || reason.name === "AbortError") return;
-      console.error(reason);
-      setError(reason);
-    });
-    return () => own.abort();
-  }, [error]);
-  if (error) return html`<${Broken} error=${error} again=${() => setError(null)} />`;
-  return html`<div ref=${place}></div>`;
-}
 
 function Menu() {
   const { path } = route.value;

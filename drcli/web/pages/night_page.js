@@ -134,7 +134,7 @@ function Night({ id, race, trouble }) {
         <section class="night-stage" aria-label="Leaderboard">
           ${shown === "winner" && html`<${Winner} race=${race} />`}
           ${shown === "pairs" && html`<${AllPairs} race=${race} isNarrow=${isNarrow} />`}
-          ${!alone && html`<${Board} race=${race} first=${shown * ROWS || 0} rows=${rows.slice(shown * size || 0, (shown + 1) * size)} />`}
+          ${!alone && html`<${Board} race=${race} first=${Number(shown) * ROWS || 0} rows=${rows.slice(Number(shown) * size || 0, (Number(shown) + 1) * size)} />`}
           ${count > 1 && html`<p class="night-dots" aria-hidden="true">${slides.map((each, k) => html`<span key=${each} class=${k === at && "on"}></span>`)}</p>`}
         </section>
         <div class="night-side"><${Side} id=${id} race=${race} cars=${cars} isNarrow=${isNarrow} /></div>

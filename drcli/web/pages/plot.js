@@ -44,7 +44,9 @@ function optionsOf({ x, series, axes, limits, isShown, seeks }) {
       right: limits.right ? { range: limits.right } : {},
     },
     axes: [
-      x === "Iteration" ? { ...axis, incrs: WHOLE_STEPS } : { ...named(axes.x), size: seeks ? 32 : 50 },
+      x === "Iteration"
+        ? { ...axis, incrs: WHOLE_STEPS }
+        : { ...named(axes.x), size: seeks ? 32 : 50 },
       { ...named(axes.left), size: 52 },
       ...(series.some((each) => each.axis) ? [right] : []),
     ],

@@ -63,7 +63,7 @@ const isHidden = (key, kind) =>
 function localTime(unix) {
   if (!unix) return "";
   const at = new Date(unix * 1000);
-  return new Date(at - at.getTimezoneOffset() * 60_000).toISOString().slice(0, 16);
+  return new Date(Number(at) - at.getTimezoneOffset() * 60_000).toISOString().slice(0, 16);
 }
 
 /** What the form begins with: the present rules, or the usual ones. */

@@ -112,6 +112,7 @@ const BUTTONS = {
   list: "Races",
 };
 // Sentences that name no option.
+/** @type {[RegExp, string][]} */
 const SAID = [
   [/name of the race/, "name"],
   [/name of the racer|has submitted/, "racer"],

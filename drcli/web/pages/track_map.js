@@ -59,6 +59,7 @@ function drawPath(pen, camera, path) {
   pen.setLineDash([]);
 }
 
+/** @param {any} pen @param {any} camera @param {number[]} box x, y, yaw */
 function drawBox(pen, camera, [x, y, yaw]) {
   const long = Math.max(0.4 * camera.scale, 7);
   const wide = Math.max(0.3 * camera.scale, 7);
@@ -172,7 +173,11 @@ export function TrackMap(props) {
   const path = paths.find((each) => each.values);
   const [low, high] = path ? range(path.values).map((end) => number(end, path.digits ?? 2)) : [];
   const unit = path?.unit ? ` ${path.unit}` : "";
-  const click = (event) => map && pick(...map.camera.metres(event.offsetX, event.offsetY));
+  const click = (event) => {
+    if (!map) return;
+    const [x, y] = map.camera.metres(event.offsetX, event.offsetY);
+    pick(x, y);
+  };
   return html`
     <div class="track-map">
       <canvas ref=${canvas} role="img" style=${height && { height: `${height}px` }}
