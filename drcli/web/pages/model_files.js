@@ -1,6 +1,7 @@
 // Settings and files of a model, and what differs from its parent or from any other model.
 
 import { SelectField } from "/fields.js";
+import { BothCurves } from "/model_curves.js";
 import { setQuery, useGet } from "/store.js";
 import { Empty, Failure, Table, html } from "/ui.js";
 
@@ -128,6 +129,7 @@ function Differences({ found, other, prefix }) {
         ${file.diff.length ? html`<${Diff} lines=${file.diff} />` : html`<p class="quiet">Its text was not kept.</p>`}
       </details>`,
       )}
+      <${BothCurves} prefix=${prefix} other=${other} sameReward=${!found.files.some((file) => file.name === "reward_function.py")} />
       <${Table} caption="Results" heads=${["Result", other, prefix]}
         rows=${found.results.map((each) => [RESULTS[each.name] ?? each.name.replaceAll("_", " "), figure(each.before), figure(each.after)])} />
       ${

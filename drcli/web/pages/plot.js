@@ -16,12 +16,13 @@ import { html, useEffect, useLayoutEffect, useRef, useSeen, useState } from "/ui
  * @property {string} [dots] colour of dots, which are drawn instead of a line
  * @property {"right"} [axis]
  * @property {number[]} [dash]
+ * @property {boolean} [hidden] only an edge of a band
  */
 
 const groupOf = (each) => each.group ?? each.name;
 
 /** Axes, scales and series as uPlot takes them. */
-function optionsOf({ x, series, axes, limits, isShown, seeks }) {
+function optionsOf({ x, series, axes, limits, isShown, seeks, bands }) {
   const font = "12px system-ui";
   const line = ink("line");
   const axis = {
@@ -50,6 +51,7 @@ function optionsOf({ x, series, axes, limits, isShown, seeks }) {
       { ...named(axes.left), size: 52 },
       ...(series.some((each) => each.axis) ? [right] : []),
     ],
+    bands: bands.map(([high, low, color]) => ({ series: [high, low], fill: `${ink(color)}30` })),
     series: [
       {},
       ...series.map((each) => ({
@@ -57,11 +59,11 @@ function optionsOf({ x, series, axes, limits, isShown, seeks }) {
         show: isShown(each),
         spanGaps: true,
         stroke: ink(each.color),
-        width: each.dots ? 0 : 2,
+        width: each.dots || each.hidden ? 0 : 2,
         dash: each.dash,
         paths: each.dots ? () => null : undefined,
         points: {
-          show: each.dots ? true : (self) => self.data[0].length < 2,
+          show: each.dots ? true : (self) => !each.hidden && self.data[0].length < 2,
           size: each.dots ? 4 : 8,
           width: 0,
           fill: ink(each.dots ?? each.color),
@@ -77,9 +79,9 @@ function optionsOf({ x, series, axes, limits, isShown, seeks }) {
  * @param {{title: string, hint?: string, x?: string, height?: number, series: Series[], data: any[][],
  *   axes?: {x?: string, left?: string, right?: string}, limits?: {y?: number[], right?: number[]},
  *   mark?: {x: number, text: string} | null, read?: (index: number | null) => string, nothing?: string,
- *   at?: number, seek?: (x: number) => void}} props
+ *   at?: number, seek?: (x: number) => void, bands?: [number, number, string][]}} props
  *   `data` is x and a list for each series; `read` says what is at an index, or last, instead of the values;
- *   a line stands at the x of `at`, and `seek` gets the x of a click.
+ *   a line stands at the x of `at`, and `seek` gets the x of a click; bands lie between two series, counted from 1.
  */
 export function Plot(props) {
   const {
@@ -129,7 +131,15 @@ export function Plot(props) {
     };
     const self = new uPlot(
       {
-        ...optionsOf({ x, series, axes, limits, isShown, seeks: Boolean(props.seek) }),
+        ...optionsOf({
+          x,
+          series,
+          axes,
+          limits,
+          isShown,
+          seeks: Boolean(props.seek),
+          bands: props.bands ?? [],
+        }),
         width: Math.max(element.clientWidth, 200),
         height,
         hooks: {

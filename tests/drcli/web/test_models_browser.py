@@ -128,6 +128,9 @@ def test_the_order_and_the_search_stay_in_the_address_and_two_models_are_compare
     page.get_by_label(f"Compare {PREFIX}").check()
     page.get_by_role("link", name=f"Compare another and {PREFIX}").click()
     page.get_by_role("heading", name="Differences from another").wait_for()
+    curves = page.get_by_role("img", name="Mean reward")
+    curves.wait_for()
+    assert "another" in curves.get_attribute("aria-label")
 
 
 def test_a_checkpoint_is_cloned_and_what_its_model_brings_is_shown(served, visit, models):
@@ -142,3 +145,17 @@ def test_a_checkpoint_is_cloned_and_what_its_model_brings_is_shown(served, visit
     assert dialog.get_by_label("Checkpoint").input_value() == "0"
     assert "+    return 1.0" in dialog.inner_text()
     assert dialog.get_by_label("Take its reward function").is_checked()
+
+
+@pytest.mark.parametrize(
+    ("clean", "laps", "share"),
+    [(19, 20, (95, 76, 99)), (0, 20, (0, 0, 16)), (1, 1, (100, 21, 100))],
+)
+def test_a_share_of_clean_laps_has_the_range_of_chance(served, visit, models, clean, laps, share):
+    page = visit(f"{served.url}/#/models").page
+
+    found = page.evaluate(
+        "async (given) => (await import('/model_curves.js')).cleanShare(...given)", [clean, laps]
+    )
+
+    assert tuple(round(each) for each in found) == share
