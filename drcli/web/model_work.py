@@ -1,6 +1,7 @@
 """What tasks about models do in their own process."""
 
 import io
+import math
 import tarfile
 import tempfile
 import zipfile
@@ -8,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from drcli.base.errors import SettingsError
 from drcli.base.files import safe_name
@@ -34,9 +35,13 @@ from drcli.web import start_routes
 from drcli.web.model_reader import settings_for
 from drcli.web.tasks import Progress
 
+if TYPE_CHECKING:
+    from drcli.analysis.run import Run
+
 with lazy_imports():
     from drcli.analysis import analysis as analyses
     from drcli.analysis import outputs, read_run
+    from drcli.analysis.report import map_section
     from drcli.checks import compare_on_drive
     from drcli.run import plan as run_plan
     from drcli.transfer import download, export_car, export_forms, import_model, upload
@@ -234,7 +239,27 @@ def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str,
         "best_lap_s": report.best_lap_s,
         "limit": report.limit,
         "problems": report.problems,
+        "ends": ends_of(analysis.run),
     }
+
+
+MOST_ENDS = 4_000
+"""Of more, every second one is left out, or two of three ..."""
+
+
+def ends_of(run: "Run") -> list[list[float]]:
+    """Iteration, x and y, metres, where each training episode ended before its lap was complete."""
+    steps = map_section.located(run.steps)
+    if steps.empty:
+        return []
+    last = steps.drop_duplicates("unique_episode", keep="last").set_index("unique_episode")
+    lost = run.episodes[~run.episodes["complete"].astype(bool)]
+    lost = lost[lost.index.isin(last.index)]
+    lost = lost[:: math.ceil(max(1, len(lost)) / MOST_ENDS)]
+    places = last.loc[lost.index, ["x", "y"]].round(2).to_numpy().tolist()
+    return [
+        [int(iteration), *place] for iteration, place in zip(lost["iteration"], places, strict=True)
+    ]
 
 
 def start_training(

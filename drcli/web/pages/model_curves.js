@@ -50,7 +50,12 @@ export function BothCurves({ prefix, other, sameReward }) {
     { name: `${name}, high`, group: name, color: COLORS[k], hidden: true },
   ]);
   const at = (index) => {
-    const last = index ?? found.clean[0].length - 1;
+    const last =
+      index ??
+      found.clean[0].findLastIndex((_, k) =>
+        [1, 4].some((column) => found.clean[column][k] !== null),
+      );
+    if (last < 0) return "None of them was evaluated.";
     const said = names.map((name, k) => {
       const [share, low, high] = [1, 2, 3].map((part) => found.clean[3 * k + part][last]);
       return share === null || share === undefined

@@ -1,10 +1,14 @@
 // The reward graph of a training as consoles draw it, and what dr-analyze says about it.
 
 import { RewardPlot } from "/learning_plots.js";
+import { useTrack } from "/live_picture.js";
 import { runTask } from "/model_tasks.js";
 import { useAction, useGet } from "/store.js";
 import { lapTime, moment, number } from "/text.js";
-import { Button, Empty, Failure, html, useMemo } from "/ui.js";
+import { TrackMap } from "/track_map.js";
+import { Button, Empty, Failure, html, useMemo, useState } from "/ui.js";
+
+const PARTS = 10; // of a training, of which one is shown
 
 /** The points of /api/model/curve as the reward graph takes them. */
 function rowsOf({ iterations, episodes, best_iteration: best }) {
@@ -71,6 +75,34 @@ function Analysis({ prefix, path }) {
         }
       </p>
     </section>`;
+}
+
+/** Where episodes ended before their lap was complete, by iteration. @param {{ends: number[][], world: string}} props */
+function Ends({ ends, world }) {
+  const { lines } = useTrack(world);
+  const newest = Math.max(...ends.map(([iteration]) => iteration));
+  const span = Math.max(1, Math.ceil((newest + 1) / PARTS));
+  const [last, setLast] = useState(newest);
+  const [all, setAll] = useState(true);
+  const from = all ? 0 : Math.max(0, last - span + 1);
+  const to = all ? newest : last;
+  const dots = useMemo(
+    () =>
+      ends.filter(([iteration]) => iteration >= from && iteration <= to).map(([, x, y]) => [x, y]),
+    [ends, from, to],
+  );
+  const text = `${number(dots.length)} episodes of iterations ${from} to ${to} ended before their lap was complete.`;
+  return html`
+    <figure class="chart">
+      <figcaption><strong>Where it fails</strong> Darker: more episodes ended there.</figcaption>
+      <${TrackMap} label=${`Map of the ends of episodes. ${text}`} height=${360} track=${lines} dots=${dots} />
+      <p class="actions">
+        <label class="form-check"><input type="checkbox" checked=${all} onChange=${(event) => setAll(event.currentTarget.checked)} /> All iterations</label>
+        <label class="choice"><span>or those until</span><input type="range" min=${span - 1} max=${newest} value=${last} disabled=${all}
+          aria-label="Newest iteration that is shown" onInput=${(event) => setLast(Number(event.currentTarget.value))} /></label>
+      </p>
+      <p class="readout" role="status">${text}</p>
+    </figure>`;
 }
 
 function Verdict({ found }) {

@@ -87,12 +87,20 @@ function drawName(pen, camera, car) {
 }
 
 /** What stays the same while cars move. */
-function drawGround(pen, map, { paths, numbers }) {
+function drawGround(pen, map, { paths, dots, numbers }) {
   const { camera } = map;
   pen.lineJoin = pen.lineCap = "round";
   drawRoad(pen, camera, map, color);
   drawBorders(pen, camera, map, color);
   for (const path of [...paths].reverse()) drawPath(pen, camera, path);
+  pen.fillStyle = css("bad");
+  pen.globalAlpha = DOT_ALPHA; // many at one place become one dark spot
+  for (const [x, y] of dots) {
+    pen.beginPath();
+    pen.arc(camera.x(x), camera.y(y), DOT_PX, 0, 7);
+    pen.fill();
+  }
+  pen.globalAlpha = 1;
   if (!numbers || !map.road) return;
   drawWaypoints(pen, camera, map, color);
   map.road.center_x.forEach((x, k) =>
@@ -110,18 +118,30 @@ function range(values) {
   ];
 }
 
+const NOTHING = [];
+const DOT_PX = 6;
+const DOT_ALPHA = 0.25;
+
 /**
  * A map that fits into its place; `track` and `paths` are drawn again only when they are other objects.
  * @param {{label: string, height?: number | null, pick?: ((x: number, y: number) => void) | null,
  *   track: {center: number[][], inner: number[][], outer: number[][], closed: boolean} | null,
- *   paths: {x: number[], y: number[], values?: number[], digits?: number, name?: string, unit?: string, color?: string,
+ *   paths?: {x: number[], y: number[], values?: number[], digits?: number, name?: string, unit?: string, color?: string,
  *     alpha?: number, dashed?: boolean}[],
- *   cars?: {x: number, y: number, yaw: number, color?: string, name?: string}[], objects?: number[][], numbers?: boolean}} props
- *   Places are metres, yaw is radians, objects are [x, y, yaw]; pick gets the metres of a click;
+ *   dots?: number[][], cars?: {x: number, y: number, yaw: number, color?: string, name?: string}[], objects?: number[][], numbers?: boolean}} props
+ *   Places are metres, dots are [x, y], yaw is radians, objects are [x, y, yaw]; pick gets the metres of a click;
  *   a path with values is coloured by them; numbers shows those of the waypoints.
  */
 export function TrackMap(props) {
-  const { label, height = 380, pick = null, track, paths, numbers = false } = props;
+  const {
+    label,
+    height = 380,
+    pick = null,
+    track,
+    paths = NOTHING,
+    dots = NOTHING,
+    numbers = false,
+  } = props;
   const canvas = useRef(null);
   const ground = useRef(null);
   const map = useMemo(() => mapOf(track, paths), [track, track ? null : paths]);
@@ -143,7 +163,7 @@ export function TrackMap(props) {
       ground.current = document.createElement("canvas");
       const pen = fresh(ground.current);
       map?.camera.fit(width, tall);
-      if (map) drawGround(pen, map, { paths, numbers });
+      if (map) drawGround(pen, map, { paths, dots, numbers });
     }
     const pen = fresh(canvas.current);
     pen.drawImage(ground.current, 0, 0, width, tall);
@@ -159,7 +179,7 @@ export function TrackMap(props) {
   newest.current = draw;
   useLayoutEffect(() => {
     ground.current = null;
-  }, [map, paths, numbers, theme.value]);
+  }, [map, paths, dots, numbers, theme.value]);
   useEffect(() => {
     const frame = requestAnimationFrame(draw);
     return () => cancelAnimationFrame(frame);
