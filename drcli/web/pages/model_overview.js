@@ -78,7 +78,7 @@ function Analysis({ prefix, path }) {
 }
 
 /** Where episodes ended before their lap was complete, by iteration. @param {{ends: number[][], world: string}} props */
-function Ends({ ends, world }) {
+export function Ends({ ends, world }) {
   const { lines } = useTrack(world);
   const newest = Math.max(...ends.map(([iteration]) => iteration));
   const span = Math.max(1, Math.ceil((newest + 1) / PARTS));

@@ -1,17 +1,20 @@
 """What tasks about models work out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from drcli.web import model_work
 from drcli.web.model_work import ends_of
-from synthetic_plans import Plan
+from synthetic_plans import healthy
 from synthetic_runs import make
 
 
 @pytest.fixture(scope="module")
 def run():
-    return make(Plan(seed=1, evaluations=2)).as_run()
+    plan = replace(healthy(3), iterations=6, episodes=10, workers=1, evaluations=2, final=95.0)
+    return make(plan).as_run()
 
 
 def test_the_ends_of_episodes_are_those_that_did_not_complete_their_lap(run, monkeypatch):

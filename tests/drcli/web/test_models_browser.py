@@ -159,3 +159,23 @@ def test_a_share_of_clean_laps_has_the_range_of_chance(served, visit, models, cl
     )
 
     assert tuple(round(each) for each in found) == share
+
+
+def test_the_ends_of_episodes_are_shown_for_all_iterations_or_some(served, visit, models):
+    page = visit(f"{served.url}/#/models").page
+    page.evaluate(
+        """async () => {
+            const { html, render } = await import("/ui.js");
+            const { Ends } = await import("/model_overview.js");
+            const ends = Array.from({ length: 40 }, (_, k) => [k >> 1, 1 + k / 40, 2]);
+            const place = document.body.appendChild(document.createElement("section"));
+            render(html`<${Ends} ends=${ends} world="reinvent_base" />`, place);
+        }"""
+    )
+    page.get_by_text("40 episodes of iterations 0 to 19 ended").wait_for()
+    page.get_by_label("All iterations").uncheck()
+    page.get_by_text("4 episodes of iterations 18 to 19 ended").wait_for()
+    page.get_by_label("Newest iteration that is shown").fill("1")
+
+    page.get_by_text("4 episodes of iterations 0 to 1 ended").wait_for()
+    assert "0 to 1" in page.get_by_role("img", name="Map of the ends").get_attribute("aria-label")
