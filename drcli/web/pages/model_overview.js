@@ -122,6 +122,7 @@ function Verdict({ found }) {
           )}</ol>`
         : html`<p>There is no advice: nothing stands out.</p>`
     }
+    ${found.ends?.length > 0 && html`<${Ends} ends=${found.ends} world=${found.world} />`}
     ${
       found.problems.length > 0 &&
       html`<details><summary>${found.problems.length} remarks about the files</summary>
