@@ -1,7 +1,6 @@
 """Runs and working folders as the commands meet them."""
 
 import os
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import pytest
 
 from amazon_server import amazon_server
+from bucket_server import without_server
 from drcli.base.log import LogFile
 from drcli.bucket.endpoint import Endpoint
 from drcli.bucket.s3_bucket import S3Bucket
@@ -23,9 +23,6 @@ from drcli.run.status import CheckpointLaps, RunReport, WorkerReport
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
 from racer import Racer
-
-REQUEST_S = 30.0
-"""How long a request to a console may go on after its test."""
 
 BEST_LAPS_S = [14.0 + k / 10 for k in range(18)]
 """Clean ones of the best checkpoint, of 20."""
@@ -132,10 +129,8 @@ def evaluation_report() -> EvaluationReport:
 def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A racer's folder, current, with nothing of this process's own settings.
 
-    A command may have started the bucket's server; it ends with the test, after requests to a
-    console, which go on for a moment when the console has ended and may start that server.
+    A command may have started the bucket's server; it ends with the test.
     """
-    before = set(threading.enumerate())
     for name in os.environ:
         if name.startswith("DR_"):
             monkeypatch.delenv(name)
@@ -144,11 +139,8 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
         "DR_WORLD_NAME=reinvent_base\nDR_LOCAL_S3_MODEL_PREFIX=model\nDR_WORKERS=2\n"
     )
     monkeypatch.chdir(tmp_path)
-    yield tmp_path
-    for thread in set(threading.enumerate()) - before:
-        if thread.name.startswith("AnyIO worker"):
-            thread.join(REQUEST_S)
-    server.stop_default(tmp_path)
+    with without_server(tmp_path):
+        yield tmp_path
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from urllib.parse import quote
 
 import pytest
 
+from drcli.bucket import endpoint
 from drcli.checks.doctor.findings import DoctorReport, Finding
 from drcli.model import keys
 from drcli.records.run_record import JournalEntry, RunRecord, run_folder
@@ -41,6 +42,12 @@ CANARIES = {
     "bearer": "bearer-canary-abcdefghijkl",
     "key id": "AKIACANARYCANARY1234",
 }
+
+
+@pytest.fixture(autouse=True)
+def no_keys_of_other_tests(monkeypatch):
+    """Their keys are those of this process, and may be single letters."""
+    monkeypatch.setattr(endpoint, "_used", [])
 
 
 @cache

@@ -10,6 +10,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from browser import headless_browser
+from bucket_server import without_server
 from drcli.web.console_app import build_app
 from drcli.web.model_reader import ModelReader
 from drcli.web.served_folder import ServedFolder
@@ -26,11 +27,12 @@ def folder(working_folder: Path) -> Path:
 
 
 @pytest.fixture
-def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder without a file, with nothing of this process's own settings."""
     for name in [name for name in os.environ if name.startswith("DR_")]:
         monkeypatch.delenv(name)
-    return tmp_path
+    with without_server(tmp_path):
+        yield tmp_path
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import pytest
 from starlette.testclient import TestClient
 
 from drcli.bucket.connect import FolderBucket
-from drcli.bucket.server import server
 from drcli.config.loading import load_settings
 from drcli.config.new_folder import plan_folder, write
 from drcli.model.model_prefix import newest_checkpoint
@@ -58,7 +57,6 @@ def test_an_empty_folder_gets_a_trained_model_as_from_dr_init(client, folder):
     unknown = client.post("/api/new-folder", json={"values": {}, "model": "none"})
     nothing = [path.name for path in folder.iterdir()]
     answer = client.post("/api/new-folder", json=wanted)
-    server.stop_default(folder)
 
     assert "safe" in offered
     assert (unknown.status_code, nothing) == (422, [])
