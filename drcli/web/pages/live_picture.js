@@ -34,6 +34,8 @@ export function useTrack(world) {
   return state.world === world ? state : { lines: null, error: null };
 }
 
+const CAPTION_MS = 500; // pictures come faster than anybody reads
+
 /**
  * A picture of a worker that is replaced by each newer one; its size never changes.
  * @param {{topic: string | null, name: string, label: string, size: number[], wait: string, car?: number | null, onCar?: (car: number | null) => void}} props
@@ -48,6 +50,7 @@ export function LivePicture({ topic, name, label, size, wait, car, onCar = () =>
     if (!topic) return undefined;
     const own = new AbortController();
     let newest = null;
+    let last = { car: undefined, at: 0 };
     let drawing = false;
     const draw = async () => {
       drawing = true;
@@ -64,8 +67,12 @@ export function LivePicture({ topic, name, label, size, wait, car, onCar = () =>
           picture.close();
           const age = Date.now() - 1000 * facts.step_s;
           Object.assign(place.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
-          setTold({ car: facts.car ?? null, age });
-          onCar(facts.car ?? null);
+          const whose = facts.car ?? null;
+          if (whose !== last.car || Date.now() - last.at > CAPTION_MS) {
+            last = { car: whose, at: Date.now() };
+            setTold({ car: whose, age });
+            onCar(whose);
+          }
         } catch {
           /* a damaged picture; the next one comes soon */
         }
