@@ -1,11 +1,10 @@
 // Sensors, algorithm, network and actions: two steps that are one file, model_metadata.json.
 
-import { get, post } from "/api.js";
+import { post } from "/api.js";
 import { useDraft } from "/drafts.js";
 import { SelectField, TextField, useChecked } from "/fields.js";
 import { Polar } from "/polar.js";
-import { writeOwnFile } from "/saving.js";
-import { BrokenFile, Step, useSaving } from "/steps.js";
+import { BrokenFile, Step, useFileSaving } from "/steps.js";
 import { useAction } from "/store.js";
 import { html, useRef, useState } from "/ui.js";
 
@@ -50,32 +49,20 @@ export function useMetadata({ facts, reload, folder, saved }) {
   const problems = checked.answer?.problems ?? facts.problems;
   const pick = (keys) =>
     Object.fromEntries(Object.entries(edits).filter(([key]) => keys.includes(key)));
-  const write = (step) => async () => {
-    // PPO with ranges may become SAC only together with them: what belongs together is saved together.
-    const together = "training_algorithm" in edits && "action_space" in edits;
+  // PPO with ranges may become SAC only together with them: what belongs together is saved together.
+  const together = "training_algorithm" in edits && "action_space" in edits;
+  const saveOf = (step) => {
     const values = together ? edits : pick(KEYS[step]);
     const mine = JSON.stringify({ ...facts.values, ...values }, null, 2);
-    const done = await writeOwnFile(
-      PATH,
-      { values, version: draft.version },
-      { mine, read: () => get(PATH) },
-    );
-    if (!done) return null;
-    await reload();
-    draft.set({});
-    // The other step keeps what was edited there, for the file as it is now.
-    if (!together && done.text !== "Taken from the disk.")
-      draft.set(Object.fromEntries(Object.entries(edits).filter(([key]) => !(key in values))));
-    saved();
-    return done.text;
+    return { path: PATH, draft, edits: values, body: { values }, mine, reload, saved };
   };
   const dirty = {
     sensors: Object.keys(pick(KEYS.sensors)).length > 0,
     actions: "action_space" in edits,
   };
   const saving = {
-    sensors: useSaving(dirty.sensors, write("sensors")),
-    actions: useSaving(dirty.actions, write("actions")),
+    sensors: useFileSaving(dirty.sensors, saveOf("sensors")),
+    actions: useFileSaving(dirty.actions, saveOf("actions")),
   };
   return { facts, draft, now, set, problems, dirty, saving, reload, checkFailed: checked.error };
 }

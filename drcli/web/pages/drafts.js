@@ -19,7 +19,7 @@ const tab = ownTab();
 function ownTab() {
   const fresh = [...crypto.getRandomValues(new Uint32Array(2))].join("-");
   try {
-    // The copy of a tab begins with the storage of the first one: its navigation says that it is no reload.
+    // The copy of a tab begins with the storage of the first one: its navigation says that it is not a reload.
     const [entry] = /** @type {PerformanceNavigationTiming[]} */ (
       performance.getEntriesByType("navigation")
     );
@@ -70,7 +70,9 @@ function strangers(name) {
  * @param {string} name of the form, with its folder
  * @param {any} version of what is edited now
  * @returns {{edits: Record<string, any>, version: any, restored: number | null, set: (edits: Record<string, any>) => void,
+ *   saved: (written: Record<string, any>, version?: any) => void,
  *   found: {at: number, take: () => void, drop: () => void} | null}}
+ *   `saved` forgets what was written, and keeps what was changed since, for this version of the file;
  *   `restored`: when the shown edits were left, until the next one; `found`: those of a tab that is gone or elsewhere
  */
 export function useDraft(name, version) {
@@ -78,15 +80,19 @@ export function useDraft(name, version) {
   const [restored, setRestored] = useState(draft?.at ?? null);
   const [others, setOthers] = useState(() => strangers(name));
   const newest = useRef(draft);
-  const set = (edits) => {
+  const keep = (edits, base) => {
     const changed = Object.keys(edits).length > 0;
-    const next = changed
-      ? { edits, version: newest.current?.version ?? version, at: Date.now() }
-      : null;
+    const next = changed ? { edits, version: base, at: Date.now() } : null;
     newest.current = next;
     write(keyOf(name), next);
     setDraft(next);
     if (!changed) setRestored(null);
+  };
+  const set = (edits) => keep(edits, newest.current?.version ?? version);
+  const saved = (written, base = version) => {
+    const isNew = ([key, value]) => JSON.stringify(value) !== JSON.stringify(written[key]);
+    keep(Object.fromEntries(Object.entries(newest.current?.edits ?? {}).filter(isNew)), base);
+    setRestored(null);
   };
   const first = others[0];
   const drop = () => {
@@ -106,6 +112,7 @@ export function useDraft(name, version) {
     version: draft?.version ?? version,
     restored,
     set,
+    saved,
     found: first ? { at: read(first)?.at ?? 0, take, drop } : null,
   };
 }

@@ -1,10 +1,8 @@
 // Hyperparameters: each with its explanation, limits and problems.
 
-import { get } from "/api.js";
 import { useDraft } from "/drafts.js";
 import { SelectField, TextField, useChecked } from "/fields.js";
-import { writeOwnFile } from "/saving.js";
-import { BrokenFile, Step, useSaving } from "/steps.js";
+import { BrokenFile, Step, useFileSaving } from "/steps.js";
 import { html } from "/ui.js";
 
 const PATH = "/api/hyperparameters";
@@ -75,18 +73,15 @@ export function HyperparameterStep({ facts, reload, folder, algorithm, saved }) 
   const dirty = keys.length > 0;
   const checked = useChecked(`${PATH}/check`, { values, algorithm }, 400);
   const problems = checked.answer?.problems ?? facts.problems;
-  const saving = useSaving(dirty, async () => {
-    const mine = JSON.stringify({ ...facts.values, ...values }, null, 2);
-    const done = await writeOwnFile(
-      PATH,
-      { values, version: draft.version },
-      { mine, read: () => get(PATH) },
-    );
-    if (!done) return null;
-    await reload();
-    draft.set({});
-    saved();
-    return done.text;
+  const mine = JSON.stringify({ ...facts.values, ...values }, null, 2);
+  const saving = useFileSaving(dirty, {
+    path: PATH,
+    draft,
+    edits,
+    body: { values },
+    mine,
+    reload,
+    saved,
   });
   const set = (about, text) => {
     const { [about.key]: _, ...others } = edits;

@@ -23,7 +23,7 @@ export function Notes({ prefix, path, version }) {
     event.preventDefault();
     send(async () => {
       await post(path, { text });
-      draft.set({});
+      draft.saved({ text });
     });
   };
   const edit = async ({ number, text: before }) => {

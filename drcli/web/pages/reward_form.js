@@ -1,13 +1,11 @@
 // The reward function: templates, editor, and the check that is drawn while it is typed.
 
-import { get } from "/api.js";
 import { CodeEditor, replaceText } from "/code_editor.js";
 import { confirmed } from "/dialogs.js";
 import { useDraft } from "/drafts.js";
 import { Problems, SelectField, leadTo, useChecked } from "/fields.js";
 import { RewardPicture } from "/reward_picture.js";
-import { writeOwnFile } from "/saving.js";
-import { Step, useSaving } from "/steps.js";
+import { Step, useFileSaving } from "/steps.js";
 import { Failure, Table, html, useRef, useState } from "/ui.js";
 
 const PATH = "/api/reward";
@@ -42,17 +40,14 @@ export function RewardStep({ facts, reload, folder, known, changes, saved }) {
   const { answer, error } = checked;
   if (answer?.course) course.current = answer.course;
   const set = (value) => draft.set(value === facts.text ? {} : { text: value });
-  const saving = useSaving(dirty, async () => {
-    const done = await writeOwnFile(
-      PATH,
-      { text, version: draft.version },
-      { mine: text, read: () => get(PATH) },
-    );
-    if (!done) return null;
-    await reload();
-    draft.set({});
-    saved();
-    return done.text;
+  const saving = useFileSaving(dirty, {
+    path: PATH,
+    draft,
+    edits: { text },
+    body: { text },
+    mine: text,
+    reload,
+    saved,
   });
   const { templates, parameters } = known;
   const insert = async () => {

@@ -24,7 +24,7 @@ const Version = ({ text, other }) =>
  * @param {{name: string, yours: string, disk: string | null}[]} both
  * @returns {Promise<"mine" | "disk" | null>}
  */
-export function chooseVersion(message, both) {
+function chooseVersion(message, both) {
   const content = (close) => html`
     <h2 id="conflict">The file has changed on the disk</h2>
     <p>${message} Choose which version to keep.</p>

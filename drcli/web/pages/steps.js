@@ -1,9 +1,9 @@
 // Steps of "New training": parts of the page that are checked while they are edited, each with its own Save.
 
-import { put } from "/api.js";
+import { get, put } from "/api.js";
 import { useDraft } from "/drafts.js";
 import { Problems, SettingField, asWarnings, leadTo, settingStart, useChecked } from "/fields.js";
-import { savedText, writeSettings } from "/saving.js";
+import { savedText, writeOwnFile, writeSettings } from "/saving.js";
 import { useAction } from "/store.js";
 import {
   Button,
@@ -52,29 +52,48 @@ export function DraftNote({ draft }) {
  * @param {() => Promise<string | null>} write what is said then; null where nothing was written
  */
 export function useSaving(dirty, write) {
-  const [said, setSaid] = useState("");
+  const [said, setSaid] = useState({ text: "", isSaved: true });
   const [error, setError] = useState(null);
   const [save, busy] = useAction(async () => {
     try {
       const text = await write();
       setError(null);
-      setSaid(text ?? "Not saved.");
+      setSaid({ text: text ?? "Not saved.", isSaved: text !== null });
       return text !== null;
     } catch (failure) {
       setError(failure);
-      setSaid("Not saved; see above.");
+      setSaid({ text: "Not saved; see above.", isSaved: false });
       return false;
     }
   });
   useEffect(() => {
-    if (dirty && !busy) setSaid("");
+    if (dirty && !busy) setSaid({ text: "", isSaved: true });
   }, [dirty]);
-  const state = busy
-    ? "Saving ..."
-    : dirty
-      ? said || "Not saved yet: it is kept in this browser."
-      : said;
+  // What was changed while it was saved is not saved either.
+  const unsaved = dirty && said.isSaved && "Not saved yet: it is kept in this browser.";
+  const state = busy ? "Saving ..." : unsaved || said.text;
   return { save, busy, state, error: dirty ? error : null };
+}
+
+/**
+ * Saving of edits of one of the three files.
+ * @param {boolean} dirty whether there are any
+ * @param {{path: string, draft: Object, edits: Record<string, any>, body: Object, mine: string, reload: () => Promise<void>,
+ *   saved: () => void}} options `edits`: those of the draft that `body` has; `mine`: the text as it would become
+ */
+export function useFileSaving(dirty, { path, draft, edits, body, mine, reload, saved }) {
+  return useSaving(dirty, async () => {
+    const done = await writeOwnFile(
+      path,
+      { ...body, version: draft.version },
+      { mine, read: () => get(path) },
+    );
+    if (!done) return null;
+    await reload();
+    draft.saved(edits, done.facts.version);
+    saved();
+    return done.text;
+  });
 }
 
 /**
@@ -133,7 +152,7 @@ export function useSettings({ form, draftName, names, versions, saved }) {
     versions.current = edit.versions;
     setWarnings(edit.warnings);
     await saved();
-    draft.set({});
+    draft.saved(edits, edit.versions);
     return edit.text;
   });
   const found = dirty

@@ -279,3 +279,46 @@ def test_a_line_that_stops_every_page_is_mended_in_the_page(served, visit, made)
     assert run_env.read_text().endswith("\n# later\n")
     # The browser itself reports what was refused meanwhile.
     visited.problems[:] = [each for each in visited.problems if "422" not in each]
+
+
+def test_what_is_typed_while_a_file_is_saved_stays(served, visit, made):
+    page = visit(f"{served.url}/#/new").page
+    step = page.locator("#step-reward")
+    editor(page).fill("# first\n" + WRONG)
+    page.evaluate(
+        """() => {
+            const send = window.fetch;
+            window.fetch = async (path, options) => {
+                if (options?.method === "PUT") await new Promise((go) => {
+                    window.go = go;
+                    document.body.dataset.waits = "";
+                });
+                return send(path, options);
+            };
+        }"""
+    )
+    step.get_by_role("button", name="Save").click()
+    page.locator("body[data-waits]").wait_for()
+    editor(page).fill("# second\n" + WRONG)
+    page.evaluate("window.go()")
+
+    step.get_by_text("Not saved yet").wait_for()
+    assert editor(page).input_value().startswith("# second")
+    file = made / "custom_files" / "reward_function.py"
+    assert file.read_text().startswith("# first")
+
+
+def test_two_steps_that_are_one_file_are_saved_after_each_other(served, visit, made):
+    page = visit(f"{served.url}/#/new").page
+    sensors, actions = page.locator("#step-sensors"), page.locator("#step-actions")
+    sensors.get_by_label("Network").select_option("DEEP_CONVOLUTIONAL_NETWORK_SHALLOW")
+    actions.get_by_label("Speed of action 1").fill("0.77")
+
+    for step in (sensors, actions):
+        step.get_by_role("button", name="Save").click()
+        step.get_by_text("Saved in custom_files/model_metadata.json").wait_for()
+
+    assert page.get_by_role("dialog").count() == 0
+    text = (made / "custom_files" / "model_metadata.json").read_text()
+    assert "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW" in text
+    assert "0.77" in text
