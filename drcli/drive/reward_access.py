@@ -1,5 +1,6 @@
 """What a racer's reward function may reach: docs/security.md."""
 
+import glob
 import os
 import sys
 import sysconfig
@@ -75,14 +76,20 @@ def _python() -> Iterator[Path]:
 
 def _secrets(here: Path, shared: Path) -> Iterator[Path]:
     for pattern in _SECRET:
-        yield from here.glob(pattern)
+        yield from _found(here, pattern)
     for pattern in _BUCKETS:
-        yield from (found.parent for root in (here, shared) for found in root.glob(pattern))
+        yield from (found.parent for root in (here, shared) for found in _found(root, pattern))
     with suppress(RuntimeError):  # nobody knows the home
-        yield from Path.home().glob(".*")
+        yield from _found(Path.home(), ".*")
     for name, value in os.environ.items():
         if name.endswith("_FILE") and value:
             yield Path(value)
+
+
+def _found(root: Path, pattern: str) -> Iterator[Path]:
+    """As `Path.glob`, which fails if another program removes a folder meanwhile."""
+    for name in glob.iglob(pattern, root_dir=root, include_hidden=True):
+        yield root / name
 
 
 def _parts(roots: Iterable[Path], secret: Collection[Path]) -> Iterator[Path]:

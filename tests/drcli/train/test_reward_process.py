@@ -328,6 +328,29 @@ def test_a_working_folder_or_home_inside_of_a_folder_of_programs_keeps_its_secre
     assert not any((folder / secret).is_relative_to(each) for each in allowed)
 
 
+def test_a_temporary_folder_that_another_program_removes_meanwhile_is_no_fault(
+    folder, monkeypatch
+):
+    gone = folder / "temporary" / "gone"
+    gone.mkdir(parents=True)
+    scan = os.scandir
+
+    def scanned(path):
+        if Path(path) == gone:
+            gone.rmdir()
+        return scan(path)
+
+    monkeypatch.setattr(reward_access, "confine", lambda *_: set())
+    monkeypatch.setattr(reward_access.confinement, "install", lambda: None)
+    monkeypatch.setattr("tempfile.tempdir", str(gone.parent))
+    monkeypatch.setenv("TMPDIR", str(gone.parent))
+    monkeypatch.setattr(os, "scandir", scanned)
+
+    reward_access.confine_reward(own_file(folder, "").parent)
+
+    assert not gone.exists()
+
+
 @needs("sockets")
 def test_it_opens_no_sockets(begin, capsys):
     found = seen(
