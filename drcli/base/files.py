@@ -2,6 +2,7 @@
 
 import codecs
 import errno
+import glob
 import json
 import os
 import re
@@ -271,6 +272,12 @@ def safe_name(text: str) -> str:
     `anna/m1` and `ben/m1` differ.
     """
     return _UNSAFE.sub("-", text).strip("-.") or "model"
+
+
+def find_files(folder: Path, pattern: str) -> Iterator[Path]:
+    """As `Path.glob`, without `**`; that fails if a folder is removed meanwhile (Python < 3.13)."""
+    for name in glob.iglob(pattern, root_dir=folder, include_hidden=True):  # noqa: PTH207
+        yield folder / name
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:

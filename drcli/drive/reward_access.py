@@ -1,6 +1,5 @@
 """What a racer's reward function may reach: docs/security.md."""
 
-import glob
 import os
 import sys
 import sysconfig
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from drcli.base import confinement
 from drcli.base.confinement import FREEDOMS, Freedom, confine
+from drcli.base.files import find_files
 
 _SYSTEM = (
     *("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32", "/opt", "/nix"),
@@ -76,20 +76,14 @@ def _python() -> Iterator[Path]:
 
 def _secrets(here: Path, shared: Path) -> Iterator[Path]:
     for pattern in _SECRET:
-        yield from _found(here, pattern)
+        yield from find_files(here, pattern)
     for pattern in _BUCKETS:
-        yield from (found.parent for root in (here, shared) for found in _found(root, pattern))
+        yield from (found.parent for root in (here, shared) for found in find_files(root, pattern))
     with suppress(RuntimeError):  # nobody knows the home
-        yield from _found(Path.home(), ".*")
+        yield from find_files(Path.home(), ".*")
     for name, value in os.environ.items():
         if name.endswith("_FILE") and value:
             yield Path(value)
-
-
-def _found(root: Path, pattern: str) -> Iterator[Path]:
-    """As `Path.glob`, which fails if another program removes a folder meanwhile."""
-    for name in glob.iglob(pattern, root_dir=root, include_hidden=True):
-        yield root / name
 
 
 def _parts(roots: Iterable[Path], secret: Collection[Path]) -> Iterator[Path]:

@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from drcli.base.files import find_files
 from drcli.base.framing import WireError, receive
 from drcli.base.json_record import RecordError
 from drcli.live.live_record import (
@@ -121,8 +122,8 @@ class LiveFeed:
     def _found(self) -> dict[WorkerKey, LiveAddress]:
         found = {}
         for path in [
-            *self._runs.glob(f"*/{LIVE_FILES}"),
-            *self._runs.glob(f"*/evaluations/*/{LIVE_FILES}"),
+            *find_files(self._runs, f"*/{LIVE_FILES}"),
+            *find_files(self._runs, f"*/evaluations/*/{LIVE_FILES}"),
         ]:
             key = _key(path)
             address = LiveAddress.read(path) if key is not None else None

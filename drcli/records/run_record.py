@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from drcli.base.files import FileRecord, load_record, save_record
+from drcli.base.files import FileRecord, find_files, load_record, save_record
 from drcli.base.json_record import JsonRecord, Pid, SafeInt, Seconds
 from drcli.base.processes import is_alive
 from drcli.config.run_config import Cloud, Engine, StorageConfig
@@ -325,7 +325,7 @@ def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
 
 
 def running_evaluations(directory: Path, run_id: int | None = None) -> list[EvaluationRecord]:
-    folders = directory.glob(f"data/runs/{'*' if run_id is None else run_id}/evaluations/*")
+    folders = find_files(directory, f"data/runs/{'*' if run_id is None else run_id}/evaluations/*")
     records = (EvaluationRecord.read(folder) for folder in folders)
     return sorted(
         (record for record in records if record is not None and record.alive),

@@ -21,7 +21,7 @@ from typing import Annotated
 
 from drcli.base import log
 from drcli.base.errors import DrError, ProblemsError, SettingsError
-from drcli.base.files import refuse_existing
+from drcli.base.files import find_files, refuse_existing
 from drcli.base.report import Col, Styled, View, bold, counted, table
 from drcli.bucket.connect import open_running_bucket
 from drcli.bucket.endpoint import keys_in_use
@@ -330,7 +330,9 @@ class _Bundle:
 
     def _run_records(self) -> Iterator[tuple[str, str]]:
         runs = self._directory / "data" / "runs"
-        for path in sorted([*runs.glob("*/*.json"), *runs.glob("*/evaluations/*/*.json")]):
+        for path in sorted(
+            [*find_files(runs, "*/*.json"), *find_files(runs, "*/evaluations/*/*.json")]
+        ):
             if path.match(LIVE_FILES):
                 continue  # it holds a key
             yield from self._file(path, RECORD_BYTES)

@@ -328,9 +328,7 @@ def test_a_working_folder_or_home_inside_of_a_folder_of_programs_keeps_its_secre
     assert not any((folder / secret).is_relative_to(each) for each in allowed)
 
 
-def test_a_temporary_folder_that_another_program_removes_meanwhile_is_no_fault(
-    folder, monkeypatch
-):
+def test_a_temporary_folder_that_another_program_removes_meanwhile_is_no_fault(folder, monkeypatch):
     gone = folder / "temporary" / "gone"
     gone.mkdir(parents=True)
     scan = os.scandir
