@@ -33,6 +33,7 @@ _SYNTAX = {
 }
 """In plain English."""
 
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 
 
@@ -112,7 +113,7 @@ def problems_of(
 
 
 def _explained(details: ErrorDetails, examples: Mapping[str, Any]) -> tuple[str, str]:
-    path, context = details["loc"], details.get("ctx", {})
+    path, written, context = details["loc"], details["input"], details.get("ctx", {})
     key = next(part for part in reversed(path) if isinstance(part, str))
     example = ""
     if key in examples:
@@ -122,9 +123,9 @@ def _explained(details: ErrorDetails, examples: Mapping[str, Any]) -> tuple[str,
     match details["type"]:
         case "value_error":
             bad = context["error"]
-            return bad.reason, bad.remedy or f"Write a number without quotes{such_as}"
+            return bad.reason, bad.remedy or f"Write {_as_number(written)}{such_as}"
         case "missing":
-            meant = closest(key, details["input"])
+            meant = closest(key, written)
             rename = f'Rename "{shown(meant)}" to "{key}".' if meant is not None else ""
             return "is missing", rename or f"Add {example}."
         case "int_from_float":
@@ -140,6 +141,14 @@ def _explained(details: ErrorDetails, examples: Mapping[str, Any]) -> tuple[str,
         case "too_short":
             return "is empty", f"Write at least one{such_as}"
     return "is not an object with keys", f"Write it between {{ }}{such_as}"
+
+
+def _as_number(written: Any) -> str:
+    """What to write; only a number in quotes has quotes too many."""
+    number = written.strip().replace(",", ".") if isinstance(written, str) else ""
+    if not _NUMBER.fullmatch(number):
+        return "a number"
+    return f"{number}, with a point" if "," in written else f"{number} without quotes"
 
 
 def _number(written: Any) -> Any:

@@ -262,6 +262,7 @@ function NewFolder({ folder, made }) {
     }
   };
   const [create, busy] = useAction(() => write(false));
+  const problems = (error?.problems ?? []).map((each) => ({ ...each, where: "" }));
   const options = (kind, list) =>
     list.map(
       (each) => html`<option value=${`${kind}:${each.name}`}>${each.name}: ${each.about}</option>`,
@@ -275,7 +276,7 @@ function NewFolder({ folder, made }) {
       event.preventDefault();
       create();
     }}>
-      <${TextField} label="Name of the first model" value=${name} onInput=${setName} help="Letters, digits and . _ - /. It can be changed in the next step." />
+      <${TextField} label="Name of the first model" value=${name} onInput=${setName} problems=${problems} help="Letters, digits and . _ - /. It can be changed in the next step." />
       <${Field} label="Begin with" control=${(
         common,
       ) => html`<select ...${common} value=${begin} onChange=${(event) => setBegin(event.currentTarget.value)}>
@@ -285,5 +286,5 @@ function NewFolder({ folder, made }) {
       </select>`} />
       <div class="actions"><button type="submit" class="main" disabled=${busy}>Create the working folder</button></div>
     </form>
-    ${error && html`<div role="status"><${Failure} error=${error} /></div>`}`;
+    ${error && !problems.length && html`<div role="status"><${Failure} error=${error} /></div>`}`;
 }

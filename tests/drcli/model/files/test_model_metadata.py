@@ -118,7 +118,7 @@ def test_the_action_space_is_kept_as_written_for_logs():
         pytest.param(
             {"action_space": [{"steering_angle": 5, "speed": "1"}]},
             'action_space[0].speed="1" is not a number',
-            'Write a number without quotes, as in "speed": 1.0.',
+            'Write 1 without quotes, as in "speed": 1.0.',
             id="speed-in-quotes",
         ),
         pytest.param(
