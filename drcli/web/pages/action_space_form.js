@@ -45,7 +45,7 @@ export function useMetadata({ facts, reload, folder, saved }) {
     const { [key]: _, ...others } = edits;
     draft.set(same(value, before[key]) ? others : { ...others, [key]: value });
   };
-  const checked = useChecked(`${PATH}/check`, { values: edits }, 400);
+  const checked = useChecked(`${PATH}/check`, { values: edits }, 400, {}, facts.version);
   const problems = checked.answer?.problems ?? facts.problems;
   const pick = (keys) =>
     Object.fromEntries(Object.entries(edits).filter(([key]) => keys.includes(key)));

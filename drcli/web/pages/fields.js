@@ -9,10 +9,11 @@ import { Prose, html, signal, useEffect, useId, useRef, useState } from "/ui.js"
  * @param {any} body null if there is nothing to check
  * @param {number} wait milliseconds
  * @param {Object} more what is sent too, whose change asks for nothing
+ * @param {string} version of the file that the values change
  * @returns {{answer: any, error: any, isCurrent: boolean}} the newest answer, and whether it is about these values
  */
-export function useChecked(path, body, wait = 500, more = {}) {
-  const key = body && JSON.stringify(body);
+export function useChecked(path, body, wait = 500, more = {}, version = "") {
+  const key = body && JSON.stringify([body, version]);
   const sent = useRef(more);
   sent.current = more;
   const [state, setState] = useState({ key: null, answer: null, error: null });
@@ -24,7 +25,7 @@ export function useChecked(path, body, wait = 500, more = {}) {
     const own = new AbortController();
     const timer = setTimeout(
       () =>
-        post(path, { ...JSON.parse(key), ...sent.current }, own.signal).then(
+        post(path, { ...JSON.parse(key)[0], ...sent.current }, own.signal).then(
           (answer) => !answer.superseded && setState({ key, answer, error: null }),
           (error) =>
             error.name !== "AbortError" && setState((before) => ({ ...before, key, error })),

@@ -71,7 +71,7 @@ export function HyperparameterStep({ facts, reload, folder, algorithm, saved }) 
     keys.map((about) => [about.key, valueOf(about, edits[about.key])]),
   );
   const dirty = keys.length > 0;
-  const checked = useChecked(`${PATH}/check`, { values, algorithm }, 400);
+  const checked = useChecked(`${PATH}/check`, { values, algorithm }, 400, {}, facts.version);
   const problems = checked.answer?.problems ?? facts.problems;
   const mine = JSON.stringify({ ...facts.values, ...values }, null, 2);
   const saving = useFileSaving(dirty, {

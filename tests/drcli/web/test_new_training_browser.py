@@ -24,7 +24,13 @@ def made(folder: Path) -> Path:
 
 def test_an_empty_folder_becomes_a_working_folder_and_the_page_goes_on(served, visit, folder):
     page = visit(f"{served.url}/#/new", width=360).page
-    page.get_by_label("Name of the first model").fill("mine")
+    name = page.get_by_label("Name of the first model")
+    name.fill("my model")
+    page.get_by_role("button", name="Create the working folder").click()
+    page.get_by_text("which is not allowed in a name in the bucket").wait_for()
+    assert name.get_attribute("aria-invalid") == "true"
+    assert page.get_by_text("run.env line").count() == 0
+    name.fill("mine")
     page.get_by_role("button", name="Create the working folder").click()
 
     page.wait_for_selector("#step-model")
@@ -279,6 +285,18 @@ def test_a_line_that_stops_every_page_is_mended_in_the_page(served, visit, made)
     assert run_env.read_text().endswith("\n# later\n")
     # The browser itself reports what was refused meanwhile.
     visited.problems[:] = [each for each in visited.problems if "422" not in each]
+
+
+@pytest.mark.parametrize("name", ["hyperparameters", "model_metadata"])
+def test_a_file_that_is_not_json_begins_again_with_the_shipped_one(served, visit, made, name):
+    (made / "custom_files" / f"{name}.json").write_text("nothing")
+    page = visit(f"{served.url}/#/new").page
+    wrong = page.locator(".step-problems").get_by_text("is not valid JSON")
+    wrong.first.wait_for()
+
+    page.get_by_role("button", name="begin again with the shipped file").click()
+
+    wrong.first.wait_for(state="detached")
 
 
 def test_what_is_typed_while_a_file_is_saved_stays(served, visit, made):
