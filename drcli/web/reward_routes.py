@@ -52,6 +52,7 @@ class RewardChecks:
         self._waiting = 0
         self._running: tuple[str, int] | None = None
         self._process: subprocess.Popen[bytes] | None = None
+        self._closed = False
         self._ended_s = 0.0
         self._idle: threading.Timer | None = None
 
@@ -105,6 +106,11 @@ class RewardChecks:
         return self._newest.get(page) != number
 
     def close(self) -> None:
+        """End the process; checks that still wait or come later start none."""
+        self._closed = True
+        self._end_process()
+
+    def _end_process(self) -> None:
         if self._idle is not None:
             self._idle.cancel()
         with self._lock:
@@ -130,7 +136,7 @@ class RewardChecks:
         finally:
             late.cancel()
         if not line:
-            self.close()
+            self._end_process()
             raise installation_error() or WorkerDied(
                 "The check of the reward function did not end.",
                 remedy="Change the function, or try `dr-reward check` in a terminal.",
@@ -144,15 +150,16 @@ class RewardChecks:
             self._idle.cancel()
         if self._process is not None and self._process.poll() is None:
             return self._process
-        self.close()
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "drcli.web.reward_process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
-        with self._lock:
-            self._process = process
-        return process
+        self._end_process()
+        with self._lock:  # `close` ends what is started before it, and nothing is started after
+            if self._closed:
+                raise WorkerDied("The console has ended.", remedy="Start it with `dr console`.")
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "drcli.web.reward_process"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+            )
+            return self._process
 
     def _send(self, message: dict[str, Any]) -> None:
         process = self._process
@@ -169,7 +176,7 @@ class RewardChecks:
     def _close_idle(self) -> None:
         with self._turns:
             if not self._is_checking:
-                self.close()
+                self._end_process()
 
 
 def _templates() -> list[dict[str, str]]:

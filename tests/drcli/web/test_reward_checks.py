@@ -100,6 +100,23 @@ def test_a_process_that_does_not_answer_is_ended(folder, monkeypatch):
     assert checks._process is None
 
 
+def test_a_check_that_waits_when_the_console_ends_starts_no_process(folder):
+    checks = RewardChecks(folder)
+    checks._is_checking = True
+    errors: list[Any] = []
+    waiting = in_thread(partial(pytest.raises, WorkerDied, checks.check, "a", WRONG, ""), errors)
+    until(lambda: checks._waiting == 1)
+
+    checks.close()
+    with checks._turns:
+        checks._is_checking = False
+        checks._turns.notify_all()
+    waiting.join()
+
+    assert "console has ended" in str(errors[0].value)
+    assert checks._process is None
+
+
 def test_settings_that_are_wrong_are_told(checks, folder):
     path = folder / "run.env"
     before = path.read_text()
