@@ -14,9 +14,9 @@ from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
 from drcli.model.keys import MODEL_METADATA_FILE
-from drcli.rewards.course import Course, TriedReward, as_array, try_rewards
+from drcli.rewards.course import Course, SandboxOf, TriedReward, as_array, try_rewards
 from drcli.rewards.lint import SIMULATION_STEP_S
-from drcli.rewards.sandbox.run_sandbox import CallIndex, Difference, FailureKind
+from drcli.rewards.sandbox.run_sandbox import CallIndex, Difference, FailureKind, Sandbox
 from drcli.rewards.sandbox.sample_calls import LATE
 from drcli.rewards.scripted_drive import (
     FAST,
@@ -353,6 +353,7 @@ def try_in_each_race(
     directory: Path,
     course_of: Callable[[DriveConfig, Actions | None], Course],
     given_up: Event | None = None,
+    sandbox_of: SandboxOf = Sandbox,
 ) -> list[TriedReward]:
     """As before a start, and on the course of each distinct race.
 
@@ -367,7 +368,9 @@ def try_in_each_race(
         course = course_of(own, actions)
         if given_up is not None and given_up.is_set():
             break
-        tried += try_rewards([file], course, directory, races, tolerated, given_up, metadata)
+        tried += try_rewards(
+            [file], course, directory, races, tolerated, given_up, metadata, sandbox_of
+        )
     return tried
 
 

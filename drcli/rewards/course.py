@@ -1,7 +1,7 @@
 """The calls that reward functions are tried with."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -221,6 +221,20 @@ def position(call: RewardParams) -> str:
     )
 
 
+SandboxOf = Callable[[SandboxRequest, bytes, Path], Sandbox]
+"""Of a request, the text of a file, and the working folder."""
+
+
+def request_of(
+    name: str, course: Course, races: list[DriveConfig] | None = None, metadata: str = ""
+) -> SandboxRequest:
+    """The calls of a course; the last sequence is its grid."""
+    ways = course.drive.waypoints()
+    waypoints = [[list(point) for point in ways[way]] for way in (False, True)]
+    repeated = len(course.drive.trips)
+    return SandboxRequest(name, course.sequences, waypoints, repeated, races, metadata=metadata)
+
+
 def try_rewards(
     files: Sequence[InputFile],
     course: Course,
@@ -229,23 +243,19 @@ def try_rewards(
     tolerated: float = 0.0,
     given_up: Event | None = None,
     metadata: str = "",
+    sandbox_of: SandboxOf = Sandbox,
 ) -> list[TriedReward]:
     """Call reward functions at the same time, first on samples of `races`.
 
     After `given_up`, its values are of no use.
     """
-    ways = course.drive.waypoints()
-    waypoints = [[list(point) for point in ways[way]] for way in (False, True)]
-    repeated = len(course.drive.trips)
     tried = []
     with ExitStack() as stack:
         running = []
         for file in files:
             source, wrong = read_source(file)
-            request = SandboxRequest(
-                file.origin, course.sequences, waypoints, repeated, races, metadata=metadata
-            )
-            sandbox = Sandbox(request, file.data, directory) if source is not None else None
+            request = request_of(file.origin, course, races, metadata)
+            sandbox = sandbox_of(request, file.data, directory) if source is not None else None
             running.append((file.origin, source, wrong, sandbox and stack.enter_context(sandbox)))
         for name, source, problems, sandbox in running:
             result = SandboxResult(values=[[None] * len(calls) for calls in course.sequences])

@@ -1,6 +1,6 @@
 """Checks a reward function that is being written.
 
-Drives are kept, because only the function changes.
+Drives are kept, and a process that has loaded the simulation, because only the function changes.
 """
 
 import hashlib
@@ -16,16 +16,20 @@ from drcli.base.errors import Problem
 from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
+from drcli.model.keys import MODEL_METADATA_FILE
 from drcli.rewards.check import RewardReport, report_of, try_in_each_race
-from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array
+from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array, request_of
 from drcli.rewards.pictures import cell_edges
 from drcli.rewards.reward_rules import read_source
-from drcli.rewards.scripted_drive import drive
-from drcli.rewards.source import discount_of, display_name
+from drcli.rewards.sandbox.run_sandbox import Sandbox, SandboxRequest, SandboxServer
+from drcli.rewards.scripted_drive import drive, each_race, read_actions
+from drcli.rewards.source import discount_of, display_name, own_file
+from drcli.rewards.try_inputs import races_of, text_of
 from drsim.car.actions import Actions
 
 MOST_COURSES = 6
 CURVE_POINTS = 150
+_PARTS = np.linspace(0.0, 100.0, CURVE_POINTS + 1)
 Floats = NDArray[np.float64]
 
 
@@ -72,7 +76,7 @@ class DriverCurve:
 
 @dataclass(frozen=True)
 class RewardPicture:
-    """Rewards as numbers to draw.
+    """Rewards as numbers to draw; without curves before the whole check.
 
     Attributes:
         course: Key of the `CoursePicture`.
@@ -92,26 +96,40 @@ class RewardPicture:
 
 @dataclass(frozen=True)
 class LiveReport:
-    """A check of a function; `course` is None if the reader knows it."""
+    """A check of a function.
+
+    Attributes:
+        course: None if the reader knows it.
+        more: Whether it is only the picture, and the whole check is to be asked for.
+    """
 
     problems: list[Problem]
     report: RewardReport | None = None
     picture: RewardPicture | None = None
     course: CoursePicture | None = None
+    more: bool = False
 
 
 class LiveCheck:
-    """Keeps drives."""
+    """Keeps drives, and a process for the race that is drawn."""
 
     def __init__(self) -> None:
         self._courses: dict[str, Course] = {}
+        self._server: SandboxServer | None = None
 
     def check(
-        self, settings: Settings, text: bytes, directory: Path, known: str, given_up: Event
+        self,
+        settings: Settings,
+        text: bytes,
+        directory: Path,
+        known: str,
+        given_up: Event,
+        *,
+        whole: bool = True,
     ) -> LiveReport | None:
         """As `drcli.rewards.check.check`; None if it was given up.
 
-        `known` is the key of the reader's `CoursePicture`.
+        `known` is the key of the reader's `CoursePicture`. If not `whole`, only the picture.
 
         Raises:
             SettingsError: The track is missing, or the race does not fit.
@@ -121,15 +139,48 @@ class LiveCheck:
         source, wrong = read_source(file)
         if source is None:
             return LiveReport(wrong)
-        tried = try_in_each_race(settings, file, directory, self._course, given_up)
+        if not whole:
+            return self._drawn(settings, file, directory, known, given_up)
+        tried = try_in_each_race(settings, file, directory, self._course, given_up, self._sandbox)
         if given_up.is_set():
             return None
-        actions = tried[0].course.drive.actions
-        whole = report_of(tried, discount_of(settings))
-        key = _key(settings.race, actions)
-        course = None if known == key else _course_picture(key, tried[0].course)
-        found = [*whole.errors, *whole.warnings, *whole.notes]
-        return LiveReport(found, whole, _picture(key, tried[0]), course)
+        first = tried[0]
+        report = report_of(tried, discount_of(settings))
+        key = _key(settings.race, first.course.drive.actions)
+        found = [*report.errors, *report.warnings, *report.notes]
+        picture = _picture(key, first.grid_values, _curves(first))
+        return LiveReport(found, report, picture, _unknown_course(key, known, first.course))
+
+    def _drawn(
+        self, settings: Settings, file: InputFile, directory: Path, known: str, given_up: Event
+    ) -> LiveReport | None:
+        metadata = text_of(own_file(settings, MODEL_METADATA_FILE))
+        own = each_race(settings.races)[0]
+        course = self._course(own, read_actions(metadata.encode() or None))
+        request = request_of(file.origin, course, races_of(settings.run), metadata)
+        sandbox = self._sandbox(request, file.data, directory, grid_only=True)
+        with sandbox:
+            values = sandbox.result(given_up).values
+        if given_up.is_set():
+            return None
+        key = _key(settings.race, course.drive.actions)
+        picture = _picture(key, as_array(values[-1]), []) if values else None
+        return LiveReport([], None, picture, _unknown_course(key, known, course), more=True)
+
+    def _sandbox(
+        self, request: SandboxRequest, text: bytes, directory: Path, *, grid_only: bool = False
+    ) -> Sandbox:
+        if request.races is None:  # of another race, which is not drawn
+            return Sandbox(request, text, directory)
+        if self._server is None or not self._server.is_for(request):
+            self.close()
+            self._server = SandboxServer(request, directory)
+        return Sandbox(request, text, directory, self._server, grid_only=grid_only)
+
+    def close(self) -> None:
+        if self._server is not None:
+            self._server.close()
+            self._server = None
 
     def _course(self, own: DriveConfig, actions: Actions | None) -> Course:
         key = _key(own, actions)
@@ -150,7 +201,9 @@ def _key(own: DriveConfig, actions: Actions | None) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _course_picture(key: str, course: Course) -> CoursePicture:
+def _unknown_course(key: str, known: str, course: Course) -> CoursePicture | None:
+    if key == known:
+        return None
     drive_, grid = course.drive, course.grid
     track = drive_.track
     begin = np.array([drive_.start_fraction * track.length_m])
@@ -171,41 +224,43 @@ def _course_picture(key: str, course: Course) -> CoursePicture:
     )
 
 
-def _picture(key: str, tried: TriedReward) -> RewardPicture | None:
-    values = tried.grid_values.reshape(-1)
+def _picture(key: str, grid_values: Floats, curves: list[DriverCurve]) -> RewardPicture | None:
+    values = grid_values.reshape(-1)
     known = values[~np.isnan(values)]
     if not len(known):
         return None
     # As in `pictures`: a few extremes have the same colour as the values next to them.
     low, high = np.percentile(known, [0.5, 99.5]).tolist()
-    parts = np.linspace(0.0, 100.0, CURVE_POINTS + 1)
     return RewardPicture(
         course=key,
         rewards=[None if np.isnan(value) else float(f"{value:.5g}") for value in values],
         low=low,
         high=high,
-        progress=np.round((parts[:-1] + parts[1:]) / 2, 2).tolist(),
-        curves=[
-            DriverCurve(
-                trip.driver.name,
-                tried.total(trip.driver),
-                round(trip.seconds, 2),
-                _means(
-                    np.array([call["progress"] for call in trip.calls]),
-                    as_array(tried.values(trip.driver)),
-                    parts,
-                ),
-            )
-            for trip in tried.course.drive.trips
-        ],
+        progress=np.round((_PARTS[:-1] + _PARTS[1:]) / 2, 2).tolist(),
+        curves=curves,
     )
 
 
-def _means(progress: Floats, values: Floats, parts: Floats) -> list[float | None]:
-    part = np.clip(np.digitize(progress, parts) - 1, 0, len(parts) - 2)
+def _curves(tried: TriedReward) -> list[DriverCurve]:
+    return [
+        DriverCurve(
+            trip.driver.name,
+            tried.total(trip.driver),
+            round(trip.seconds, 2),
+            _means(
+                np.array([call["progress"] for call in trip.calls]),
+                as_array(tried.values(trip.driver)),
+            ),
+        )
+        for trip in tried.course.drive.trips
+    ]
+
+
+def _means(progress: Floats, values: Floats) -> list[float | None]:
+    part = np.clip(np.digitize(progress, _PARTS) - 1, 0, CURVE_POINTS - 1)
     good = ~np.isnan(values)
-    sums = np.bincount(part[good], values[good], len(parts) - 1)
-    counts = np.bincount(part[good], minlength=len(parts) - 1)
+    sums = np.bincount(part[good], values[good], CURVE_POINTS)
+    counts = np.bincount(part[good], minlength=CURVE_POINTS)
     return [
         float(f"{total / count:.5g}") if count else None
         for total, count in zip(sums, counts, strict=True)

@@ -59,11 +59,18 @@ def main() -> None:
                 checker = live_check.LiveCheck()
             folder = Path(request["folder"])
             found = checker.check(
-                load_settings(folder), request["text"].encode(), folder, request["known"], given_up
+                load_settings(folder),
+                request["text"].encode(),
+                folder,
+                request["known"],
+                given_up,
+                whole=request["whole"],
             )
             answer: dict[str, Any] = {"superseded": True}
             if found is not None:
                 answer = plain(found) | {"problems": [placed(each) for each in found.problems]}
+                if found.more:  # the page keeps the rest of the answer before
+                    answer = {name: answer[name] for name in ("more", "picture", "course")}
         except Exception as error:
             answer = error_of(error)
         answers.write(json.dumps(answer, allow_nan=False).encode() + b"\n")

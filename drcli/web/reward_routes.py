@@ -32,9 +32,9 @@ PATIENCE_S = 240.0
 """Includes compiling the simulation."""
 
 COOL_DOWN_S = 0.4
-"""So that typing does not take a core from a training."""
+"""Before a whole check, so that typing does not take a core from a training."""
 
-IDLE_S = 120.0
+IDLE_S = 600.0
 MOST_WAITING = 8
 MOST_PAGES = 64
 
@@ -56,13 +56,14 @@ class RewardChecks:
         self._ended_s = 0.0
         self._idle: threading.Timer | None = None
 
-    def check(self, page: str, text: str, known: str) -> dict[str, Any]:
+    def check(self, page: str, text: str, known: str, *, whole: bool = True) -> dict[str, Any]:
         """Check a reward function; waits for its turn.
 
         Args:
             page: Its earlier requests no longer count.
             text: The function.
             known: Key of the course that the page has.
+            whole: Otherwise only its picture, which is soon there.
 
         Returns:
             A `LiveReport` or an error as JSON, or `{"superseded": true}`.
@@ -90,12 +91,13 @@ class RewardChecks:
                 return {"superseded": True}
             self._is_checking = True
         try:
-            time.sleep(max(0.0, self._ended_s + COOL_DOWN_S - time.monotonic()))
             with self._turns:
-                if self._is_old(page, number):
+                wait_s = self._ended_s + COOL_DOWN_S - time.monotonic() if whole else 0.0
+                if self._turns.wait_for(lambda: self._is_old(page, number), wait_s):
                     return {"superseded": True}
                 self._running = (page, number)
-            return self._ask(number, text, known)
+            request = {"number": number, "text": text, "known": known, "whole": whole}
+            return self._ask({**request, "folder": str(self._folder)})
         finally:
             self._ended_s = time.monotonic()
             with self._turns:
@@ -123,9 +125,8 @@ class RewardChecks:
                     with suppress(OSError):
                         pipe.close()
 
-    def _ask(self, number: int, text: str, known: str) -> dict[str, Any]:
+    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
         process = self._started()
-        request = {"number": number, "folder": str(self._folder), "text": text, "known": known}
         late = threading.Timer(PATIENCE_S, process.kill)
         late.start()
         try:
@@ -222,7 +223,8 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
 
     def check(_: Request, body: dict[str, Any]) -> Any:
         page, known = text_of(body, "page")[:64], text_of(body, "known", "")[:64]
-        answer = checks.check(page, new_text(body).decode(), known)
+        whole = body.get("whole") is not False
+        answer = checks.check(page, new_text(body).decode(), known, whole=whole)
         return JSONResponse(answer, 422 if "error" in answer else 200)
 
     return [

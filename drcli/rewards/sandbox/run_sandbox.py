@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -92,12 +93,20 @@ class SandboxRequest:
     call_s: Seconds = 5.0
     load_s: Seconds = 60.0
 
+    def encode(self) -> bytes:
+        """One line."""
+        return json.dumps(vars(self), default=json_default).encode()
+
+    @staticmethod
+    def decode(data: bytes) -> "SandboxRequest":
+        return decode_json(SandboxRequest, data)
+
     def write(self, folder: Path) -> None:
-        (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=json_default), "utf-8")
+        (folder / _REQUEST_FILE).write_bytes(self.encode())
 
     @staticmethod
     def read(folder: Path) -> "SandboxRequest":
-        return decode_json(SandboxRequest, (folder / _REQUEST_FILE).read_bytes())
+        return SandboxRequest.decode((folder / _REQUEST_FILE).read_bytes())
 
 
 @dataclass(frozen=True)
@@ -239,16 +248,109 @@ class SandboxResult(JsonRecord):
 
 
 SANDBOX = "drcli.rewards.sandbox.sandbox_process"
+SERVES = "-"
+"""In place of a folder."""
+
 _PATIENCE_S = 280.0
 """The file is loaded four times."""
 
 _POLL_S = 0.05
 
 
+class SandboxServer:
+    """A process that keeps the calls of a request, and divides itself for each text to try.
+
+    To start Python, load the simulation and read the calls takes longer than to make them.
+    """
+
+    def __init__(self, request: SandboxRequest, directory: Path) -> None:
+        self.request = request
+        arguments = [SERVES, str(os.getpid())]
+        self._process = _started(arguments, directory, subprocess.PIPE)
+        self._tell(request.encode())
+
+    def is_for(self, request: SandboxRequest) -> bool:
+        """Whether it runs and keeps the calls of this request."""
+        return self._process.poll() is None and self.request == request
+
+    def begin(self, folder: Path, *, grid_only: bool) -> "_Attempt":
+        """Try the text in a folder."""
+        self._tell(json.dumps([str(folder), grid_only]).encode())
+        return _Attempt(self._process)
+
+    def _tell(self, line: bytes) -> None:
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # its end is noticed by the reader
+            self._process.stdin.write(line + b"\n")
+            self._process.stdin.flush()
+
+    def close(self) -> None:
+        with self._process:
+            self._process.kill()  # its copies end with it
+
+
+class _Attempt:
+    """The copy of a server that tries one text, with methods as of `subprocess.Popen`."""
+
+    def __init__(self, server: subprocess.Popen[bytes]) -> None:
+        assert server.stdout is not None
+        self._told = server.stdout
+        self._pid: int | None = None
+        self._code: int | None = None
+
+    def wait(self, timeout: float | None = None) -> int:
+        while self._code is None:
+            if not select.select([self._told], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(SANDBOX, timeout or 0.0)
+            self._read()
+        return self._code
+
+    def terminate(self) -> None:
+        if self._pid is None:
+            self._read()
+        if self._code is None and self._pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self._pid, signal.SIGTERM)
+
+    def _read(self) -> None:
+        line = self._told.readline()
+        if self._pid is None and line:
+            self._pid = int(line)
+        else:
+            self._code = int(line or 1)  # nothing: the server has ended
+
+
+def _started(
+    arguments: list[str], directory: Path, stream: int = subprocess.DEVNULL
+) -> subprocess.Popen[bytes]:
+    if secret_environment.all_secrets():
+        secret_environment.hide_process()
+    plain, _ = secret_environment.split(os.environ)
+    return subprocess.Popen(
+        # -P: files of the working folder must not be taken for modules of that name.
+        [sys.executable, "-P", "-m", SANDBOX, *arguments],
+        cwd=directory,
+        env={**PROCESS_TUNING, **plain, **LOG_ENCODING},
+        stdin=stream,
+        stdout=stream,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # signals that it sends to its group reach only itself
+    )
+
+
 class Sandbox:
     """A context manager that ends it and all that it has started."""
 
-    def __init__(self, request: SandboxRequest, content: bytes | None, directory: Path) -> None:
+    def __init__(
+        self,
+        request: SandboxRequest,
+        content: bytes | None,
+        directory: Path,
+        server: SandboxServer | None = None,
+        *,
+        grid_only: bool = False,
+    ) -> None:
+        """`grid_only`: a server makes only the calls of the last sequence."""
         self._request = request
         self._scratch = tempfile.TemporaryDirectory(prefix="dr-reward-")
         self._folder = Path(self._scratch.name)
@@ -256,26 +358,16 @@ class Sandbox:
         self._copy = self._folder / REWARD_FUNCTION_FILE
         if content is not None:
             self._copy.write_bytes(content)
+        self._process: ChildProcess | _Attempt
+        if server is not None:
+            self._process = server.begin(self._folder, grid_only=grid_only)
+            return
         request.write(self._folder)
-        self._process = self._started(directory)
-
-    def _started(self, directory: Path) -> ChildProcess:
         arguments = [str(self._folder), str(os.getpid())]
         if early := early_process.taken(SANDBOX):
-            return early.give(Order(SANDBOX, arguments, os.devnull, {}), b"")
-        if secret_environment.all_secrets():
-            secret_environment.hide_process()
-        plain, _ = secret_environment.split(os.environ)
-        return subprocess.Popen(
-            # -P: files of the working folder must not be taken for modules of that name.
-            [sys.executable, "-P", "-m", SANDBOX, *arguments],
-            cwd=directory,
-            env={**PROCESS_TUNING, **plain, **LOG_ENCODING},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,  # signals that it sends to its group reach only itself
-        )
+            self._process = early.give(Order(SANDBOX, arguments, os.devnull, {}), b"")
+        else:
+            self._process = _started(arguments, directory)
 
     def __enter__(self) -> "Sandbox":
         return self

@@ -2,15 +2,19 @@
 
 `python -m drcli.rewards.sandbox.sandbox_process FOLDER PARENT_PID`. FOLDER holds the request and a
 copy of the file, or only worlds and races are loaded. The result is written before loading the
-racer's code, and at the end.
+racer's code, and at the end. With `-` as FOLDER, a request is read from standard input, and it is
+tried in a copy of this process for each line that follows.
 """
 
 import contextlib
 import faulthandler
+import gc
+import json
 import math
 import os
 import signal
 import statistics
+import subprocess
 import sys
 import traceback
 from collections import Counter
@@ -22,6 +26,7 @@ from time import monotonic, perf_counter  # which racers' code may replace in `t
 from types import FunctionType
 from typing import NamedTuple, NoReturn, TextIO
 
+from drcli.base.early_process import Divided
 from drcli.base.errors import Problem, ProblemsError
 from drcli.base.processes import keep_descendants
 from drcli.base.system_calls import limit_data
@@ -30,6 +35,7 @@ from drcli.drive.reward_access import confine_reward
 from drcli.model.keys import REWARD_FUNCTION_FILE
 from drcli.rewards.sandbox.run_sandbox import (
     FAULTS_FILE,
+    SERVES,
     CallIndex,
     Difference,
     Failure,
@@ -55,6 +61,7 @@ from drsim.errors import RewardError
 
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
 _GRACE_S = 2.0
+_PARENT_POLL_S = 1.0
 _MEMORY_BYTES = 16 << 30
 _ROUNDING = 1e-4
 """Rewards that differ by a smaller share are the same to a training."""
@@ -158,7 +165,8 @@ class _Passes:
         if replaced := ", ".join(self._originals.replaced):
             what = f"The file replaces {replaced}, which the simulation and other packages use too."
             self._failures["replaces", "", None] = Failure("replaces", what)
-        shared = trial.result() if values and not self._failures else None
+        whole = values and (samples or repeated)
+        shared = trial.result() if whole and not self._failures else None
         if shared is not None:  # what earlier passes have left is why these differ
             random = memory = None
         return SandboxResult(
@@ -348,7 +356,40 @@ def _timing(took_s: Mapping[CallIndex, float]) -> Timing | None:
     return Timing(statistics.median(seconds), statistics.fmean(seconds), took_s[worst], worst)
 
 
-def main(folder: Path, parent_pid: int) -> None:
+def _serve(parent_pid: int) -> tuple[Path, bool]:
+    """Return in a copy of this process for each line: folder and `grid_only`, as an array.
+
+    This process tells the number of the copy and then its exit code, each on a line, and ends with
+    its input or the parent.
+    """
+    gc.freeze()  # a search for garbage would write to memory that the copies share
+    for line in sys.stdin.buffer:
+        pid = os.fork()
+        if not pid:
+            with Path(os.devnull).open("r+b") as nothing:
+                os.dup2(nothing.fileno(), 0)
+                os.dup2(nothing.fileno(), 1)
+            folder, grid_only = json.loads(line)
+            return Path(folder), grid_only
+        print(pid, flush=True)
+        copy, code = Divided(pid), None
+        while code is None and os.getppid() == parent_pid:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = copy.wait(_PARENT_POLL_S)
+        if code is None:
+            break
+        print(code, flush=True)
+    os._exit(0)
+
+
+def main(place: str, parent_pid: int) -> None:
+    folder, request, calls, grid_only = Path(place), None, None, False
+    if place == SERVES:
+        request = SandboxRequest.decode(sys.stdin.buffer.readline())
+        calls = calls_of(request)
+        own = os.getpid()
+        folder, grid_only = _serve(parent_pid)
+        parent_pid = own
     keep_descendants(parent_pid)
     faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
     faulthandler.enable(faults)
@@ -363,8 +404,11 @@ def main(folder: Path, parent_pid: int) -> None:
     # The simulation's own timer would end this process before the watch, which tells the line.
     signal.signal(signal.SIGPROF, signal.SIG_IGN)
     limit_data(_MEMORY_BYTES)
-    request = SandboxRequest.read(folder)
-    calls = calls_of(request)
+    request = request or SandboxRequest.read(folder)
+    calls = calls or calls_of(request)
+    if grid_only:
+        request = replace(request, repeated=0)
+        calls = Calls([calls.sequences[len(request.sequences) - 1]], 1, [], [])
     file = folder / REWARD_FUNCTION_FILE
     result = SandboxResult(problems=calls.problems, finished=not file.exists())
     result.write(folder)
@@ -375,4 +419,4 @@ def main(folder: Path, parent_pid: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(sys.argv[1], int(sys.argv[2]))

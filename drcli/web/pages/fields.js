@@ -23,15 +23,18 @@ export function useChecked(path, body, wait = 500, more = {}, version = "") {
       return undefined;
     }
     const own = new AbortController();
-    const timer = setTimeout(
-      () =>
-        post(path, { ...JSON.parse(key)[0], ...sent.current }, own.signal).then(
-          (answer) => !answer.superseded && setState({ key, answer, error: null }),
-          (error) =>
-            error.name !== "AbortError" && setState((before) => ({ ...before, key, error })),
-        ),
-      wait,
-    );
+    // A first answer may be a part of the whole one, which is then asked for.
+    const ask = (part) =>
+      post(path, { ...JSON.parse(key)[0], ...sent.current, ...part }, own.signal).then(
+        (answer) => {
+          if (answer.superseded) return;
+          const add = (before) => ({ ...before, answer: { ...before.answer, ...answer } });
+          setState(answer.more ? add : { key, answer, error: null });
+          if (answer.more) ask({ whole: true });
+        },
+        (error) => error.name !== "AbortError" && setState((before) => ({ ...before, key, error })),
+      );
+    const timer = setTimeout(ask, wait, {});
     return () => {
       clearTimeout(timer);
       own.abort();

@@ -10,7 +10,7 @@ import { Failure, Table, html, useRef, useState } from "/ui.js";
 
 const PATH = "/api/reward";
 const PAGE = crypto.getRandomValues(new Uint32Array(2)).join("-");
-const CHECK_MS = 250;
+const CHECK_MS = 200;
 
 const isOwn = (each) => /reward_function\.py$/.test(each.file ?? "");
 
@@ -36,6 +36,7 @@ export function RewardStep({ facts, reload, folder, known, changes, saved }) {
   const [template, setTemplate] = useState("0");
   const checked = useChecked(`${PATH}/check`, { page: PAGE, text, changes }, CHECK_MS, {
     known: course.current?.key ?? "",
+    whole: false,
   });
   const { answer, error } = checked;
   if (answer?.course) course.current = answer.course;

@@ -118,9 +118,11 @@ function paint(canvas, course, picture) {
 export function RewardPicture({ course, report }) {
   const canvas = useRef(null);
   const kept = useRef(null);
+  const curved = useRef(null); // the map is there before the curves
   const [width, setWidth] = useState(0);
   if (report?.picture) kept.current = report;
   const { picture, report: numbers } = kept.current ?? {};
+  if (picture?.curves.length) curved.current = picture;
   useEffect(() => {
     const resize = new ResizeObserver(() => setWidth(canvas.current?.clientWidth ?? 0));
     resize.observe(canvas.current);
@@ -129,18 +131,15 @@ export function RewardPicture({ course, report }) {
   useEffect(() => {
     if (course && picture) paint(canvas.current, course, picture);
   }, [course, picture, width, theme.value]);
-  const plot = useMemo(
-    () =>
-      picture && {
-        series: picture.curves.map((each, k) => ({
-          name: each.name,
-          color: COLORS[k % 6],
-          digits: 3,
-        })),
-        data: [picture.progress, ...picture.curves.map((each) => each.rewards)],
-      },
-    [picture],
-  );
+  const plot = useMemo(() => {
+    const { curves, progress } = curved.current ?? {};
+    return (
+      curves && {
+        series: curves.map((each, k) => ({ name: each.name, color: COLORS[k % 6], digits: 3 })),
+        data: [progress, ...curves.map((each) => each.rewards)],
+      }
+    );
+  }, [curved.current]);
   const old = report && !report.picture && picture;
   const about = old
     ? "This is the picture of an earlier version."

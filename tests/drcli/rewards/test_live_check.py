@@ -15,15 +15,53 @@ def settings(settings_of):
     return settings_of()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def live(settings, course):
     live = LiveCheck()
     live._courses[live_check._key(settings.race, None)] = course  # driven once for all tests
-    return live
+    yield live
+    live.close()
 
 
-def check(live, settings, text, known="", given_up=None):
-    return live.check(settings, text, settings.directory, known, given_up or Event())
+def check(live, settings, text, known="", given_up=None, **options):
+    return live.check(settings, text, settings.directory, known, given_up or Event(), **options)
+
+
+def test_the_first_answer_is_the_picture_of_the_whole_check(live, settings):
+    first = check(live, settings, GOOD, whole=False)
+    whole = check(live, settings, GOOD, known=first.course.key)
+
+    assert first.more
+    assert first.picture.curves == []
+    assert first.picture.rewards == whole.picture.rewards
+    assert not whole.more
+
+
+def test_one_process_tries_all_texts_and_none_knows_of_the_others(live, settings):
+    check(live, settings, b"import math\nmath.calls = 1\n" + GOOD, whole=False)
+    server = live._server
+
+    found = check(live, settings, b"import math\nmath.calls += 1\n" + GOOD)
+
+    assert live._server is server
+    assert "AttributeError" in found.problems[0].message
+
+
+def test_a_text_that_ends_its_process_does_not_end_the_next_one(live, settings):
+    ends = b"import os, signal\nos.kill(os.getpid(), signal.SIGKILL)\n" + GOOD
+
+    assert check(live, settings, ends, whole=False).picture is None
+    assert "SIGKILL" in check(live, settings, ends).problems[0].message
+    assert check(live, settings, GOOD, whole=False).picture is not None
+
+
+def test_a_text_that_is_given_up_ends_at_once(live, settings):
+    given_up = Event()
+    given_up.set()
+    endless = b"def reward_function(params):\n    while True:\n        pass\n"
+
+    assert check(live, settings, endless, given_up=given_up, whole=False) is None
+    assert check(live, settings, GOOD, whole=False).picture is not None
 
 
 def test_the_picture_has_a_reward_for_each_place(live, settings):
