@@ -10,7 +10,7 @@ import urllib.request
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
-from drcli.base.errors import SettingsError, StorageError
+from drcli.base.errors import NoAnswer, SettingsError, StorageError
 from drcli.config.track_names import COMMUNITY, hint
 from drcli.tracks.track_facts import TrackFacts
 from drcli.tracks.tracks_folder import add_track, target_of
@@ -18,6 +18,8 @@ from drcli.tracks.tracks_folder import add_track, target_of
 PATIENCE_S = 20.0
 _MOST_BYTES = 1_000_000
 _PIECE = 65_536
+_LATER = (408, 429)
+"""Request timeout and too many requests: answers to give the same request again."""
 
 _HANDLERS = (
     urllib.request.ProxyHandler,
@@ -41,7 +43,8 @@ def fetch_track(
 
     Raises:
         SettingsError: The name is wrong or taken, or address or file unusable.
-        StorageError: The server fails, is too slow or sends too much.
+        NoAnswer: The server cannot be reached or is too busy.
+        StorageError: It has no such file, or sends too much.
     """
     name = name.removesuffix(".npy")
     called = called or name
@@ -58,12 +61,13 @@ def fetch_track(
                 f"There is no track {name} at {address}.", remedy=likely + _similar(name, url)
             ) from None
         reason = " ".join(str(error.reason).split())  # a redirect in a circle gives three lines
-        raise StorageError(
+        kind = NoAnswer if error.code in _LATER or error.code >= 500 else StorageError
+        raise kind(
             f"{address} answered {error.code} {reason}.",
             remedy="Try again later, or fetch it from another address with --from.",
         ) from None
     except (OSError, ValueError, http.client.HTTPException) as error:
-        raise StorageError(
+        raise NoAnswer(
             f"{address} cannot be reached: {_reason(error)}.",
             remedy=f"{likely}Check the network and repeat `dr-tracks fetch {name}`, or add your "
             "own file with `dr-tracks add FILE.npy`.",

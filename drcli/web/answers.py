@@ -4,14 +4,17 @@ import dataclasses
 import functools
 import gzip
 import json
-from collections.abc import Awaitable, Callable
-from typing import Any
+import re
+from collections.abc import Awaitable, Callable, Collection
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import anyio
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from drcli.base.errors import (
+    BadValue,
     BudgetUsedUp,
     DrError,
     NotAvailable,
@@ -21,11 +24,14 @@ from drcli.base.errors import (
     SettingsError,
     StorageError,
     TrainedElsewhere,
+    one_of,
+    shown,
 )
 from drcli.base.installation import import_error
 from drcli.base.json_record import keys_of, plain
 from drcli.base.log import get_logger
 from drcli.config.editing import FilesChanged
+from drcli.model.files.data_file import as_written, dotted
 
 MOST_BYTES = 1 << 20
 LONG_BYTES = 2000
@@ -46,9 +52,9 @@ _logger = get_logger(__name__)
 class BadRequest(Exception):
     """Not from the page."""
 
-    def __init__(self, message: str, status: int = 400) -> None:
+    def __init__(self, message: str, status: int = 400, remedy: str = "") -> None:
         super().__init__(message)
-        self.status = status
+        self.status, self.remedy = status, remedy
 
 
 def report(value: Any, status: int = 200) -> Response:
@@ -70,7 +76,7 @@ def error_of(error: Exception) -> dict[str, Any]:
             found["problems"] = [placed(problem) for problem in error.problems]
         return {"error": found}
     if isinstance(error, BadRequest):
-        return {"error": {"message": str(error), "remedy": "", "code": 2}}
+        return {"error": {"message": str(error), "remedy": error.remedy, "code": 2}}
     if broken := import_error(error):
         return error_of(broken)
     _logger.error("Unexpected error", exc_info=error)
@@ -95,7 +101,23 @@ def status_of(error: Exception) -> int:
     return next(found, 500)
 
 
+T = TypeVar("T", bound=Collection[str])
 Handler = Callable[[Request], Awaitable[Response]]
+
+
+def _handler(
+    function: Callable[..., Any], body: Callable[[Request], Awaitable[tuple[Any, ...]]]
+) -> Handler:
+    @functools.wraps(function)
+    async def handle(request: Request) -> Response:
+        try:
+            given = await body(request)
+            value = await anyio.to_thread.run_sync(function, request, *given)
+        except Exception as error:
+            return JSONResponse(error_of(error), status_of(error))
+        return value if isinstance(value, Response) else packed(request, report(value))
+
+    return handle
 
 
 def answers(function: Callable[[Request], Any]) -> Handler:
@@ -104,15 +126,10 @@ def answers(function: Callable[[Request], Any]) -> Handler:
     That is a dataclass, plain data, or a `Response`.
     """
 
-    @functools.wraps(function)
-    async def handle(request: Request) -> Response:
-        try:
-            value = await anyio.to_thread.run_sync(function, request)
-        except Exception as error:
-            return JSONResponse(error_of(error), status_of(error))
-        return value if isinstance(value, Response) else packed(request, report(value))
+    async def nothing(_: Request) -> tuple[()]:
+        return ()
 
-    return handle
+    return _handler(function, nothing)
 
 
 def packed(request: Request, response: Response) -> Response:
@@ -124,19 +141,62 @@ def packed(request: Request, response: Response) -> Response:
     return response
 
 
-def accepts(function: Callable[[Request, dict[str, Any]], Any]) -> Handler:
-    """Like `answers`, with a JSON object."""
+def _no_null(text: str) -> str:
+    if "\0" in text:
+        raise BadValue("has a character that no text may have", "")
+    return text
 
-    @functools.wraps(function)
-    async def handle(request: Request) -> Response:
+
+Text = Annotated[str, AfterValidator(_no_null)]
+
+
+def known(names: Collection[str]) -> AfterValidator:
+    """For keys, or for a list."""
+
+    def check(values: T) -> T:
+        for name in values:
+            if name not in names:
+                raise BadValue(
+                    f"has {shown(name)}, which is not one of them", one_of(sorted(names), name)
+                )
+        return values
+
+    return AfterValidator(check)
+
+
+class Body(BaseModel):
+    """A JSON object that a page sends. Keys that are not declared are ignored."""
+
+    model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
+    STATUS: ClassVar[int] = 400
+    """Of the answer to a wrong value: 422 where people type the values."""
+
+    @classmethod
+    def read(cls, values: dict[str, Any]) -> Self:
+        """Raises BadRequest, which names the key and its value."""
         try:
-            body = await json_object(request)
-            value = await anyio.to_thread.run_sync(function, request, body)
-        except Exception as error:
-            return JSONResponse(error_of(error), status_of(error))
-        return value if isinstance(value, Response) else packed(request, report(value))
+            return cls.model_validate(values)
+        except ValidationError as error:
+            fault = error.errors(include_url=False)[0]
+        key = dotted(fault["loc"])
+        remedy = "Correct it, or load the page again."
+        if fault["type"] == "missing":
+            raise BadRequest(f"The request needs {key}.", cls.STATUS, remedy)
+        reason = re.sub(r"^\w+ should", "should", fault["msg"])
+        if fault["type"] == "value_error":
+            bad = fault["ctx"]["error"]
+            reason, remedy = bad.reason, bad.remedy or remedy
+        raise BadRequest(f"{key}={as_written(fault['input'])} {reason}.", cls.STATUS, remedy)
 
-    return handle
+
+def accepts(function: Callable[[Request, Any], Any], kind: type[Body] | None = None) -> Handler:
+    """Like `answers`, with a body of a `kind`: that of the parameter `body`."""
+    model: type[Body] = kind or function.__annotations__["body"]
+
+    async def body(request: Request) -> tuple[Body]:
+        return (model.read(await json_object(request)),)
+
+    return _handler(function, body)
 
 
 async def json_object(request: Request) -> dict[str, Any]:
@@ -166,11 +226,3 @@ def _is_deeper(value: Any, most: int) -> bool:
     if not isinstance(value, list):
         return False
     return most == 0 or any(_is_deeper(item, most - 1) for item in value)
-
-
-def text_of(body: dict[str, Any], key: str, default: str | None = None) -> str:
-    """A text; BadRequest if it is none, or missing without a default."""
-    value = body.get(key, default)
-    if not isinstance(value, str) or "\0" in value:
-        raise BadRequest(f"The request needs a text {key}.")
-    return value

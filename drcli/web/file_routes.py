@@ -3,8 +3,9 @@
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
+from pydantic import Field
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
@@ -26,8 +27,8 @@ from drcli.model.files.model_metadata import (
 from drcli.model.files.sensors import CAMERAS, LIDARS, SENSORS
 from drcli.model.keys import HYPERPARAMETERS_FILE, MODEL_METADATA_FILE
 from drcli.transfer.action_space_change import metadata_text, with_metadata
-from drcli.web.answers import BadRequest, accepts, answers, placed, text_of
-from drcli.web.own_files import OwnFile, base_of, own_file, save_own_file, values_of
+from drcli.web.answers import BadRequest, Body, accepts, answers, known, placed
+from drcli.web.own_files import OwnFile, Save, base_of, own_file, save_own_file, values_of
 from drcli.web.served_folder import ServedFolder
 
 NO_EFFECT = ("term_cond_avg_score",)
@@ -81,14 +82,16 @@ def _text(file: OwnFile, changes: dict[str, Any]) -> bytes:
     return (json.dumps(kept, indent=2, ensure_ascii=False) + "\n").encode()
 
 
-def _changes(body: dict[str, Any]) -> dict[str, Any]:
-    changes = body.get("values")
-    simple = (str, int, float, type(None))  # bool is an int
-    if not isinstance(changes, dict) or not all(
-        key in KEYS and isinstance(value, simple) for key, value in changes.items()
-    ):
-        raise BadRequest("The request needs values: hyperparameters by name.")
-    return changes
+Parameters = Annotated[dict[str, str | int | float | None], known(KEYS)]
+Metadata = Annotated[dict[str, Any], known(RULES)]
+
+
+class CheckParameters(Body):
+    values: Parameters
+
+
+class SaveParameters(Save, CheckParameters):
+    pass
 
 
 def _problems(settings: Settings, file: InputFile) -> list[dict[str, Any]]:
@@ -104,21 +107,21 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         problems = _problems(settings, file.input)
         return {**file.facts(), **_content(file), "keys": _keys(), "problems": problems}
 
-    def check(_: Request, body: dict[str, Any]) -> Any:
+    def check(_: Request, body: CheckParameters) -> Any:
         settings = folder.settings()
         file = own_file(settings, HYPERPARAMETERS_FILE)
         try:
-            data = _text(file, _changes(body))
+            data = _text(file, body.values)
         except ProblemsError:
             data = file.data  # the review says what is wrong
         return {"problems": _problems(settings, InputFile(file.name, data, file.shown))}
 
-    def save(_: Request, body: dict[str, Any]) -> Any:
+    def save(_: Request, body: SaveParameters) -> Any:
         settings = folder.settings()
         file = own_file(settings, HYPERPARAMETERS_FILE)
-        data = _text(base_of(file, body), _changes(body))
+        data = _text(base_of(file, body), body.values)
         Hyperparameters.from_bytes(data, file.shown)
-        saved = save_own_file(settings, HYPERPARAMETERS_FILE, data, text_of(body, "version"))
+        saved = save_own_file(settings, HYPERPARAMETERS_FILE, data, body.version)
         return {**saved, **_content(own_file(settings, HYPERPARAMETERS_FILE))}
 
     return [
@@ -153,28 +156,27 @@ def _conflicts(problems: Sequence[Problem], origin: str) -> list[Problem]:
     return [each for each in problems if each.file == origin and each.rule == "V-34"]
 
 
-def _metadata_changes(body: dict[str, Any]) -> dict[str, Any]:
-    changes = body.get("values")
-    if not isinstance(changes, dict) or not set(changes) <= set(RULES):
-        raise BadRequest("The request needs values: keys of model_metadata.json.")
-    if "action_space" in changes:
-        kind = "continuous" if isinstance(changes["action_space"], dict) else "discrete"
-        changes = {**changes, "action_space_type": kind}
-    return changes
+class CheckMetadata(Body):
+    values: Metadata
+
+    def changes(self) -> dict[str, Any]:
+        if "action_space" not in self.values:
+            return self.values
+        kind = "continuous" if isinstance(self.values["action_space"], dict) else "discrete"
+        return {**self.values, "action_space_type": kind}
 
 
-def _whole(body: dict[str, Any], key: str) -> int:
-    value = _number(body, key, 1, MOST_ANGLES)
-    if value != int(value):
-        raise BadRequest(f"{key} is a whole number.", 422)
-    return int(value)
+class SaveMetadata(Save, CheckMetadata):
+    pass
 
 
-def _number(body: dict[str, Any], key: str, low: float, high: float) -> float:
-    value = body.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise BadRequest(f"{key} is a number from {low:g} to {high:g}.", 422)
-    return float(value)
+class Generate(Body):
+    STATUS = 422
+
+    angles: Annotated[int, Field(ge=1, le=MOST_ANGLES)]
+    speeds: Annotated[int, Field(ge=1, le=MOST_ANGLES)]
+    max_angle: Annotated[float, Field(ge=LEAST_DEG, le=WIDEST_DEG)]
+    max_speed: Annotated[float, Field(ge=USUAL["speed"][0], le=USUAL["speed"][1])]
 
 
 def action_space_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
@@ -196,39 +198,37 @@ def action_space_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "many_actions": MANY_ACTIONS,
         }
 
-    def check(_: Request, body: dict[str, Any]) -> Any:
+    def check(_: Request, body: CheckMetadata) -> Any:
         settings = folder.settings()
         file = own_file(settings, MODEL_METADATA_FILE)
         written = values_of(file, "V-03")
         if written is None:
             return {"problems": _metadata_problems(settings, file)}
-        values = {**written, **_metadata_changes(body)}
+        values = {**written, **body.changes()}
         kept = {key: value for key, value in values.items() if value is not None}
         new = replace(file, data=metadata_text(kept).encode())
         return {"problems": _metadata_problems(settings, new)}
 
-    def save(_: Request, body: dict[str, Any]) -> Any:
+    def save(_: Request, body: SaveMetadata) -> Any:
         settings = folder.settings()
         file = own_file(settings, MODEL_METADATA_FILE)
-        data = with_metadata(base_of(file, body).data, file.shown, _metadata_changes(body))
-        saved = save_own_file(settings, MODEL_METADATA_FILE, data, text_of(body, "version"))
+        data = with_metadata(base_of(file, body).data, file.shown, body.changes())
+        saved = save_own_file(settings, MODEL_METADATA_FILE, data, body.version)
         new = own_file(settings, MODEL_METADATA_FILE)
         warnings = [placed(each) for each in ModelMetadata.from_bytes(data, file.shown).problems]
         return {**saved, **_metadata_content(new), "problems": warnings}
 
-    def generate(_: Request, body: dict[str, Any]) -> Any:
-        angles = _whole(body, "angles")
-        speeds = _whole(body, "speeds")
-        widest = _number(body, "max_angle", LEAST_DEG, WIDEST_DEG)
-        fastest = _number(body, "max_speed", *USUAL["speed"])
-        made = grid(angles, speeds, max_angle=widest, max_speed=fastest)
+    def generate(_: Request, body: Generate) -> Any:
+        made = grid(**body.model_dump())
         if len({(each.steering_angle, each.speed) for each in made}) < len(made):
             raise BadRequest("Some of these actions are equal: choose fewer angles or speeds.", 422)
         return {
             "actions": [
                 {"steering_angle": each.steering_angle, "speed": each.speed} for each in made
             ],
-            "note": "" if angles % 2 else f"With {angles} angles no action drives straight ahead.",
+            "note": ""
+            if body.angles % 2
+            else f"With {body.angles} angles no action drives straight ahead.",
         }
 
     return [

@@ -10,15 +10,16 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
 from drcli.live.live_feed import WorkerKey
 from drcli.live.live_record import LIVE_VIEWS, MOST_CAR, LiveMessage, LiveView
 from drcli.records.run_record import RunRecord
-from drcli.web.answers import BadRequest, accepts
+from drcli.web.answers import BadRequest, Body, accepts
 from drcli.web.hub import Polled, Publish
 from drcli.web.served_folder import ServedFolder
 from drcli.web.shared_feed import SharedFeed
@@ -132,6 +133,12 @@ def present(folder: ServedFolder) -> dict[str, Any]:
     }
 
 
+class ChosenCar(Body):
+    run_id: Annotated[int, Field(ge=0, le=99)]
+    worker: Annotated[str, Field(pattern=f"^{WORKER_NAME.pattern}$")]
+    car: Annotated[int, Field(ge=0, lt=MOST_CAR)] | None = None
+
+
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     """`POST /api/live/car`."""
     views = LiveViews(folder.live)
@@ -148,21 +155,11 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     folder.hub.add_kind("workers", open_workers)
     folder.hub.add_kind("live", views.open)
 
-    def choose(_: Request, body: dict[str, Any]) -> Any:
-        run_id, worker, car = body.get("run_id"), body.get("worker"), body.get("car")
-        if not _is_whole(run_id, 99) or not isinstance(worker, str):
-            raise BadRequest("The request needs a run_id from 0 to 99 and the name of a worker.")
-        if WORKER_NAME.fullmatch(worker) is None:
-            raise BadRequest(f"{worker[:80]!r} is no name of a worker.")
-        if car is not None and not _is_whole(car, MOST_CAR - 1):
-            raise BadRequest("car is the number of a car of the worker, or null for the first.")
+    def choose(_: Request, body: ChosenCar) -> Any:
+        run_id, worker = body.run_id, body.worker
         if not any((run_id, worker) == (w.run_id, w.worker) for w in folder.live.workers()):
             raise BadRequest(f"The worker {worker} of run {run_id} does not run now.", 404)
-        folder.live.look_at(int(run_id or 0), worker, car)
-        return {"run_id": run_id, "worker": worker, "car": car}
+        folder.live.look_at(run_id, worker, body.car)
+        return body.model_dump()
 
     return [Route("/api/live/car", accepts(choose), methods=["POST"])]
-
-
-def _is_whole(value: Any, most: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= most

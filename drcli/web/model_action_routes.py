@@ -4,17 +4,20 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from difflib import unified_diff
+from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, Literal, Self
 
 import anyio
+from pydantic import BeforeValidator, Field, model_validator
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from drcli.base.errors import BadValue, DiskFull, DrError, SettingsError, WorkerDied
+from drcli.base.errors import DiskFull, DrError, SettingsError, WorkerDied
 from drcli.base.files import safe_name
 from drcli.base.processes import is_alive
 from drcli.config.editing import set_values
@@ -31,102 +34,230 @@ from drcli.run.read_logs import text_tail
 from drcli.transfer.model_removal import plan_removal
 from drcli.transfer.record_training import files_of
 from drcli.transfer.training_list import entry_of
-from drcli.web import model_work
-from drcli.web.answers import BadRequest, accepts, answers, error_of, status_of, text_of
+from drcli.web import model_work, start_routes
+from drcli.web.answers import BadRequest, Body, Text, accepts, answers, error_of, known, status_of
 from drcli.web.download_folder import DownloadFolder
-from drcli.web.model_reader import ModelReader, checked, prefix_of
+from drcli.web.model_reader import ModelReader, Prefix, prefix_of
 from drcli.web.own_files import own_file, save_own_file
 from drcli.web.subprocess_work import WorkFailed, in_subprocess
-from drcli.web.tasks import Progress, Task
+from drcli.web.tasks import Progress
 
-EVALUATION_FIELDS = {
-    "world": "DR_WORLD_NAME",
-    "race_type": "DR_RACE_TYPE",
-    "laps": "DR_EVAL_NUMBER_OF_TRIALS",
-    "continuous": "DR_EVAL_IS_CONTINUOUS",
-    "reverse": "DR_EVAL_REVERSE_DIRECTION",
-    "checkpoint": "DR_EVAL_CHECKPOINT",
-    "video": "DR_EVAL_SAVE_MP4",
-    "opponent": "DR_EVAL_OPP_S3_MODEL_PREFIX",
-}
 MOST_ANALYSES = 50
-_EPISODES = ("best", "all")
+Checkpoint = Annotated[
+    CheckpointChoice, BeforeValidator(lambda value: parse_checkpoint(str(value)))
+]
 
 
-def action_routes(
-    reader: ModelReader, downloads: DownloadFolder, analyses: dict[str, Any]
-) -> Sequence[BaseRoute]:
-    """Routes below /api/model; each answers with its task."""
-    folder, tasks = reader.folder, reader.folder.tasks
-    directory = folder.directory
+class OfModel(Body):
+    prefix: Prefix
 
-    def started(task: Task) -> dict[str, int]:
-        return {"task": task.id}
 
-    def start(_: Request, body: dict[str, Any]) -> Any:
-        prefix = _existing(reader, body)
-        minutes = body.get("max_minutes")
-        if minutes is not None and not _is_number(minutes, 0.01, 1e7):
-            raise BadRequest("The longest time is a number of minutes, such as 60.")
+class Resume(OfModel):
+    max_minutes: start_routes.Minutes | None = None
 
-        def work(progress: Progress) -> Any:
-            return in_subprocess(
-                progress, model_work.start_training, directory, prefix, minutes, heavy=False
-            )
 
-        title = f"Resume the training of {prefix}"
-        return started(tasks.start("start-training", prefix, title, work, goes_on=True))
+def _setting(name: str) -> Any:
+    return Field(None, serialization_alias=name)
 
-    def stop(_: Request, body: dict[str, Any]) -> Any:
-        prefix = checked(body.get("prefix"))
 
-        def work(_: Progress) -> Any:
-            return stop_training_of(reader, prefix)
+class Evaluate(OfModel):
+    """Null or empty: as the settings say, which check the others."""
 
-        return started(tasks.start("stop-training", prefix, f"Stop the training of {prefix}", work))
+    world: Text | None = _setting("DR_WORLD_NAME")
+    race_type: Text | None = _setting("DR_RACE_TYPE")
+    laps: Text | int | None = _setting("DR_EVAL_NUMBER_OF_TRIALS")
+    continuous: Text | bool | None = _setting("DR_EVAL_IS_CONTINUOUS")
+    reverse: Text | bool | None = _setting("DR_EVAL_REVERSE_DIRECTION")
+    checkpoint: Text | int | None = _setting("DR_EVAL_CHECKPOINT")
+    video: Text | bool | None = _setting("DR_EVAL_SAVE_MP4")
+    opponent: Text | None = _setting("DR_EVAL_OPP_S3_MODEL_PREFIX")
 
-    def evaluate(_: Request, body: dict[str, Any]) -> Any:
-        prefix = _existing(reader, body)
-        flags = evaluation_flags(body)
+    def flags(self) -> dict[str, str]:
+        given = self.model_dump(by_alias=True, exclude={"prefix"}, exclude_none=True)
+        return {name: str(value) for name, value in given.items() if value != ""}
 
-        def work(progress: Progress) -> Any:
-            began = in_subprocess(
-                progress, model_work.start_evaluation, directory, prefix, flags, heavy=False
-            )
-            progress(f"{began['checkpoint']} drives on {began['world']}.")
-            return _driven(reader, prefix, began)
 
-        return started(tasks.start("evaluate", prefix, f"Evaluate {prefix}", work, goes_on=True))
+class Clone(OfModel):
+    to: Prefix
+    checkpoint: Checkpoint = "best"
+    description: Text = ""
+    take: Annotated[list[str], known(FILE_RULES)] = Field(default_factory=list)
+    world: Text = ""
 
-    def stop_evaluation(_: Request, body: dict[str, Any]) -> Any:
-        prefix = checked(body.get("prefix"))
 
-        def work(_: Progress) -> Any:
-            bucket = folder.settings().bucket
-            return stopping.StopReport(stopping.stop_evaluations_of(directory, bucket, prefix))
+class Upload(OfModel):
+    checkpoint: Checkpoint = "last"  # as dr-upload-model
+    to: Prefix
+    local: bool = False
 
-        title = f"Stop the evaluation of {prefix}"
-        return started(tasks.start("stop-evaluation", prefix, title, work))
 
-    def clone(_: Request, body: dict[str, Any]) -> Any:
-        prefix, target = _existing(reader, body), checked(body.get("to"), "name of the new model")
-        choice = choice_of(body)
-        description = text_of(body, "description", "") or None
-        take, world = body.get("take", []), text_of(body, "world", "")
-        if not isinstance(take, list) or not all(name in FILE_RULES for name in take):
-            raise BadRequest(f"A clone can take {', '.join(FILE_RULES)}.")
-        bucket = reader.open(prefix)[1]
-        files = files_of(ModelStore(bucket, prefix))
+class Film(OfModel):
+    stamp: Text
+    episode: Annotated[str, Field(pattern="^(best|all|[0-9]{1,6})$")] = "best"
+    size: Literal["640x480", "1280x720"] = "640x480"
+    ghosts: Annotated[int, Field(ge=0, le=4)] = 0
+    explain: bool = False
+    download: bool = False
+
+
+class Download(OfModel):
+    kind: model_work.DownloadKind
+    checkpoint: Checkpoint = "best"
+
+    @property
+    def what(self) -> str:
+        words = {"car": "car archive", "onnx": "ONNX file", "logs": "logs"}
+        return words.get(self.kind, "files")
+
+
+class Delete(OfModel):
+    confirm: Any = None
+    forget: bool = False
+
+    @model_validator(mode="after")
+    def _confirmed(self) -> Self:
+        if self.confirm != self.prefix:
+            raise BadRequest(f"Type {self.prefix} to confirm that it is to be deleted.")
+        return self
+
+
+@dataclass(frozen=True)
+class Actions:
+    """What the work of tasks uses."""
+
+    reader: ModelReader
+    downloads: DownloadFolder
+    analyses: dict[str, Any]
+
+    @property
+    def directory(self) -> Path:
+        return self.reader.folder.directory
+
+
+def _resume(at: Actions, body: Resume, progress: Progress) -> Any:
+    given = at.directory, body.prefix, body.max_minutes
+    return in_subprocess(progress, model_work.start_training, *given, heavy=False)
+
+
+def _stop(at: Actions, body: OfModel, progress: Progress) -> Any:
+    return stop_training_of(at.reader, body.prefix)
+
+
+def _evaluate(at: Actions, body: Evaluate, progress: Progress) -> Any:
+    given = at.directory, body.prefix, body.flags()
+    began = in_subprocess(progress, model_work.start_evaluation, *given, heavy=False)
+    progress(f"{began['checkpoint']} drives on {began['world']}.")
+    return _driven(at.reader, body.prefix, began)
+
+
+def _stop_evaluation(at: Actions, body: OfModel, progress: Progress) -> Any:
+    bucket = at.reader.folder.settings().bucket
+    return stopping.StopReport(stopping.stop_evaluations_of(at.directory, bucket, body.prefix))
+
+
+def _upload(at: Actions, body: Upload, progress: Progress) -> Any:
+    given = at.directory, body.prefix, body.checkpoint, body.to, body.local
+    return in_subprocess(progress, model_work.upload_model, *given)
+
+
+def _film(at: Actions, body: Film, progress: Progress) -> Any:
+    path = None
+    if body.download:
+        name = f"{safe_name(body.prefix)}-{safe_name(body.stamp)}.mp4"
+        path = at.downloads.new_folder() / name
+    options = body.model_dump(include={"episode", "size", "ghosts", "explain"})
+    given = at.directory, body.prefix, body.stamp, options, path
+    made = in_subprocess(progress, model_work.make_lap_video, *given)
+    return made if path is None else at.downloads.offer(path, made["report"])
+
+
+def _download(at: Actions, body: Download, progress: Progress) -> Any:
+    folder = at.downloads.new_folder()
+    given = at.directory, body.prefix, body.kind, body.checkpoint, folder
+    made = in_subprocess(progress, model_work.make_download, *given)
+    return at.downloads.offer(Path(made["file"]), made["report"])
+
+
+def _analyse(at: Actions, body: OfModel, progress: Progress) -> Any:
+    found = in_subprocess(progress, model_work.analyse_model, at.directory, body.prefix)
+    at.analyses.pop(body.prefix, None)
+    at.analyses[body.prefix] = found  # the newest last
+    for old in list(at.analyses)[:-MOST_ANALYSES]:
+        at.analyses.pop(old, None)
+    return found
+
+
+def _delete(at: Actions, body: Delete, progress: Progress) -> Any:
+    given = at.directory, body.prefix, body.forget
+    return in_subprocess(progress, model_work.delete_model, *given, heavy=False)
+
+
+@dataclass(frozen=True)
+class ModelTask:
+    """What `POST /api/model/NAME` starts.
+
+    Attributes:
+        work: Gets the body that it declares.
+        kind, title: With fields of the body.
+        exists: Whether it needs an existing model.
+    """
+
+    work: Callable[[Actions, Any, Progress], Any]
+    kind: str
+    title: str
+    exists: bool = True
+    goes_on: bool = False
+
+    def route(self, name: str, at: Actions) -> Route:
+        def start(_: Request, body: OfModel) -> Any:
+            if self.exists:
+                at.reader.open(body.prefix)
+            kind, title = (text.format(body=body) for text in (self.kind, self.title))
+            work = partial(self.work, at, body)
+            tasks = at.reader.folder.tasks
+            return {"task": tasks.start(kind, body.prefix, title, work, goes_on=self.goes_on).id}
+
+        declared = self.work.__annotations__["body"]
+        return Route(f"/api/model/{name}", accepts(start, declared), methods=["POST"])
+
+
+TASKS = {
+    "start": ModelTask(
+        _resume, "start-training", "Resume the training of {body.prefix}", goes_on=True
+    ),
+    "stop": ModelTask(_stop, "stop-training", "Stop the training of {body.prefix}", exists=False),
+    "evaluate": ModelTask(_evaluate, "evaluate", "Evaluate {body.prefix}", goes_on=True),
+    "stop-evaluation": ModelTask(
+        _stop_evaluation, "stop-evaluation", "Stop the evaluation of {body.prefix}", exists=False
+    ),
+    "upload": ModelTask(_upload, "upload", "Upload {body.prefix}"),
+    "film": ModelTask(_film, "video", "Film evaluation {body.stamp} of {body.prefix}"),
+    "download": ModelTask(
+        _download, "download-{body.kind}", "Pack the {body.what} of {body.prefix}"
+    ),
+    "analyse": ModelTask(_analyse, "analyse", "Analyse {body.prefix}"),
+    "delete": ModelTask(_delete, "delete", "Delete {body.prefix}", exists=False, goes_on=True),
+}
+
+
+def action_routes(at: Actions) -> Sequence[BaseRoute]:
+    """Routes below /api/model; those of `TASKS` answer with their task."""
+    reader, folder = at.reader, at.reader.folder
+
+    def clone(_: Request, body: Clone) -> Any:
+        bucket = reader.open(body.prefix)[1]
+        files = files_of(ModelStore(bucket, body.prefix))
+        world = {"DR_WORLD_NAME": body.world} if body.world else {}
         if world:  # refused before anything is changed
-            set_values(directory, {"DR_WORLD_NAME": world}, write=False)
-        increment = clone_model(reader, prefix, target, choice, description)
+            set_values(at.directory, world, write=False)
+        increment = clone_model(reader, body)
         settings = folder.settings()
-        for name in take:
+        for name in body.take:
             if name in files:
                 seen = own_file(settings, name).version
                 save_own_file(settings, name, files[name].encode(), seen)
         if world:
-            set_values(directory, {"DR_WORLD_NAME": world})
+            set_values(at.directory, world)
         return increment
 
     def clone_plan(request: Request) -> Any:
@@ -145,145 +276,19 @@ def action_routes(
             "folder_world": settings.world_name,
         }
 
-    def upload(_: Request, body: dict[str, Any]) -> Any:
-        # As dr-upload-model: the last one.
-        prefix, choice = _existing(reader, body), choice_of(body, "last")
-        to, local = checked(body.get("to"), "name at the target"), body.get("local") is True
-
-        def work(progress: Progress) -> Any:
-            arguments = directory, prefix, choice, to, local
-            return in_subprocess(progress, model_work.upload_model, *arguments)
-
-        return started(tasks.start("upload", prefix, f"Upload {prefix}", work))
-
-    def film(_: Request, body: dict[str, Any]) -> Any:
-        prefix, stamp = _existing(reader, body), text_of(body, "stamp")
-        options = video_options_of(body)
-        keep = body.get("download") is True
-
-        def work(progress: Progress) -> Any:
-            path = None
-            if keep:
-                path = downloads.new_folder() / f"{safe_name(prefix)}-{safe_name(stamp)}.mp4"
-            made = in_subprocess(
-                progress, model_work.make_lap_video, directory, prefix, stamp, options, path
-            )
-            return made if path is None else downloads.offer(path, made["report"])
-
-        return started(tasks.start("video", prefix, f"Film evaluation {stamp} of {prefix}", work))
-
-    def download(_: Request, body: dict[str, Any]) -> Any:
-        prefix, kind, choice = _existing(reader, body), body.get("kind"), choice_of(body)
-        if kind not in get_args(model_work.DownloadKind):
-            raise BadRequest("The kind of a download is car, onnx, logs, model or everything.")
-
-        def work(progress: Progress) -> Any:
-            arguments = directory, prefix, kind, choice, downloads.new_folder()
-            made = in_subprocess(progress, model_work.make_download, *arguments)
-            return downloads.offer(Path(made["file"]), made["report"])
-
-        words = {"car": "car archive", "onnx": "ONNX file", "logs": "logs"}
-        title = f"Pack the {words.get(str(kind), 'files')} of {prefix}"
-        return started(tasks.start(f"download-{kind}", prefix, title, work))
-
-    def analyse(_: Request, body: dict[str, Any]) -> Any:
-        prefix = _existing(reader, body)
-
-        def work(progress: Progress) -> Any:
-            found = in_subprocess(progress, model_work.analyse_model, directory, prefix)
-            analyses.pop(prefix, None)
-            analyses[prefix] = found  # the newest last
-            for old in list(analyses)[:-MOST_ANALYSES]:
-                analyses.pop(old, None)
-            return found
-
-        return started(tasks.start("analyse", prefix, f"Analyse {prefix}", work))
-
     def removal(request: Request) -> Any:
         return plan_removal(folder.settings(), [prefix_of(request)], dry_run=True).report
-
-    def delete(_: Request, body: dict[str, Any]) -> Any:
-        prefix = checked(body.get("prefix"))
-        if body.get("confirm") != prefix:
-            raise BadRequest(f"Type {prefix} to confirm that it is to be deleted.")
-        forget = body.get("forget") is True
-
-        def work(progress: Progress) -> Any:
-            arguments = directory, prefix, forget
-            return in_subprocess(progress, model_work.delete_model, *arguments, heavy=False)
-
-        return started(tasks.start("delete", prefix, f"Delete {prefix}", work, goes_on=True))
 
     def choices(request: Request) -> Any:
         return evaluation_choices(reader, prefix_of(request))
 
-    actions = {
-        "start": start,
-        "stop": stop,
-        "evaluate": evaluate,
-        "stop-evaluation": stop_evaluation,
-        "clone": clone,
-        "upload": upload,
-        "film": film,
-        "download": download,
-        "analyse": analyse,
-        "delete": delete,
-    }
     return [
-        *(
-            Route(f"/api/model/{name}", accepts(function), methods=["POST"])
-            for name, function in actions.items()
-        ),
+        *(task.route(name, at) for name, task in TASKS.items()),
+        Route("/api/model/clone", accepts(clone), methods=["POST"]),
+        Route("/api/model/clone-plan", answers(clone_plan)),
         Route("/api/model/removal", answers(removal)),
         Route("/api/model/choices", answers(choices)),
-        Route("/api/model/clone-plan", answers(clone_plan)),
     ]
-
-
-def _existing(reader: ModelReader, body: dict[str, Any]) -> str:
-    prefix = checked(body.get("prefix"))
-    reader.open(prefix)
-    return prefix
-
-
-def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
-    """A number, or a word such as best; else BadRequest."""
-    try:
-        return parse_checkpoint(text_of(body, "checkpoint", default))
-    except BadValue as error:
-        raise BadRequest(f"The checkpoint {error.reason}. {error.remedy}") from None
-
-
-def video_options_of(body: dict[str, Any]) -> dict[str, Any]:
-    """BadRequest if it cannot be so."""
-    episode = text_of(body, "episode", "best")
-    if episode not in _EPISODES and not (episode.isdecimal() and len(episode) < 7):
-        raise BadRequest("The episode is best, all or a number.")
-    size = text_of(body, "size", "640x480")
-    if size not in ("640x480", "1280x720"):
-        raise BadRequest("The size is 640x480 or 1280x720.")
-    ghosts = body.get("ghosts", 0)
-    if isinstance(ghosts, bool) or not isinstance(ghosts, int) or not 0 <= ghosts <= 4:
-        raise BadRequest("The number of ghosts is 0 to 4.")
-    return {
-        "episode": episode,
-        "size": size,
-        "ghosts": ghosts,
-        "explain": body.get("explain") is True,
-    }
-
-
-def evaluation_flags(body: dict[str, Any]) -> dict[str, str]:
-    """Settings that a request changes, not yet checked."""
-    flags = {}
-    for field, name in EVALUATION_FIELDS.items():
-        value = body.get(field)
-        if value is None or value == "":
-            continue
-        if not isinstance(value, str | int) or "\0" in str(value):
-            raise BadRequest(f"The request has no usable {field}.")
-        flags[name] = str(value)
-    return flags
 
 
 def evaluation_choices(reader: ModelReader, prefix: str) -> dict[str, Any]:
@@ -333,24 +338,18 @@ def stop_training_of(reader: ModelReader, prefix: str) -> Any:
     return stopping.StopReport([ended, *waiting])
 
 
-def clone_model(
-    reader: ModelReader,
-    prefix: str,
-    target: str,
-    choice: CheckpointChoice,
-    description: str | None,
-) -> Increment:
+def clone_model(reader: ModelReader, body: Clone) -> Increment:
     """Make the next training start from this model, as dr-increment-training.
 
     Raises:
         SettingsError: Nothing was changed.
     """
     settings = reader.folder.settings()
-    if prefix != settings.model_prefix:
-        other = reader.settings_of(prefix)
-        settings = settings.replaced(model_prefix=prefix, metrics_prefix=other.metrics_prefix)
-    overrides = Overrides(choice, description=description)
-    planned = plan_increment(settings, prefix=target, overrides=overrides)
+    if body.prefix != settings.model_prefix:
+        other = reader.settings_of(body.prefix)
+        settings = settings.replaced(model_prefix=body.prefix, metrics_prefix=other.metrics_prefix)
+    overrides = Overrides(body.checkpoint, description=body.description or None)
+    planned = plan_increment(settings, prefix=body.to, overrides=overrides)
     return make_increment(planned, settings.storage)
 
 
@@ -379,10 +378,6 @@ def _driven(reader: ModelReader, prefix: str, began: dict[str, Any]) -> dict[str
     return {name: began[name] for name in ("stamp", "checkpoint", "world")}
 
 
-def _is_number(value: Any, least: float, most: float) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
-
-
 # Models that the racer drops on the page.
 
 
@@ -396,6 +391,11 @@ MOST_FILES = 8
 KEPT_S = 3600.0
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
 _ID = re.compile(r"[0-9a-f]{24}")
+
+
+class Import(OfModel):
+    upload: str
+    world: Text | None = None
 
 
 def import_routes(reader: ModelReader) -> Sequence[BaseRoute]:
@@ -413,20 +413,16 @@ def import_routes(reader: ModelReader) -> Sequence[BaseRoute]:
             return JSONResponse(error_of(error), status_of(error))
         return JSONResponse({"upload": number, "name": path.name, "size_bytes": size})
 
-    def start(_: Request, body: dict[str, Any]) -> Any:
-        prefix = checked(body.get("prefix"), "name of the new model")
-        folder = _folder(place, body.get("upload"))
+    def start(_: Request, body: Import) -> Any:
+        prefix, folder = body.prefix, _folder(place, body.upload)
         files = sorted(folder.iterdir())
         if not files:
             raise BadRequest("No file has arrived. Drop it again.")
         source = files[0] if len(files) == 1 else _main_file(files)
-        world = body.get("world") or None
-        if world is not None and not isinstance(world, str):
-            raise BadRequest("The track is a name.")
 
         def work(progress: Progress) -> Any:
             try:
-                arguments = reader.folder.directory, source, prefix, world
+                arguments = reader.folder.directory, source, prefix, body.world or None
                 return in_subprocess(progress, model_work.import_archive, *arguments)
             except DrError as error:
                 # The racer knows the file by its name alone.
@@ -467,8 +463,8 @@ def _target(place: Path, request: Request) -> tuple[str, Path]:
     return number, folder / name
 
 
-def _folder(place: Path, number: Any) -> Path:
-    if not isinstance(number, str) or _ID.fullmatch(number) is None:
+def _folder(place: Path, number: str) -> Path:
+    if _ID.fullmatch(number) is None:
         raise BadRequest("The request needs the number of an upload.")
     folder = place / number
     if not folder.is_dir():

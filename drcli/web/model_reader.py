@@ -5,7 +5,9 @@ import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated
 
+from pydantic import BeforeValidator
 from starlette.requests import Request
 
 from drcli.base.errors import SettingsError
@@ -137,3 +139,6 @@ def checked(prefix: object, what: str = "prefix") -> str:
             "folders."
         )
     return prefix
+
+
+Prefix = Annotated[str, BeforeValidator(checked)]

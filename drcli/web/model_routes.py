@@ -6,8 +6,9 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import FileResponse
 from starlette.routing import BaseRoute, Route
@@ -35,10 +36,10 @@ from drcli.transfer.report_place import report_file, report_folder
 from drcli.transfer.training_details import compare, compared
 from drcli.transfer.training_list import TrainingEntry, entry_of, settings_of
 from drcli.transfer.transfer_buckets import UNDEFINED
-from drcli.web.answers import BadRequest, accepts, answers, text_of
+from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import DownloadFolder, ObjectCopies
 from drcli.web.hub import Polled, Publish
-from drcli.web.model_action_routes import action_routes, import_routes
+from drcli.web.model_action_routes import Actions, action_routes, import_routes
 from drcli.web.model_reader import ModelReader, checked, prefix_of
 from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Snapshot
@@ -328,6 +329,14 @@ def _mean(values: Sequence[float]) -> float | None:
 # The page of one model.
 
 
+class NewNote(Body):
+    text: Text
+
+
+class Note(NewNote):
+    number: Annotated[int, Field(ge=0)]
+
+
 def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     def overview(request: Request) -> Any:
         prefix = prefix_of(request)
@@ -389,16 +398,18 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
         _, bucket = reader.open(prefix)
         return notes_of(ModelStore(bucket, prefix))
 
-    def add(request: Request, body: dict[str, Any]) -> Any:
-        return write_note(reader.folder.settings(), prefix_of(request), text_of(body, "text"))
+    def add(request: Request, body: NewNote) -> Any:
+        return write_note(reader.folder.settings(), prefix_of(request), body.text)
 
-    def edit(request: Request, body: dict[str, Any]) -> Any:
-        prefix, number = prefix_of(request), _number(body.get("number"))
-        return rewrite_note(reader.folder.settings(), prefix, number, text_of(body, "text"))
+    def edit(request: Request, body: Note) -> Any:
+        settings = reader.folder.settings()
+        return rewrite_note(settings, prefix_of(request), body.number, body.text)
 
     def remove(request: Request) -> Any:
-        number = _number(request.query_params.get("number"))
-        return delete_note(reader.folder.settings(), prefix_of(request), number)
+        number = request.query_params.get("number", "")
+        if not number.isdecimal() or len(number) > 8:
+            raise BadRequest("The request needs the number of a note.")
+        return delete_note(reader.folder.settings(), prefix_of(request), int(number))
 
     return [
         Route("/api/model", answers(overview)),
@@ -414,14 +425,6 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     ]
 
 
-def _number(value: Any) -> int:
-    if isinstance(value, str) and value.isdecimal() and len(value) < 9:
-        value = int(value)
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise BadRequest("The request needs the number of a note.")
-    return value
-
-
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     reader = ModelReader(folder)
     downloads = DownloadFolder(folder.directory)
@@ -430,6 +433,6 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         *list_routes(reader),
         *detail_routes(reader),
         *file_routes(reader, downloads, analyses),
-        *action_routes(reader, downloads, analyses),
+        *action_routes(Actions(reader, downloads, analyses)),
         *import_routes(reader),
     ]

@@ -13,7 +13,14 @@ from drcli.model.files.custom_files import FILE_RULES, InputFile, find, local_fi
 from drcli.model.files.data_file import read_json_object
 from drcli.rewards.source import display_name
 from drcli.transfer.copy_custom_files import BACKUP, write_file
-from drcli.web.answers import BadRequest
+from drcli.web.answers import Body
+
+
+class Save(Body):
+    """Of the file as the page has read it; `shipped`: to begin again from the shipped one."""
+
+    version: str
+    shipped: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,9 +71,8 @@ def values_of(file: OwnFile, rule: str) -> dict[str, Any] | None:
         return None
 
 
-def base_of(file: OwnFile, body: dict[str, Any]) -> OwnFile:
-    """The shipped file to begin again."""
-    if body.get("shipped") is not True:
+def base_of(file: OwnFile, body: Save) -> OwnFile:
+    if not body.shipped:
         return file
     return replace(file, data=model_file(file.name).read_bytes())
 
@@ -111,13 +117,3 @@ def _elsewhere(settings: Settings) -> dict[str, InputFile]:
         return find(settings.custom_files, open_running_bucket(settings.storage))
     except DrError:  # the bucket is away, or another file cannot be read: told by the check
         return {}
-
-
-def new_text(body: dict[str, Any], key: str = "text") -> bytes:
-    text = body.get(key)
-    if not isinstance(text, str):
-        raise BadRequest(f"The request needs a text {key}.")
-    try:
-        return text.encode()
-    except UnicodeEncodeError:
-        raise BadRequest(f"{key} has characters that no file can have.") from None

@@ -1,10 +1,10 @@
 """Topics `races` and `race:ID`, and everything that `dr-race` does."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, get_args
+from typing import Annotated, Any
 
+from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -35,96 +35,82 @@ from drcli.races.race_records import Pairing, Ranking
 from drcli.races.race_settings import settings_of_rules, shown_settings
 from drcli.races.stored_race import is_race_id, race_id, read_rules
 from drcli.tracks.track_list import list_tracks
-from drcli.web.answers import BadRequest, accepts, answers, text_of
+from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import ObjectCopies
 from drcli.web.hub import Polled, Publish
 from drcli.web.race_reader import RaceReader, words_of_rules
 from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Snapshot
 
-# Reads forms about races; BadRequest where the page would not send it.
-
-
 MOST_SENSORS = 20
+Amount = Annotated[float, Field(ge=-1e15, le=1e15)]
+Whole = Annotated[int, Field(ge=-(10**15), le=10**15)]
 
 
-def options_of_form(body: dict[str, Any], now_s: float) -> RaceOptions:
-    """Null or missing: the usual value.
+class RaceForm(Body):
+    """Null or missing: the usual value."""
 
-    Raises:
-        BadRequest: The page would not send it.
-        SettingsError: A time or a number of objects is wrong.
-    """
-    race_type: RaceKind = one_of_texts(body, "race_type", get_args(RaceKind), "TIME_TRIAL")
-    objects = object_settings(
-        race_type, whole_number(body, "obstacles"), whole_number(body, "bots")
-    )
-    laps = whole_number(body, "max_laps")
-    opens, closes = text_of(body, "opens", "").strip(), text_of(body, "closes", "").strip()
-    return RaceOptions(
-        name=text_of(body, "name"),
-        world=text_of(body, "world", "").strip() or None,
-        reverse=flag(body, "reverse"),
-        race_type=race_type,
-        ranking=one_of_texts(body, "ranking", get_args(Ranking), "best-lap"),
-        max_laps=3 if laps is None else laps,
-        min_laps=whole_number(body, "min_laps"),
-        average_laps=whole_number(body, "average_laps"),
-        off_track_penalty_s=number(body, "off_track_penalty_s"),
-        collision_penalty_s=number(body, "collision_penalty_s"),
-        max_submissions=whole_number(body, "max_submissions"),
-        opens_at=parse_time("--opens", opens, now_s) if opens else None,
-        closes_at=parse_time("--closes", closes, now_s) if closes else None,
-        seed=whole_number(body, "seed"),
-        pairing=one_of_texts(body, "pairing", get_args(Pairing), "round-robin"),
-        sensors=tuple(texts(body, "sensors")),
-        settings=tuple(objects.items()),
-    )
+    name: Text
+    world: Text = ""
+    reverse: bool = False
+    race_type: RaceKind = "TIME_TRIAL"
+    ranking: Ranking = "best-lap"
+    max_laps: Whole | None = None
+    min_laps: Whole | None = None
+    average_laps: Whole | None = None
+    off_track_penalty_s: Amount | None = None
+    collision_penalty_s: Amount | None = None
+    max_submissions: Whole | None = None
+    opens: Text = ""
+    closes: Text = ""
+    seed: Whole | None = None
+    pairing: Pairing = "round-robin"
+    sensors: list[str] = Field(default_factory=list, max_length=MOST_SENSORS)
+    obstacles: Whole | None = None
+    bots: Whole | None = None
 
-
-def one_of_texts(body: dict[str, Any], key: str, known: tuple[str, ...], usual: str) -> Any:
-    value = text_of(body, key, usual)
-    if value not in known:
-        raise BadRequest(f"The {key} is one of {', '.join(known)}.")
-    return value
-
-
-def number(body: dict[str, Any], key: str) -> float | None:
-    """Null: None."""
-    value = body.get(key)
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise BadRequest(f"The {key} is not a number.")
-    if not math.isfinite(value) or abs(value) > 1e15:
-        raise BadRequest(f"The {key} is too large.")
-    return value
+    def options(self, now_s: float) -> RaceOptions:
+        """Raises SettingsError if a time or a number of objects is wrong."""
+        values = self.model_dump(exclude={"opens", "closes", "obstacles", "bots"})
+        return RaceOptions(
+            **values
+            | {
+                "world": self.world.strip() or None,
+                "max_laps": 3 if self.max_laps is None else self.max_laps,
+                "opens_at": _time("--opens", self.opens, now_s),
+                "closes_at": _time("--closes", self.closes, now_s),
+                "sensors": tuple(self.sensors),
+                "settings": tuple(
+                    object_settings(self.race_type, self.obstacles, self.bots).items()
+                ),
+            }
+        )
 
 
-def whole_number(body: dict[str, Any], key: str) -> int | None:
-    """Null: None."""
-    value = number(body, key)
-    if value is not None and value != int(value):
-        raise BadRequest(f"The {key} is not a whole number.")
-    return None if value is None else int(value)
+def _time(option: str, text: str, now_s: float) -> float | None:
+    return parse_time(option, text.strip(), now_s) if text.strip() else None
 
 
-def flag(body: dict[str, Any], key: str) -> bool:
-    value = body.get(key, False)
-    if not isinstance(value, bool):
-        raise BadRequest(f"The {key} is true or false.")
-    return value
+class Submit(Body):
+    prefix: Text
+    checkpoint: Text = "best"
+    racer: Text
 
 
-def texts(body: dict[str, Any], key: str) -> list[str]:
-    value = body.get(key, [])
-    if (
-        not isinstance(value, list)
-        or len(value) > MOST_SENSORS
-        or not all(isinstance(each, str) for each in value)
-    ):
-        raise BadRequest(f"The {key} is a list of texts.")
-    return value
+class Run(Body):
+    video: bool | None = None
+
+
+class Of(Body):
+    submission: Text
+
+
+class Move(Of):
+    place: Whole
+
+
+class Open(Body):
+    closes: Text = ""
 
 
 RACES_S = 3.0
@@ -169,9 +155,9 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             "model": settings.model_prefix,
         }
 
-    def check(_: Request, body: dict[str, Any]) -> Any:
+    def check(_: Request, body: RaceForm) -> Any:
         settings = reader.folder.settings()
-        rules = rules_of(settings, options_of_form(body, reader.clock()), reader.clock())
+        rules = rules_of(settings, body.options(reader.clock()), reader.clock())
         return {
             "race": race_id(rules.name),
             "rules": rules,
@@ -179,9 +165,9 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             "settings": shown_settings(rules),
         }
 
-    def create(_: Request, body: dict[str, Any]) -> Any:
+    def create(_: Request, body: RaceForm) -> Any:
         now = reader.clock()
-        options = options_of_form(body, now)
+        options = body.options(now)
         settings, bucket = reader.open()
         return {"race": create_race(settings, bucket, options, now_s=now).race}
 
@@ -200,38 +186,33 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
 
 def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
-    def submit(request: Request, body: dict[str, Any]) -> Any:
+    def submit(request: Request, body: Submit) -> Any:
         settings, bucket = reader.open()
         taken = submissions.submit(
             settings,
             bucket,
             race_of(request),
-            prefix=text_of(body, "prefix"),
-            checkpoint=text_of(body, "checkpoint", "best"),
-            racer=text_of(body, "racer"),
+            **body.model_dump(),
             now_s=reader.clock(),
         )
         return {"taken": taken, "race": reader.view(taken.race)}
 
-    def changed(change: Callable[[RaceReader, str, dict[str, Any]], None]) -> Any:
-        def handle(request: Request, body: dict[str, Any]) -> Any:
+    def changed(change: Callable[[RaceReader, str, Any], None]) -> Any:
+        def handle(request: Request, body: Any) -> Any:
             race = race_of(request)
             change(reader, race, body)
             return {"race": reader.view(race)}
 
-        return handle
+        return accepts(handle, change.__annotations__["body"])
 
-    def run(request: Request, body: dict[str, Any]) -> Any:
+    def run(request: Request, body: Run) -> Any:
         race = race_of(request)
-        video = body.get("video")
-        if video not in (None, True, False):
-            raise BadRequest("The video is true, false or null.")
         name = read_rules(_bucket_of(reader), race).name
 
         def launch(progress: Callable[[str], None]) -> Any:
             settings, bucket = reader.open()
             progress("starts the process that drives it.")
-            return queue_process.launch_queue(settings, bucket, race, video=video)
+            return queue_process.launch_queue(settings, bucket, race, video=body.video)
 
         return {"task": reader.folder.tasks.start("race-run", race, f"Queue of {name}", launch).id}
 
@@ -246,49 +227,45 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         Route("/api/race/{race}/submit", accepts(submit), methods=["POST"]),
         Route("/api/race/{race}/run", accepts(run), methods=["POST"]),
         *(
-            Route(f"/api/race/{{race}}/{name}", accepts(changed(change)), methods=["POST"])
+            Route(f"/api/race/{{race}}/{name}", changed(change), methods=["POST"])
             for name, change in _CHANGES.items()
         ),
         Route("/api/race/{race}/rules", answers(lambda request: _rules(reader, request))),
     ]
 
 
-def _withdraw(reader: RaceReader, race: str, body: dict[str, Any]) -> None:
-    submissions.withdraw(reader.open()[1], race, text_of(body, "submission"))
+def _withdraw(reader: RaceReader, race: str, body: Of) -> None:
+    submissions.withdraw(reader.open()[1], race, body.submission)
 
 
-def _move(reader: RaceReader, race: str, body: dict[str, Any]) -> None:
-    place = whole_number(body, "place")
-    if place is None:
-        raise BadRequest("The request needs a place.")
-    submissions.move(reader.open()[1], race, text_of(body, "submission"), place)
+def _move(reader: RaceReader, race: str, body: Move) -> None:
+    submissions.move(reader.open()[1], race, body.submission, body.place)
 
 
-def _restart(reader: RaceReader, race: str, body: dict[str, Any]) -> None:
-    submissions.restart(reader.open()[1], race, text_of(body, "submission"))
+def _restart(reader: RaceReader, race: str, body: Of) -> None:
+    submissions.restart(reader.open()[1], race, body.submission)
 
 
-def _stop(reader: RaceReader, race: str, _: dict[str, Any]) -> None:
+def _stop(reader: RaceReader, race: str, body: Body) -> None:
     queue_process.stop_queue(reader.open()[1], race)
 
 
-def _open(reader: RaceReader, race: str, body: dict[str, Any]) -> None:
-    now, closes = reader.clock(), text_of(body, "closes", "").strip()
-    until = parse_time("--closes", closes, now) if closes else None
-    open_race(reader.open()[1], race, until, now_s=now)
+def _open(reader: RaceReader, race: str, body: Open) -> None:
+    now = reader.clock()
+    open_race(reader.open()[1], race, _time("--closes", body.closes, now), now_s=now)
 
 
-def _close(reader: RaceReader, race: str, _: dict[str, Any]) -> None:
+def _close(reader: RaceReader, race: str, body: Body) -> None:
     close_race(reader.open()[1], race, now_s=reader.clock())
 
 
-def _change_rules(reader: RaceReader, race: str, body: dict[str, Any]) -> None:
+def _change_rules(reader: RaceReader, race: str, body: RaceForm) -> None:
     now = reader.clock()
     settings, bucket = reader.open()
-    change_rules(settings, bucket, race, options_of_form(body, now), now_s=now)
+    change_rules(settings, bucket, race, body.options(now), now_s=now)
 
 
-_CHANGES: dict[str, Callable[[RaceReader, str, dict[str, Any]], None]] = {
+_CHANGES: dict[str, Callable[[RaceReader, str, Any], None]] = {
     "withdraw": _withdraw,
     "move": _move,
     "restart": _restart,

@@ -21,8 +21,8 @@ from drcli.base.installation import installation_error
 from drcli.config.presets import model_file, preset_names, preset_of
 from drcli.model.keys import REWARD_FUNCTION_FILE
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
-from drcli.web.answers import BadRequest, accepts, answers, text_of
-from drcli.web.own_files import new_text, own_file, save_own_file
+from drcli.web.answers import BadRequest, Body, accepts, answers
+from drcli.web.own_files import Save, own_file, save_own_file
 from drcli.web.served_folder import ServedFolder
 
 # Checks reward functions while they are typed: one at a time, only the newest of a page.
@@ -201,6 +201,17 @@ def _about(text: str) -> str:
     return next((" ".join(each.split("\n\n")[0].split()) for each in documents if each), "")
 
 
+class SaveReward(Save):
+    text: str
+
+
+class CheckReward(Body):
+    page: str
+    text: str
+    known: str = ""
+    whole: bool = True
+
+
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     checks = RewardChecks(folder.directory)
     folder.at_end.append(checks.close)
@@ -209,10 +220,9 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         file = own_file(folder.settings(), REWARD_FUNCTION_FILE)
         return {**file.facts(), "text": file.text}
 
-    def save(_: Request, body: dict[str, Any]) -> Any:
-        text = new_text(body)
-        settings = folder.settings()
-        return save_own_file(settings, REWARD_FUNCTION_FILE, text, text_of(body, "version"))
+    def save(_: Request, body: SaveReward) -> Any:
+        settings, text = folder.settings(), body.text.encode()
+        return save_own_file(settings, REWARD_FUNCTION_FILE, text, body.version)
 
     def templates(_: Request) -> Any:
         parameters = [
@@ -221,10 +231,8 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         ]
         return {"templates": _templates(), "parameters": parameters}
 
-    def check(_: Request, body: dict[str, Any]) -> Any:
-        page, known = text_of(body, "page")[:64], text_of(body, "known", "")[:64]
-        whole = body.get("whole") is not False
-        answer = checks.check(page, new_text(body).decode(), known, whole=whole)
+    def check(_: Request, body: CheckReward) -> Any:
+        answer = checks.check(body.page[:64], body.text, body.known[:64], whole=body.whole)
         return JSONResponse(answer, 422 if "error" in answer else 200)
 
     return [

@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
@@ -30,7 +31,7 @@ from drcli.transfer.ready_made import (
     read_recipe,
     values_with,
 )
-from drcli.web.answers import BadRequest, accepts, answers, error_of, placed, text_of
+from drcli.web.answers import BadRequest, Body, Text, accepts, answers, error_of, placed
 from drcli.web.served_folder import ServedFolder
 
 # run.env and system.env for the page.
@@ -150,39 +151,36 @@ def written_values(directory: Path, names: list[str]) -> dict[str, str | None]:
 MOST_VALUES = 400
 
 
-def _texts(body: Mapping[str, Any], key: str) -> dict[str, str]:
-    found = body.get(key, {})
-    good = isinstance(found, dict) and len(found) <= MOST_VALUES
-    if not good or not all(isinstance(value, str) for value in found.values()):
-        raise BadRequest(f"The request needs {key}: texts by name.")
-    return dict(found)
+Texts = Annotated[dict[str, Text], Field(max_length=MOST_VALUES)]
 
 
-def _wanted(body: Mapping[str, Any]) -> dict[str, str]:
-    """Only settings, because a shell may run other lines."""
-    values = _texts(body, "values")
-    for name, value in values.items():
-        if name not in catalogue() or "\0" in value:
-            raise BadRequest(f"{name[:60]} is not a setting of this version.", 422)
-    return values
+class Change(Body):
+    values: Texts = Field(default_factory=dict)
+    file: FileName | None = None
+
+    def wanted(self) -> dict[str, str]:
+        """Only settings, because a shell may run other lines."""
+        for name in self.values:
+            if name not in catalogue():
+                raise BadRequest(f"{name[:60]} is not a setting of this version.", 422)
+        return dict(self.values)
 
 
-def _file(body: Mapping[str, Any]) -> FileName | None:
-    match body.get("file"):
-        case None | "":
-            return None
-        case "run.env":
-            return "run.env"
-        case "system.env":
-            return "system.env"
-    raise BadRequest("A setting belongs in run.env or system.env.")
+class SaveSettings(Change):
+    versions: Texts = Field(default_factory=dict)
 
 
-def _name(body: Mapping[str, Any], key: str) -> str:
-    value = body.get(key) or ""
-    if not isinstance(value, str):
-        raise BadRequest(f"{key} is a name.")
-    return value
+class Mend(Body):
+    file: str
+    line: int
+    text: Text
+    version: str
+
+
+class NewFolder(Change):
+    preset: str | None = None
+    model: str | None = None
+    replace: bool = False
 
 
 def _unseen(title: str, size: int) -> AbstractContextManager[Watch]:
@@ -201,12 +199,10 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def show(_: Request) -> Any:
         return form_of(folder.directory)
 
-    def save(_: Request, body: dict[str, Any]) -> Any:
-        values, seen = _wanted(body), _texts(body, "versions")
+    def save(_: Request, body: SaveSettings) -> Any:
+        values, seen = body.wanted(), _known(body.versions)
         try:
-            edit = set_values(
-                folder.directory, values, file=_file(body), seen=_known(seen), keep_old=True
-            )
+            edit = set_values(folder.directory, values, file=body.file, seen=seen, keep_old=True)
         except FilesChanged as error:
             return _conflict(error, values)
         return {**plain(edit), "versions": FolderFiles.read(folder.directory).versions}
@@ -224,20 +220,18 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         versions = FolderFiles.read(folder.directory).versions
         return JSONResponse({**error_of(error), "conflict": both, "versions": versions}, 409)
 
-    def check(_: Request, body: dict[str, Any]) -> Any:
+    def check(_: Request, body: Change) -> Any:
         try:
-            edit = set_values(folder.directory, _wanted(body), file=_file(body), write=False)
+            edit = set_values(folder.directory, body.wanted(), file=body.file, write=False)
         except ProblemsError as error:
             return {"problems": [placed(each) for each in error.errors], "warnings": []}
         return {"problems": [], "warnings": edit.warnings}
 
-    def mend(_: Request, body: dict[str, Any]) -> Any:
-        name, line = text_of(body, "file"), body.get("line")
-        versions = FolderFiles.read(folder.directory).versions
-        if name not in versions or not isinstance(line, int):
+    def mend(_: Request, body: Mend) -> Any:
+        if body.file not in FolderFiles.read(folder.directory).versions:
             raise BadRequest("The request needs a line of run.env or system.env.")
-        replace_line(folder.directory, name, line, text_of(body, "text"), text_of(body, "version"))
-        return {"file": name, "line": line}
+        replace_line(folder.directory, body.file, body.line, body.text, body.version)
+        return {"file": body.file, "line": body.line}
 
     def about_folder(_: Request) -> Any:
         return {
@@ -249,21 +243,20 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "models": [{"name": name, "about": read_recipe(name).summary} for name in ready_made()],
         }
 
-    def create(_: Request, body: dict[str, Any]) -> Any:
-        values = _wanted(body)
-        preset, name = _name(body, "preset"), _name(body, "model")
-        model = read_ready_made(name) if name else None
+    def create(_: Request, body: NewFolder) -> Any:
+        values = body.wanted()
+        model = read_ready_made(body.model) if body.model else None
         if model is not None:
             values = values_with(model, values)
         plan = plan_folder(
             folder.directory,
             values,
-            preset_of(preset) if preset else None,
+            preset_of(body.preset) if body.preset else None,
             None if model is None else model.files,
         )
         if is_folder(folder.directory):
             raise BadRequest(f"{folder.directory} is a working folder already.", 409)
-        if plan.clashes and body.get("replace") is not True:
+        if plan.clashes and not body.replace:
             names = ", ".join(plan.clashes)
             message = f"{plan.folder} already has {names}."
             remedy = "Agree to replace this; what it was is kept as .bak."

@@ -1,9 +1,9 @@
 """Checks everything and starts a training."""
 
-import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from pydantic import Field, create_model
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
@@ -18,7 +18,7 @@ from drcli.records.run_record import RunRecord, run_folder
 from drcli.run.status import inspect
 from drcli.run.track_fetch import fetch, missing_tracks, tracks_to_fetch
 from drcli.train.goals import OPTIONS
-from drcli.web.answers import BadRequest, accepts, answers, placed
+from drcli.web.answers import BadRequest, Body, accepts, answers, placed
 from drcli.web.served_folder import ServedFolder
 from drcli.web.subprocess_work import in_subprocess
 from drcli.web.tasks import Progress
@@ -59,58 +59,55 @@ def start_training(
     }
 
 
-LONGEST_MINUTES = 10_000_000
 MOST = 100_000
-
-LARGEST_SEED = 2**32 - 1
-
-
-def _bounded(body: dict[str, Any], key: str, low: float, high: float) -> float | None:
-    value = body.get(key)
-    if value is None:
-        return None
-    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    if not good or not low <= value <= high:
-        raise BadRequest(f"{key} is a number from {low:g} to {high:g}.", 422)
-    return float(value)
+Minutes = Annotated[float, Field(ge=0.01, le=1e7)]
 
 
-def _whole(body: dict[str, Any], key: str, low: float, high: float) -> int | None:
-    value = _bounded(body, key, low, high)
-    if value is not None and value != int(value):
-        raise BadRequest(f"{key} is a whole number.", 422)
-    return None if value is None else int(value)
+class Check(Body):
+    console_compatible: bool = False
 
 
-def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
-    """Deleting or continuing a model needs its name as confirmation."""
-    how = body.get("how", "new")
-    if how not in ("new", "resume", "wipe"):
-        raise BadRequest("A training is started anew, resumed, or started over.")
-    if how != "new" and body.get("confirmed") != settings.model_prefix:
-        raise BadRequest(
-            f"{'Deleting' if how == 'wipe' else 'Continuing'} the model {settings.model_prefix} "
-            "must be confirmed with its name.",
-            409,
+class Start(Body):
+    """With a value for each goal of `OPTIONS`."""
+
+    STATUS = 422
+
+    how: Literal["new", "resume", "wipe"] = "new"
+    confirmed: Any = None
+    fetch: bool = False
+    max_minutes: Minutes | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**32)] | None = None
+
+    def options(self, settings: Settings) -> "StartOptions":
+        """Deleting or continuing a model needs its name as confirmation."""
+        if self.how != "new" and self.confirmed != settings.model_prefix:
+            raise BadRequest(
+                f"{'Deleting' if self.how == 'wipe' else 'Continuing'} the model "
+                f"{settings.model_prefix} must be confirmed with its name.",
+                409,
+            )
+        return plan.StartOptions(
+            wipe=self.how == "wipe",
+            resume=self.how == "resume",
+            max_minutes=self.max_minutes,
+            seed=self.seed,
+            goals=self.model_dump(include=set(OPTIONS), exclude_none=True),
         )
-    asked = {}
-    for key, option in OPTIONS.items():
-        read = _whole if option.whole else _bounded
-        asked[key] = read(body, key, option.low, option.high or MOST)
-    return plan.StartOptions(
-        wipe=how == "wipe",
-        resume=how == "resume",
-        max_minutes=_bounded(body, "max_minutes", 0.01, LONGEST_MINUTES),
-        seed=_whole(body, "seed", 0, LARGEST_SEED),
-        goals={key: value for key, value in asked.items() if value is not None},
+
+
+_GOALS: dict[str, Any] = {
+    key: (
+        Annotated[int if each.whole else float, Field(ge=each.low, le=each.high or MOST)] | None,
+        None,
     )
+    for key, each in OPTIONS.items()
+}
+_Start = create_model("_Start", __base__=Start, **_GOALS)
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    def check(_: Request, body: dict[str, Any]) -> Any:
-        found = validate.validate(
-            folder.directory, console_compatible=body.get("console_compatible") is True
-        )
+    def check(_: Request, body: Check) -> Any:
+        found = validate.validate(folder.directory, console_compatible=body.console_compatible)
         groups = {"errors": found.errors, "warnings": found.warnings, "notes": found.notes}
         return {
             "ok": found.ok,
@@ -144,10 +141,10 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             found["bucket_error"] = str(error)
         return found
 
-    def start(_: Request, body: dict[str, Any]) -> Any:
+    def start(_: Request, body: Start) -> Any:
         settings = folder.settings()
-        options = _options(body, settings)
-        fetches = body.get("fetch") is True or settings.tracks_fetch == "always"
+        options = body.options(settings)
+        fetches = body.fetch or settings.tracks_fetch == "always"
 
         def run(progress: Progress) -> Any:
             # The simulation, which the checks load, takes seconds and a hundred megabytes.
@@ -159,5 +156,5 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     return [
         Route("/api/validate", accepts(check), methods=["POST"]),
         Route("/api/start", answers(about), methods=["GET"]),
-        Route("/api/start", accepts(start), methods=["POST"]),
+        Route("/api/start", accepts(start, _Start), methods=["POST"]),
     ]

@@ -23,7 +23,7 @@ from drcli.cli.spot_options import Profile, Region, StackName, Yes, account, usu
 from drcli.cli.working_folder import working_folder
 from drcli.outside.aws import stacks
 from drcli.outside.aws.instance_types import default_types, find_types
-from drcli.outside.aws.machine_marks import log_folder, read_marks
+from drcli.outside.aws.machine_marks import read_marks
 from drcli.outside.aws.racer_files import environment, find_source, lay_out
 from drcli.outside.aws.stacks import (
     check_name,
@@ -42,8 +42,7 @@ if TYPE_CHECKING:
 with lazy_imports():
     from drcli.checks import validate
     from drcli.config import loading
-    from drcli.model import keys as model_keys
-    from drcli.outside.aws import creation, machines, stack_end, stack_report
+    from drcli.outside.aws import creation, machines, stack_end, stack_logs, stack_report
     from drcli.outside.aws import prices as aws_prices
     from drcli.transfer import copy_custom_files
 
@@ -442,23 +441,14 @@ def logs(
     """
     ours = account(region, profile)
     found = need_stack(ours, stack, "training")
-    bucket = ours.bucket(found.bucket)
-    folders = (f"{model_keys.folder(found.model)}logs/", log_folder(stack))
-    every = [info for folder in folders for info in bucket.list(folder)]
-    chosen = [info for info in every if name in info.key.rpartition("/")[2]]
-    if not chosen:
-        raise Absent(
-            f"{stack} has no log{f' {name}' if name else ''} in the bucket yet.",
-            remedy="A machine writes its first log a few minutes after its start; `dr-spot list` "
-            "shows how it is.",
-        )
+    chosen = stack_logs.list_logs(ours, found, name)
     newest = max(chosen, key=lambda info: info.modified)
     if not name:
-        for info in every:
+        for info in chosen:
             terminal.say(f"{info.modified:%Y-%m-%d %H:%M} {info.size_bytes:>12,} {info.key}")
     terminal.say(f"== {newest.key}")
-    text = bucket.get(newest.key).decode(errors="replace").splitlines()
-    terminal.write("".join(f"{line}\n" for line in text[-lines:]))
+    last = stack_logs.read_log(ours, found, newest.key, lines)
+    terminal.write("".join(f"{line}\n" for line in last))
 
 
 @app.command()

@@ -161,7 +161,8 @@ def start_training(
     new model begins with the weights of another one.
 
     With --resume-or-start, --max-minutes counts the time of all starts together, and a training
-    that SIGTERM or the cloud ends exits 75: it can be resumed.
+    that SIGTERM or the cloud ends exits 75: it can be resumed. Without a terminal it also downloads
+    community tracks that are not installed, unless DR_TRACKS_FETCH is never.
 
     --teacher writes "training_method": "teacher" into the model, not into custom_files/: a resume
     and a new model with its weights keep it until --no-teacher (`dr docs teacher`).
@@ -182,7 +183,8 @@ def start_training(
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
     how = _How(quiet, verbose, foreground, followed)
     with nullcontext() if foreground or resume_or_start else early_training.begun(loaded):
-        bring_tracks(loaded)
+        patience_s = connect.OUTAGE_PATIENCE_S if resume_or_start and not no_wait else 0.0
+        bring_tracks(loaded, unattended=resume_or_start, patience_s=patience_s)
         if wipe and not (resume or resume_or_start) and not force and prompts.may_ask():
             _agree_to_wipe(loaded)
         asked = {"until_laps": until_laps, "until_lap_time_s": until_lap_time}

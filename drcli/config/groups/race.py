@@ -48,7 +48,8 @@ class RaceSettings(Group, title="Race and car"):
     tracks_fetch: Literal["ask", "always", "never"] = setting(
         "DR_TRACKS_FETCH",
         "ask",
-        "Whether a start downloads a community track that is not installed; ask needs a terminal.",
+        "Whether a start downloads a community track that is not installed; ask needs a terminal, "
+        "except for --resume-or-start, which downloads it where nobody can be asked.",
     )
     sim_car: CarName = setting(
         "DR_SIM_CAR",

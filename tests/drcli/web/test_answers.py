@@ -1,8 +1,10 @@
 """Errors of requests as sentences, and requests that no page sends."""
 
 import json
+from typing import Annotated
 
 import pytest
+from pydantic import ConfigDict, Field
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse
@@ -16,15 +18,38 @@ from drcli.base.errors import (
     StorageError,
     TrainedElsewhere,
 )
-from drcli.web.answers import MOST_BYTES, MOST_DEPTH, BadRequest, accepts, answers, text_of
+from drcli.web.answers import (
+    MOST_BYTES,
+    MOST_DEPTH,
+    BadRequest,
+    Body,
+    Text,
+    accepts,
+    answers,
+    known,
+)
+
+
+class Anything(Body):
+    model_config = ConfigDict(extra="allow")
+
+
+class Named(Body):
+    name: Text
+    laps: Annotated[int, Field(ge=1)] = 3
+    take: Annotated[list[str], known(("a.py", "b.py"))] = Field(default_factory=list)
+
+
+def echo(_: Request, body: Anything):
+    return body.model_dump()
 
 
 def asked(function, **request):
-    app = Starlette(routes=[Route("/", answers(function)), Route("/put", accepts(function))])
+    app = Starlette(routes=[Route("/", answers(function))])
     return TestClient(app).get("/", **request)
 
 
-def posted(content, function=lambda request, body: body):
+def posted(content, function=echo):
     app = Starlette(routes=[Route("/", accepts(function), methods=["POST"])])
     return TestClient(app).post("/", content=content)
 
@@ -121,15 +146,28 @@ def test_a_large_request_is_refused_before_it_is_read_to_its_end():
     assert answer.json()["error"]["message"] == f"The request is larger than {MOST_BYTES >> 20} MB."
 
 
-@pytest.mark.parametrize("body", [{}, {"name": 1}, {"name": None}, {"name": "a\0b"}, {"name": []}])
-def test_a_text_that_is_none_is_refused(body):
-    with pytest.raises(BadRequest, match="needs a text name"):
-        text_of(body, "name")
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ({}, "The request needs name."),
+        ({"name": 1}, "name=1 should be a valid string."),
+        ({"name": None}, "name=null should be a valid string."),
+        ({"name": "a\0b"}, 'name="a\\u0000b" has a character that no text may have.'),
+        ({"name": "a", "laps": 0}, "laps=0 should be greater than or equal to 1."),
+        ({"name": "a", "laps": True}, "laps=true should be a valid integer."),
+        ({"name": "a", "take": ["c.py"]}, 'take=["c.py"] has c.py, which is not one of them.'),
+    ],
+)
+def test_a_wrong_value_is_refused_with_its_key_and_a_remedy(body, said):
+    with pytest.raises(BadRequest) as refused:
+        Named.read(body)
+
+    assert str(refused.value) == said
+    assert refused.value.remedy
 
 
-def test_a_text_may_have_a_default():
-    assert text_of({}, "name", "usual") == "usual"
-    assert text_of({"name": "given"}, "name") == "given"
+def test_a_body_has_usual_values_and_no_others():
+    assert Named.read({"name": "a", "new": 1}).model_dump() == {"name": "a", "laps": 3, "take": []}
 
 
 def test_what_a_reader_of_a_route_gets_is_the_request():

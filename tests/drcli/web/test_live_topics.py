@@ -105,9 +105,9 @@ def test_wrong_topics_are_refused(served, topic):
     [
         ({}, "run_id"),
         ({"run_id": True, "worker": "sim-0"}, "run_id"),
-        ({"run_id": 0, "worker": "../x"}, "no name of a worker"),
-        ({"run_id": 0, "worker": "sim-0", "car": -1}, "number of a car"),
-        ({"run_id": 0, "worker": "sim-0", "car": "1"}, "number of a car"),
+        ({"run_id": 0, "worker": "../x"}, 'worker="../x" should match'),
+        ({"run_id": 0, "worker": "sim-0", "car": -1}, "car=-1 should be"),
+        ({"run_id": 0, "worker": "sim-0", "car": "1"}, "should be a valid integer"),
         ({"run_id": 0, "worker": "sim-0", "car": 1}, "does not run now"),
     ],
 )

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drcli.base.errors import Aborted, StorageError
+from drcli.base.errors import Aborted, NotYet, StorageError
 from drcli.cli.app import main
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.config import track_names
@@ -599,3 +599,41 @@ def test_a_start_refuses_a_track_of_the_community_that_nobody_fetched(
     assert code == 3
     assert "Spain_track" in words
     assert "`dr-tracks fetch Spain_track`" in words
+
+
+def test_an_unattended_start_fetches_what_it_needs_without_a_question(needs, working_folder):
+    bring_tracks(needs("ask"), unattended=True)
+
+    assert (working_folder / "tracks" / "Spain_track.npy").exists()
+
+
+def test_an_unattended_start_fetches_nothing_where_the_setting_forbids_it(needs, working_folder):
+    bring_tracks(needs("never"), unattended=True)
+
+    assert not (working_folder / "tracks").exists()
+
+
+@pytest.mark.parametrize("answer", ["none", 503])
+def test_an_unattended_start_waits_for_the_network_then_ends_so_that_it_is_tried_again(
+    needs, web, capsys, answer
+):
+    offers, _ = web
+    settings = needs("ask")
+    if answer == "none":
+        settings = settings.replaced(tracks_url="http://127.0.0.1:1/routes")
+    else:
+        offers["/routes/Spain_track.npy"] = answer
+
+    with pytest.raises(NotYet) as end:
+        bring_tracks(settings, unattended=True, patience_s=0.02)
+
+    assert end.value.code == 75
+    assert "Spain_track" in str(end.value)
+    assert capsys.readouterr().err.count("Waiting for it") == 1
+
+
+def test_a_track_that_the_server_does_not_have_is_not_waited_for(needs):
+    with pytest.raises(StorageError, match="There is no track LGSWide") as end:
+        bring_tracks(needs("ask", "LGSWide"), unattended=True, patience_s=900.0)
+
+    assert end.value.code == 4
