@@ -1,18 +1,16 @@
 """Options and account of the `dr-spot` commands."""
 
-import os
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drcli.base.errors import SettingsError
-from drcli.bucket.endpoint import read_profile
 from drcli.cli.working_folder import settings, working_folder
-from drcli.config.value_types import HOME_REGION
-from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
+from drcli.run.stack_plan import account_of
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
+    from drcli.outside.aws.aws_account import Account
 
 StackName = Annotated[str, typer.Argument(metavar="STACK", help="Name of the stack.")]
 Region = Annotated[
@@ -34,16 +32,4 @@ def account(region: str | None, profile: str | None, loaded: "Settings | None" =
         except SettingsError:
             # Wrong settings must not keep anybody from seeing and ending what costs money.
             loaded = None
-    own = None
-    if loaded is not None and loaded.cloud == "aws":
-        own = loaded.profile or None
-    chosen = profile or own
-    if not region and loaded is not None and "DR_AWS_APP_REGION" in loaded.sources:
-        region = loaded.aws_app_region
-    return Account(region or usual_region(chosen), chosen)
-
-
-def usual_region(profile: str | None) -> str:
-    """The AWS command's region, else Amazon's first."""
-    named = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
-    return named or read_profile(profile, PROFILE_SETTING).region or HOME_REGION
+    return account_of(loaded, region, profile)

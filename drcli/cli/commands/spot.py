@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
-from drcli.base.errors import Absent, NotAvailable, ProblemsError, SettingsError, StorageError
+from drcli.base.errors import Absent, NotAvailable, SettingsError, StorageError
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
 from drcli.cli import prompts, terminal
 from drcli.cli.commands.spot_watch import watch
 from drcli.cli.options import DryRun, text_only
 from drcli.cli.show import show
-from drcli.cli.spot_options import Profile, Region, StackName, Yes, account, usual_region
+from drcli.cli.spot_options import Profile, Region, StackName, Yes, account
 from drcli.cli.working_folder import working_folder
 from drcli.outside.aws import stacks
 from drcli.outside.aws.instance_types import default_types, find_types
 from drcli.outside.aws.machine_marks import read_marks
-from drcli.outside.aws.racer_files import environment, find_source, lay_out
+from drcli.outside.aws.racer_files import find_source, lay_out
 from drcli.outside.aws.stacks import (
     check_name,
     create_stack,
@@ -33,15 +33,13 @@ from drcli.outside.aws.stacks import (
     refuse_existing,
 )
 from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_template
+from drcli.run import stack_plan
 
 if TYPE_CHECKING:
-    from drcli.config.settings import Settings
     from drcli.outside.aws.aws_account import Account
     from drcli.outside.aws.creation import Market
 
 with lazy_imports():
-    from drcli.checks import validate
-    from drcli.config import loading
     from drcli.outside.aws import creation, machines, stack_end, stack_logs, stack_report
     from drcli.outside.aws import prices as aws_prices
     from drcli.transfer import copy_custom_files
@@ -57,7 +55,7 @@ app = typer.Typer(
 
 
 _Processor = Literal["x86", "arm", "any"]
-_BUCKET_VARIABLE, _TYPE_VARIABLE = "BUCKET", "DEEPRACER_INSTANCE_TYPE"
+_TYPE_VARIABLE = "DEEPRACER_INSTANCE_TYPE"
 
 
 @dataclass(frozen=True)
@@ -207,16 +205,16 @@ def create(
     market: Market = "spot-or-on-demand" if fallback else "on-demand" if on_demand else "spot"
     named = types or os.environ.get(_TYPE_VARIABLE, "").replace(",", " ").split()
     with _folder(files) as folder:
-        before = _loaded(folder, _later(region, profile))
+        before = stack_plan.read_settings(folder, region, profile)
         ours = account(region, profile, before)
         topic = ""
         if base:
             shared = need_stack(ours, base, "base")
-            bucket = bucket or os.environ.get(_BUCKET_VARIABLE) or shared.bucket
+            bucket = bucket or os.environ.get(stack_plan.BUCKET_VARIABLE) or shared.bucket
             topic = shared.outputs.get("Topic", "")
         stack_options = creation.StackOptions(
             stack,
-            bucket or _usual_bucket(before),
+            bucket or stack_plan.usual_bucket(before),
             tuple(named),
             processor,
             market,
@@ -230,7 +228,11 @@ def create(
             tuple(subnets or ()),
         )
         creation.check_options(stack_options)
-        loaded = _checked(folder, ours, stack_options.bucket, stack, before)
+        with terminal.waiting("Checking settings, files and reward function ..."):
+            loaded, warnings = stack_plan.checked_settings(
+                folder, ours, stack_options.bucket, stack, before
+            )
+        terminal.warn(*map(str, warnings))
         with terminal.waiting("Preparing what the machine installs ..."):
             source = find_source(install)
         with terminal.waiting(f"Asking Amazon for quotas and prices in {ours.region} ..."):
@@ -269,45 +271,6 @@ def _folder(files: Path | None) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as name:
         lay_out(files, Path(name))
         yield Path(name)
-
-
-def _later(region: str | None, profile: str | None) -> dict[str, str]:
-    names = ("DEEPRACER_S3_URI", "DR_S3_URI", "MY_BUCKET")
-    found = dict.fromkeys(names, os.environ.get(_BUCKET_VARIABLE) or "bucket")
-    found["DEEPRACER_REGION"] = region or usual_region(profile)
-    return {name: value for name, value in found.items() if name not in os.environ}
-
-
-def _loaded(folder: Path, variables: dict[str, str]) -> "Settings":
-    return loading.load_settings(folder, environ={**os.environ, **variables})
-
-
-def _usual_bucket(loaded: "Settings") -> str:
-    if named := os.environ.get(_BUCKET_VARIABLE):
-        return named
-    if loaded.cloud == "aws":
-        return loaded.bucket
-    raise SettingsError(
-        "No bucket at Amazon is named.",
-        remedy="Make one with `dr-spot create-base NAME` and add --base NAME, or add --bucket.",
-    )
-
-
-def _checked(
-    folder: Path, ours: "Account", bucket: str, stack: str, before: "Settings"
-) -> "Settings":
-    creation.check_bucket(ours, bucket)
-    variables = environment(bucket, ours.region, stack, before.upload_s3_bucket)
-    variables["DR_LOCAL_S3_PROFILE"] = ours.profile or "default"
-    loaded = _loaded(folder, variables)
-    with terminal.waiting("Checking settings, files and reward function ..."):
-        report = validate.validate(folder, environ={**os.environ, **variables}, here=False)
-    terminal.warn(
-        *(str(each) for each in report.warnings if each.rule != "V-50")
-    )  # of this machine
-    if not report.ok:
-        raise ProblemsError(list(report.errors))
-    return loaded
 
 
 # `dr-spot list`, `prices`, `cost`, `logs`, `ssh`, access and subscriptions.

@@ -371,14 +371,14 @@ def _serve(parent_pid: int) -> tuple[Path, bool]:
                 os.dup2(nothing.fileno(), 1)
             folder, grid_only = json.loads(line)
             return Path(folder), grid_only
-        print(pid, flush=True)
+        os.write(1, f"{pid}\n".encode())
         copy, code = Divided(pid), None
         while code is None and os.getppid() == parent_pid:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 code = copy.wait(_PARENT_POLL_S)
         if code is None:
             break
-        print(code, flush=True)
+        os.write(1, f"{code}\n".encode())
     os._exit(0)
 
 
