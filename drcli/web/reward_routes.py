@@ -133,7 +133,7 @@ class RewardChecks:
             self.close()
             raise installation_error() or WorkerDied(
                 "The check of the reward function did not end.",
-                remedy="Change the function, or try `dr-reward check` in a terminal.",
+                remedy="Change the function; then it is checked again.",
             )
         self._wait_idle()
         answer: dict[str, Any] = json.loads(line)
