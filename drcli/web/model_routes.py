@@ -38,11 +38,10 @@ from drcli.transfer.training_list import TrainingEntry, entry_of, settings_of
 from drcli.transfer.transfer_buckets import UNDEFINED
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import DownloadFolder, ObjectCopies
-from drcli.web.hub import Polled, Publish
+from drcli.web.hub import Read
 from drcli.web.model_action_routes import Actions, action_routes, import_routes
 from drcli.web.model_reader import ModelReader, checked, prefix_of
 from drcli.web.served_folder import ServedFolder
-from drcli.web.topics import Snapshot
 
 # Topic `models`, and topic `model:PREFIX` about changes of one.
 
@@ -66,17 +65,13 @@ _GROUPS = {
 
 
 def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
-    def open_models(topic: str, publish: Publish) -> Polled:
-        return Polled(topic, publish, lambda: Snapshot.of(topic, all_models(reader)), MODELS_S)
-
-    def open_model(topic: str, publish: Publish) -> Polled:
-        prefix = topic.partition(":")[2]
+    def of_model(topic: str, prefix: str) -> Read:
         if not keys.is_valid_prefix(prefix):
             raise ValueError(topic)
-        return Polled(topic, publish, lambda: Snapshot.of(topic, changes(reader, prefix)), MODEL_S)
+        return lambda: changes(reader, prefix)
 
-    reader.folder.hub.add_kind("models", open_models)
-    reader.folder.hub.add_kind("model", open_model)
+    reader.folder.hub.poll("models", MODELS_S, lambda _: lambda: all_models(reader))
+    reader.folder.hub.poll("model:(.+)", MODEL_S, of_model)
 
     def family(request: Request) -> Any:
         known = reader.known()

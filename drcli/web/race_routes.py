@@ -37,10 +37,9 @@ from drcli.races.stored_race import is_race_id, race_id, read_rules
 from drcli.tracks.track_list import list_tracks
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import ObjectCopies
-from drcli.web.hub import Polled, Publish
+from drcli.web.hub import Read
 from drcli.web.race_reader import RaceReader, words_of_rules
 from drcli.web.served_folder import ServedFolder
-from drcli.web.topics import Snapshot
 
 MOST_SENSORS = 20
 Amount = Annotated[float, Field(ge=-1e15, le=1e15)]
@@ -121,19 +120,13 @@ LOG_BYTES = 20_000
 def routes(folder: ServedFolder, clock: Callable[[], float] = time.time) -> Sequence[BaseRoute]:
     reader = RaceReader(folder, clock)
 
-    def open_races(topic: str, publish: Publish) -> Polled:
-        if topic != "races":
-            raise ValueError(topic)
-        return Polled(topic, publish, lambda: Snapshot.of(topic, reader.races()), RACES_S)
-
-    def open_one(topic: str, publish: Publish) -> Polled:
-        race = topic.partition(":")[2]
+    def of_race(topic: str, race: str) -> Read:
         if not is_race_id(race):
             raise ValueError(topic)
-        return Polled(topic, publish, lambda: Snapshot.of(topic, reader.view(race)), RACE_S)
+        return lambda: reader.view(race)
 
-    folder.hub.add_kind("races", open_races)
-    folder.hub.add_kind("race", open_one)
+    folder.hub.poll("races", RACES_S, lambda _: reader.races)
+    folder.hub.poll("race:(.+)", RACE_S, of_race)
     return [*_list_routes(reader), *_race_routes(reader), *_file_routes(reader)]
 
 

@@ -132,9 +132,9 @@ def _field(
         "written": None if written is None else hidden(name, written),
         "set": bool(value),
         "secret": secret,
-        "source": "default" if entry is None else str(entry.place),
+        "source": "default" if entry is None else entry.place.file,
         "file": files.run_file if setting.file == "run.env" else SYSTEM,
-        "place": None if place is None else str(place.place),
+        "place": None if place is None else place.place.file,
         "environment": entry is not None and entry.place.file == "environment",
     }
 

@@ -237,7 +237,7 @@ function Form({ parts, reload, query }) {
     </div>`;
 }
 
-/** A folder without run.env: write the files that `dr-init` writes, then go on. */
+/** A folder without run.env: write the files of a new one, then go on. */
 function NewFolder({ folder, made }) {
   const [name, setName] = useState("first-model");
   const [begin, setBegin] = useState("preset:");
@@ -270,7 +270,7 @@ function NewFolder({ folder, made }) {
   return html`
     <div class="empty">
       <p>${folder.directory} is not a working folder yet: it has no run.env.</p>
-      <p><${Prose} text="Create one here. It gets run.env, system.env, your three files in custom_files/, and bin/activate.sh, as \`dr-init\` writes them." /></p>
+      <p><${Prose} text="Create one here. It gets run.env, system.env, your three files in custom_files/, and bin/activate.sh." /></p>
     </div>
     <form class="fields" onSubmit=${(event) => {
       event.preventDefault();

@@ -1,7 +1,7 @@
 // Words and links that the pages about races share.
 
 import { api } from "/api.js";
-import { capital, moment, number } from "/text.js";
+import { moment, number } from "/text.js";
 import { html } from "/ui.js";
 
 export const raceLink = (race) => `#/race/${encodeURIComponent(race)}`;
@@ -101,16 +101,6 @@ const NAMES = {
   DR_H2B_NUMBER_OF_BOT_CARS: "bots",
 };
 const OPTION = /--[a-z]+(-[a-z]+)*|\bDR_[A-Z0-9_]+/g;
-const BUTTONS = {
-  create: "Make a race",
-  open: "Open again",
-  run: "Drive the queue",
-  stop: "Stop the queue",
-  restart: "Drive again",
-  submit: "Submit a model",
-  show: "Submissions",
-  list: "Races",
-};
 // Sentences that name no option.
 /** @type {[RegExp, string][]} */
 const SAID = [
@@ -126,12 +116,11 @@ function ruleOf(option) {
   return [NAMES[option], name, `${name}_s`].find((key) => LABELS[key]) ?? "";
 }
 
-/** A sentence in the words of the page: its fields and buttons instead of options and commands. */
+/** A sentence in the words of the page: its fields instead of options. */
 export const inPage = (text) =>
-  (text ?? "")
-    .replace(/`dr-race (\w+)[^`]*`/g, (_, verb) => `“${BUTTONS[verb] ?? capital(verb)}”`)
-    .replace(/`dr-list-models[^`]*`/g, "the page “Models”")
-    .replace(OPTION, (option) => (ruleOf(option) ? `“${LABELS[ruleOf(option)]}”` : option));
+  (text ?? "").replace(OPTION, (option) =>
+    ruleOf(option) ? `“${LABELS[ruleOf(option)]}”` : option,
+  );
 
 /** An error of the server in the words of the page, and the field that it is about. */
 export function aboutField({ message, remedy = "" }) {

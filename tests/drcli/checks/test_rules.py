@@ -264,6 +264,13 @@ CASES = (
     ),
     Case(
         "V-12",
+        lambda f: f.settings(DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES=20),
+        lambda f: f.settings(DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES=200),
+        "warning",
+        ("DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES=200 is above 100",),
+    ),
+    Case(
+        "V-12",
         lambda f: f.settings(DR_WORKERS=1),
         lambda f: f.settings(DR_WORKER=1),
         "error",
@@ -619,7 +626,7 @@ CASES = (
     ),
     Case(
         "V-41",
-        lambda f: f.hyperparameters(lr=1e-3, num_epochs=3, discount_factor=0),
+        lambda f: f.hyperparameters(lr=1e-3, num_epochs=3, discount_factor=0.5),
         lambda f: f.hyperparameters(lr=1.5),
         "error",
         ("line 2", "lr=1.5", "above 1"),
@@ -631,6 +638,13 @@ CASES = (
         "error",
         ("num_episodes_between_training=200", "above 100"),
         console=True,
+    ),
+    Case(
+        "V-41",
+        lambda f: f.hyperparameters(discount_factor=0.5),
+        lambda f: f.hyperparameters(discount_factor=0),
+        "warning",
+        ("discount_factor=0 plans less than two steps", "Write 0.9 to 0.999."),
     ),
     Case(
         "V-41",

@@ -105,7 +105,7 @@ def test_the_form_tells_values_their_places_and_limits(client, made):
     metrics = found["DR_LOCAL_S3_METRICS_PREFIX"]
     assert metrics["written"] == "$DR_LOCAL_S3_MODEL_PREFIX/metrics"
     assert metrics["value"] == "rl-deepracer-sagemaker/metrics"
-    assert found["DR_WORLD_NAME"]["source"].startswith("run.env line ")
+    assert found["DR_WORLD_NAME"]["source"] == "run.env"
     assert found["DR_MAX_COST"]["source"] == "default"
     assert found["DR_RACE_TYPE"]["choices"][0] == "TIME_TRIAL"
     assert (found["DR_WORKERS"]["low"], found["DR_WORKERS"]["high"]) == (0, 1000)
