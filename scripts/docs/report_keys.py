@@ -17,7 +17,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     ),
     "config.presets:PresetReports": ("config preset",),
     "config.presets:Examples": ("reward examples",),
-    "run.status:RunReport": ("start-training", "attach", "status"),
+    "run.status:RunReport": ("start-training", "attach", "status", "spot status"),
     "run.stopping:StopReport": (
         "stop-training",
         "stop-evaluation",
@@ -36,6 +36,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
         "console start",
         "console restart",
         "console status",
+        "spot console",
     ),
     "cli.commands.viewer:StreamReport": ("console stream",),
     "view.saliency.explain_model:SaliencyReport": ("saliency",),

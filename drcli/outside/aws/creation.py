@@ -30,12 +30,7 @@ from drcli.outside.aws.instance_types import (
 )
 from drcli.outside.aws.machine_marks import file_key, install_key, stack_folder
 from drcli.outside.aws.prices import current_prices, on_demand_prices
-from drcli.outside.aws.racer_files import (
-    InstallSource,
-    environment,
-    files_to_send,
-    torch_requirement,
-)
+from drcli.outside.aws.racer_files import InstallSource, torch_requirement
 from drcli.outside.aws.stacks import (
     BUCKET_TAG,
     ENDS_TAG,
@@ -401,9 +396,16 @@ class Planned(_NewStack):
 
 
 def prepare(
-    account: Account, settings: Settings, options: StackOptions, source: InstallSource
+    account: Account,
+    settings: Settings,
+    options: StackOptions,
+    source: InstallSource,
+    files: Mapping[str, bytes],
+    variables: Mapping[str, str],
 ) -> StackPlan:
     """Check everything, and estimate the cost; changes nothing.
+
+    `files` and `variables` are what the machine gets.
 
     Raises:
         DrError: The training cannot start.
@@ -448,7 +450,6 @@ def prepare(
             f"{len(types)} types make a template that is too large for CloudFormation.",
             remedy="Name fewer types with --type.",
         )
-    files = files_to_send(settings)
     return StackPlan(
         options,
         settings,
@@ -460,7 +461,7 @@ def prepare(
         ends,
         tuple(notes),
         template,
-        _install(account, settings, options, source, files, ordinary),
+        _install(settings, source, files, variables, ordinary),
         files,
     )
 
@@ -545,15 +546,13 @@ def _places(account: Account, settings: Settings, options: StackOptions) -> Plac
 
 
 def _install(
-    account: Account,
     settings: Settings,
-    options: StackOptions,
     source: InstallSource,
     files: Mapping[str, bytes],
+    variables: Mapping[str, str],
     ordinary: Mapping[str, float],
 ) -> dict[str, Any]:
     priced = "DR_SPOT_PRICE" in settings.sources or "DR_SPOT_PRICE" in settings.extra
-    upload = settings.upload_s3_bucket
     return {
         "source": source.requirement,
         "wheel": source.wheel,
@@ -561,7 +560,7 @@ def _install(
         "torch": torch_requirement(),
         "packages": list(source.packages),
         "files": sorted(files),
-        "environment": environment(options.bucket, account.region, options.stack, upload),
+        "environment": dict(variables),
         "given": ["DR_SPOT_PRICE"] if priced else [],
         "on_demand_usd": dict(ordinary),
         "continues": settings.continue_on_spot_interruption,

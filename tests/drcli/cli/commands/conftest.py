@@ -733,7 +733,15 @@ def _answer_as_amazon(
     )
     answer("cli.commands.spot.find_source", plan.source)
     # Its checks would find what stands here for the report of `dr validate`.
-    monkeypatch.setattr("drcli.cli.commands.spot._checked", lambda *given: given[-1])
+    answer("outside.aws.creation.check_bucket", None)
+    monkeypatch.setattr("drcli.cli.commands.spot._checked", lambda *given: {})
+
+    def fetch_folder(_account: object, _stack: object, folder: Path, _environ: object) -> object:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "run.env").write_text(f"DR_LOCAL_S3_MODEL_PREFIX={MODEL}\n")
+        return {}
+
+    monkeypatch.setattr("drcli.outside.aws.stack_logs.fetch_folder", fetch_folder)
     answer("outside.aws.creation.prepare", plan)
     created = CreatedStack(
         "my-run", region, bucket, MODEL, kinds, "spot", 0.61, 8.74, 1.79e9, topic

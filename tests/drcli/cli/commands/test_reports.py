@@ -70,6 +70,8 @@ CALLS = {
     "spot subscribe my-run me@example.com": "Amazon has sent a mail",
     "spot list": "until ",
     "spot prices": "<5%",
+    "spot status my-run": "training episodes completed a lap",
+    "spot console my-run --no-open": "http://127.0.0.1:8100/",
     "spot cost my-run": "at least 1.26 USD",
     "spot stop my-run": "is whole.",
     "spot delete my-run -y": "Removed my-run.",
