@@ -21,6 +21,7 @@ from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.stage_rules import StagesReview, review_stages
 from drcli.checks.start_rules import probe, review_owner, start_problems
+from drcli.config.adoption import winning_functions
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problems
 from drcli.model import keys
@@ -57,6 +58,8 @@ def validate(
         validation.try_files_alone()
     else:
         validation.try_everything(reviewed.settings, whole=reviewed.whole)
+    if here:
+        validation.found += winning_functions(directory, environ)
     found = [_relative(each, directory) for each in validation.found]
     warnings = of_severity(found, "warning")
     return Report(

@@ -28,6 +28,7 @@ from drcli.checks.doctor.surroundings import (
     examine_limits,
     examine_memory,
     examine_place,
+    examine_shell,
 )
 from drcli.checks.machine_rules import review_access
 from drcli.checks.start_rules import start_problems
@@ -115,6 +116,7 @@ def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:
         Probe("limits", examine_limits),
         Probe("reward", examine_confinement),
         Probe("locale", lambda: examine_language(os.environ)),
+        Probe("shell", lambda: examine_shell(directory, os.environ)),
         Probe("runs", lambda: examine_runs(directory)),
     ]
     if storage is not None:

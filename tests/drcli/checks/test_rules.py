@@ -312,6 +312,13 @@ CASES = (
         ("Run 0 is training s3://bucket/model-1", "dr-stop-training"),
     ),
     Case(
+        "V-14",
+        lambda f: own(f.path / "bin/activate.sh", "echo mine", 0o600),
+        lambda f: own(f.path / "bin/activate.sh", "source bin/scripts_wrapper.sh", 0o600),
+        "warning",
+        ("bin/activate.sh", "its functions win over the programs", "`dr-init --adopt`"),
+    ),
+    Case(
         "V-12",
         lambda f: spend(f, 1.0),
         lambda f: spend(f, 3.0),
