@@ -275,7 +275,10 @@ def _adopt(folder: Path, *, force: bool) -> None:
     terminal.emit(report, None)
     here = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go to the folder")]
     activate = ("source bin/activate.sh", "also in shells that are open")
-    terminal.suggest([*here, activate, ("dr-config check", "check everything")], elsewhere=True)
+    steps = [*here, activate, ("dr-config check", "check everything")]
+    if (folder / "data/minio").is_dir():
+        steps.append(("dr-list-models", "see whether models lie in data/minio"))
+    terminal.suggest(steps, elsewhere=True)
 
 
 def _may_mend(lines: Sequence["adoption.LoginLine"], *, force: bool) -> bool:
