@@ -20,7 +20,8 @@ from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.stage_rules import StagesReview, review_stages
-from drcli.checks.start_rules import probe, review_owner, start_problems
+from drcli.checks.start_rules import probe, review_minio_folder, review_owner, start_problems
+from drcli.config.adoption import winning_functions
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problems
 from drcli.model import keys
@@ -33,7 +34,7 @@ from drcli.rewards.reward_style import review_style
 from drcli.rewards.try_inputs import as_given, races_of
 from drcli.workers.ray_extra import workers_here
 
-BUCKET_RULES = ("V-09", "V-10", "V-13", "V-35", "V-50")
+BUCKET_RULES = ("V-09", "V-10", "V-13", "V-15", "V-35", "V-50")
 
 
 def validate(
@@ -57,6 +58,8 @@ def validate(
         validation.try_files_alone()
     else:
         validation.try_everything(reviewed.settings, whole=reviewed.whole)
+    if here:
+        validation.found += winning_functions(directory, environ)
     found = [_relative(each, directory) for each in validation.found]
     warnings = of_severity(found, "warning")
     return Report(
@@ -148,6 +151,7 @@ class _Validation:
             self.found += probe(model)
             if not trains:
                 self.found += review_owner(model)
+            self.found += review_minio_folder(settings, bucket)
         except StorageError as error:
             self.found.append(_unusable(error, *settings.place("DR_CLOUD")))
             self._skip(BUCKET_RULES[:-1], "The bucket cannot be used.")

@@ -20,6 +20,7 @@ from drcli.model.model_store import ModelStore
 from drcli.records.run_record import run_folder
 from drcli.records.training_record import DaySpending, day_of, write_day
 from drcli.run.plan import StartOptions, prepare
+from minio_files import put
 from own_run import own_run
 
 Spoil = Callable[[Any], object]
@@ -317,6 +318,20 @@ CASES = (
         lambda f: own_run().write(run_folder(f.path, 0)),
         "error",
         ("Run 0 is training s3://bucket/model-1", "dr-stop-training"),
+    ),
+    Case(
+        "V-14",
+        lambda f: own(f.path / "bin/activate.sh", "echo mine", 0o600),
+        lambda f: own(f.path / "bin/activate.sh", "source bin/scripts_wrapper.sh", 0o600),
+        "warning",
+        ("bin/activate.sh", "its functions win over the programs", "`dr-init --adopt`"),
+    ),
+    Case(
+        "V-15",
+        lambda f: put(f.path / "data/minio/other/old/model/.coach_checkpoint", b"a"),
+        lambda f: put(f.path / "data/minio/bucket/old/model/.coach_checkpoint", b"a"),
+        "warning",
+        ("old lies in data/minio/bucket", "`dr-import data/minio/bucket/old -t old`"),
     ),
     Case(
         "V-12",
