@@ -118,24 +118,30 @@ def review_import(settings: Settings, design: Design) -> Iterator[Problem]:
                 f"{key}={value}: the model cannot be imported into DeepRacer on AWS at the end of "
                 "the training, because the reference has no such network."
             )
-            remedy = f"Write {key}={wanted}, or DR_IMPORT_MODEL_ON_COMPLETION=False in run.env."
+            remedy = (
+                f"Write {key}={wanted}, or DR_IMPORT_MODEL_ON_COMPLETION=False in run.env and "
+                "import afterwards what `dr-export droa --distill` makes of the model."
+            )
             yield Problem("V-34", "warning", where, None, what, remedy)
+
+
+_DISTILL = "for these, `dr-export droa --distill` trains one that they have from its actions"
 
 
 def destinations(metadata: ModelMetadata) -> str:
     """Where a model can go after its training, in a sentence or two."""
-    others = "DeepRacer on AWS or DeepRacer-for-Cloud"
+    others = "DeepRacer on AWS and DeepRacer-for-Cloud"
     if not metadata.algorithm.in_reference:
         return (
-            f"The trained model can go to the physical car, but not to {others}: there, "
-            f"{metadata.training_algorithm} has other networks."
+            f"The trained model can go to the physical car. {others} have other networks for "
+            f"{metadata.training_algorithm}: {_DISTILL}."
         )
     if metadata.neural_network in NETWORKS:
         return f"The trained model can go to the physical car, and to {others}."
     return (
-        f"The trained model can go to the physical car, but not to {others}, which have no "
-        f'{metadata.neural_network}: for these, a training begins with "neural_network": '
-        f'"{NETWORKS[0]}" in model_metadata.json.'
+        f"The trained model can go to the physical car. {others} have no "
+        f'{metadata.neural_network}: {_DISTILL}, or write "neural_network": "{NETWORKS[0]}" '
+        "into model_metadata.json before the training."
     )
 
 
