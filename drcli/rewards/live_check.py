@@ -17,11 +17,13 @@ from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
 from drcli.rewards.check import RewardReport, report_of, try_in_each_race
-from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array
+from drcli.rewards.course import Course
 from drcli.rewards.pictures import cell_edges
 from drcli.rewards.reward_rules import read_source
-from drcli.rewards.scripted_drive import drive
+from drcli.rewards.scripted_drive import drive, own_actions, read_actions
 from drcli.rewards.source import discount_of, display_name
+from drcli.rewards.track_grid import SPEED_MPS, DrivenCourse
+from drcli.rewards.tried_reward import TriedReward, as_array
 from drsim.car.actions import Actions
 
 MOST_COURSES = 6
@@ -104,7 +106,7 @@ class LiveCheck:
     """Keeps drives."""
 
     def __init__(self) -> None:
-        self._courses: dict[str, Course] = {}
+        self._courses: dict[str, DrivenCourse] = {}
 
     def check(
         self, settings: Settings, text: bytes, directory: Path, known: str, given_up: Event
@@ -124,16 +126,21 @@ class LiveCheck:
         tried = try_in_each_race(settings, file, directory, self._course, given_up)
         if given_up.is_set():
             return None
-        actions = tried[0].course.drive.actions
         whole = report_of(tried, discount_of(settings))
+        actions = own_actions(settings)
         key = _key(settings.race, actions)
-        course = None if known == key else _course_picture(key, tried[0].course)
+        course = (
+            None if known == key else _course_picture(key, self._driven(settings.race, actions))
+        )
         found = [*whole.errors, *whole.warnings, *whole.notes]
         return LiveReport(found, whole, _picture(key, tried[0]), course)
 
-    def _course(self, own: DriveConfig, actions: Actions | None) -> Course:
+    def _course(self, own: DriveConfig, metadata: str) -> Course:
+        return self._driven(own, read_actions(metadata.encode() or None)).course
+
+    def _driven(self, own: DriveConfig, actions: Actions | None) -> DrivenCourse:
         key = _key(own, actions)
-        course = self._courses.pop(key, None) or Course.of(drive(own, actions))
+        course = self._courses.pop(key, None) or DrivenCourse.of(drive(own, actions))
         self._courses[key] = course
         while len(self._courses) > MOST_COURSES:
             del self._courses[next(iter(self._courses))]
@@ -150,7 +157,7 @@ def _key(own: DriveConfig, actions: Actions | None) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _course_picture(key: str, course: Course) -> CoursePicture:
+def _course_picture(key: str, course: DrivenCourse) -> CoursePicture:
     drive_, grid = course.drive, course.grid
     track = drive_.track
     begin = np.array([drive_.start_fraction * track.length_m])
@@ -196,7 +203,7 @@ def _picture(key: str, tried: TriedReward) -> RewardPicture | None:
                     parts,
                 ),
             )
-            for trip in tried.course.drive.trips
+            for trip in tried.course.trips
         ],
     )
 

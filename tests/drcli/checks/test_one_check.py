@@ -40,11 +40,10 @@ def drive_once():
 @pytest.fixture
 def told(folder, drive_once, monkeypatch):
     """The problems of a reward function by check: rule, severity, line, message and remedy."""
-    monkeypatch.setattr("drcli.rewards.course.Sandbox", SandboxHere)
-    monkeypatch.setattr("drcli.rewards.course._MOST_ALONG", 20)
+    monkeypatch.setattr("drcli.rewards.tried_reward.Sandbox", SandboxHere)
+    monkeypatch.setattr("drcli.rewards.track_grid._MOST_ALONG", 20)
     monkeypatch.setattr(sandbox_here, "driven_once", drive_once)
-    for module in (check, live_check):
-        monkeypatch.setattr(module, "drive", drive_once)
+    monkeypatch.setattr(live_check, "drive", drive_once)
 
     def tell(text: str):
         folder.settings(DR_WORLD_NAME="bean")
