@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drcli.base.errors import Problem, ProblemsError
 from drcli.config.run_config import DriveConfig
 from drcli.drive.build_race import MAX_EPISODE_STEPS, SLACK, load_race, load_world, race_warnings
+from drcli.rewards.course import LATE
 from drsim.car.actions import DEFAULT_ACTIONS, Actions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.params import Situation, params_of
@@ -28,7 +29,7 @@ _TURNED_DEG = (1.7, -0.6, 4.3, -2.9)
 
 Floats = NDArray[np.float64]
 
-FIRST_UNUSUAL = LATE = -6
+FIRST_UNUSUAL = LATE
 _PACE_MPS, _SLOWEST_MPS = 1.5, 0.5
 _FIRST_M = 0.14
 """From the start to the place of an episode's first call."""

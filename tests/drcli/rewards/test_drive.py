@@ -7,19 +7,10 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.rewards.check import _parameters
-from drcli.rewards.course import TriedReward
+from drcli.rewards.course import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING
 from drcli.rewards.sandbox.run_sandbox import SandboxResult
-from drcli.rewards.scripted_drive import (
-    FAST,
-    LEAVING,
-    RAMMING,
-    STANDING,
-    STEADY,
-    TURNED,
-    WEAVING,
-    drive,
-    nearest_action,
-)
+from drcli.rewards.scripted_drive import drive, nearest_action
+from drcli.rewards.tried_reward import TriedReward
 from drsim.car.actions import ContinuousActions, DiscreteActions
 
 ALONG = (STEADY, FAST, WEAVING)
@@ -27,7 +18,7 @@ ALWAYS_THE_SAME = {"track_length"}
 
 
 def ranges(course):
-    parameters = _parameters(TriedReward("", course, SandboxResult(), "", []))
+    parameters = _parameters(TriedReward("", course.course, SandboxResult(), frozenset(), []))
     return {found.name: (found.least, found.greatest) for found in parameters}
 
 

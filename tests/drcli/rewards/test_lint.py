@@ -61,7 +61,7 @@ def test_several_races_have_one_remark_on_the_sum_of_a_lap(tried_of):
 
 
 def test_a_reward_that_only_samples_earn_is_not_called_constant(with_result, course):
-    driven = [[1e-3] * len(calls) for calls in course.sequences]
+    driven = [[1e-3] * len(calls) for calls in course.course.sequences]
     told = [
         report_of([with_result(SandboxResult(values=[*driven, samples]))], DISCOUNT).warnings
         for samples in ([1e-3] * 9, [1.0] + [1e-3] * 8)
@@ -118,7 +118,7 @@ def test_the_shipped_example_is_known_to_pay_a_slow_lap_more(rules):
 @pytest.fixture
 def values(course):
     """Rewards without a loophole that anything is said about."""
-    return [[float(k % 7) for k in range(len(calls))] for calls in course.sequences]
+    return [[float(k % 7) for k in range(len(calls))] for calls in course.course.sequences]
 
 
 @pytest.fixture
