@@ -111,6 +111,7 @@ def try_rewards(
     tolerated: float = 0.0,
     given_up: Event | None = None,
     metadata: str = "",
+    hyperparameters: str | None = None,
 ) -> list[TriedReward]:
     """Call reward functions at the same time, first on samples of `races`.
 
@@ -121,9 +122,10 @@ def try_rewards(
     """
     if isinstance(course, Course):
         known, repeated = course, len(course.trips)
-        asked = SandboxRequest("", course.sequences, course.waypoints, repeated, races)
+        asked = SandboxRequest("", course.sequences, course.waypoints, repeated)
     else:
-        known, asked = None, SandboxRequest("", races=races, drive=course)
+        known, asked = None, SandboxRequest("", drive=course)
+    asked = replace(asked, races=races, metadata=metadata, hyperparameters=hyperparameters)
     tried = []
     with ExitStack() as stack:
         running = []
@@ -131,7 +133,7 @@ def try_rewards(
             source, wrong = read_source(file)
             sandbox = None
             if source is not None or known is None:
-                request = replace(asked, name=file.origin, metadata=metadata)
+                request = replace(asked, name=file.origin)
                 data = None if source is None else file.data
                 sandbox = stack.enter_context(Sandbox(request, data, directory))
             running.append((file.origin, source, wrong, sandbox))
