@@ -57,8 +57,7 @@ REMEDIES: dict[FailureKind, str] = {
     "signature": "Write `def reward_function(params):` with a `return` on every path.",
     "undefined": "Correct the name, or give it a value before that line.",
     "raises": "Correct that line: a training ends where it fails.",
-    "type": "Return a number on every path, as in `return float(reward)`: a path without `return` "
-    "gives None.",
+    "type": "Return a number on every path, as in `return float(reward)`.",
     "range": "Return a finite number between -100000 and 100000; guard divisions and logarithms.",
     "endless": "Look for a loop that does not end, or an operation that takes too long: a call may "
     "take 5 s.",
