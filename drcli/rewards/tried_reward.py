@@ -55,6 +55,8 @@ class TriedReward:
         return float(values @ discount ** np.arange(len(values)))
 
     def describe(self, place: CallIndex) -> str:
+        if place.sequence > len(self.course.trips):  # after a hang there the drive is not made
+            return "one of the calls before the drive"
         if place.sequence == len(self.course.trips):
             return f"a car placed on the track, {position(self.course.places[place.index])}"
         trip = self.course.trips[place.sequence]
