@@ -16,14 +16,14 @@ from drcli.base.errors import Problem
 from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
-from drcli.model.keys import MODEL_METADATA_FILE
+from drcli.model.keys import HYPERPARAMETERS_FILE, MODEL_METADATA_FILE
 from drcli.rewards.check import RewardReport, report_of, try_in_each_race
 from drcli.rewards.course import Course, each_race
 from drcli.rewards.pictures import cell_edges
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.sandbox.run_sandbox import Sandbox, SandboxRequest, SandboxServer
 from drcli.rewards.scripted_drive import drive, own_actions, read_actions
-from drcli.rewards.source import discount_of, display_name, own_file
+from drcli.rewards.source import display_name, own_file
 from drcli.rewards.track_grid import SPEED_MPS, DrivenCourse
 from drcli.rewards.tried_reward import TriedReward, as_array, request_of
 from drcli.rewards.try_inputs import races_of, text_of
@@ -147,7 +147,7 @@ class LiveCheck:
         if given_up.is_set():
             return None
         first = tried[0]
-        report = report_of(tried, discount_of(settings))
+        report = report_of(tried, first.result.discount)
         actions = own_actions(settings)
         key = _key(settings.race, actions)
         found = [*report.errors, *report.warnings, *report.notes]
@@ -158,12 +158,19 @@ class LiveCheck:
     def _drawn(
         self, settings: Settings, file: InputFile, directory: Path, known: str, given_up: Event
     ) -> LiveReport | None:
-        metadata = text_of(own_file(settings, MODEL_METADATA_FILE))
+        metadata, hyperparameters = (
+            text_of(own_file(settings, name))
+            for name in (MODEL_METADATA_FILE, HYPERPARAMETERS_FILE)
+        )
         actions = read_actions(metadata.encode() or None)
         own = each_race(settings.races)[0]
         driven = self._driven(own, actions)
         request = replace(
-            request_of(driven.course, races_of(settings.run)), name=file.origin, metadata=metadata
+            request_of(driven.course),
+            name=file.origin,
+            races=races_of(settings.run),
+            metadata=metadata,
+            hyperparameters=hyperparameters,
         )
         with self._sandbox(request, file.data, directory, grid_only=True) as sandbox:
             values = sandbox.result(given_up).values

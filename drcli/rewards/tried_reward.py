@@ -55,6 +55,8 @@ class TriedReward:
         return float(values @ discount ** np.arange(len(values)))
 
     def describe(self, place: CallIndex) -> str:
+        if place.sequence > len(self.course.trips):  # after a hang there the drive is not made
+            return "one of the calls before the drive"
         if place.sequence == len(self.course.trips):
             return f"a car placed on the track, {position(self.course.places[place.index])}"
         trip = self.course.trips[place.sequence]
@@ -107,9 +109,11 @@ SandboxOf = Callable[[SandboxRequest, bytes | None, Path], Sandbox]
 """Of a request, the text of a file, and the working folder."""
 
 
-def request_of(course: Course, races: list[DriveConfig] | None = None) -> SandboxRequest:
-    """The calls of a course; the last sequence is its grid."""
-    return SandboxRequest("", course.sequences, course.waypoints, len(course.trips), races)
+def request_of(course: Course | DriveConfig) -> SandboxRequest:
+    """The calls of a course, of which the last sequence is its grid; those of a race are driven."""
+    if not isinstance(course, Course):
+        return SandboxRequest("", drive=course)
+    return SandboxRequest("", course.sequences, course.waypoints, len(course.trips))
 
 
 def try_rewards(
@@ -120,6 +124,7 @@ def try_rewards(
     tolerated: float = 0.0,
     given_up: Event | None = None,
     metadata: str = "",
+    hyperparameters: str | None = None,
     sandbox_of: SandboxOf | None = None,
 ) -> list[TriedReward]:
     """Call reward functions at the same time, first on samples of `races`.
@@ -129,10 +134,10 @@ def try_rewards(
     Raises:
         ProblemsError: The track is missing, or the race does not fit.
     """
-    if isinstance(course, Course):
-        known, asked = course, request_of(course, races)
-    else:
-        known, asked = None, SandboxRequest("", races=races, drive=course)
+    known = course if isinstance(course, Course) else None
+    asked = replace(
+        request_of(course), races=races, metadata=metadata, hyperparameters=hyperparameters
+    )
     tried = []
     with ExitStack() as stack:
         running = []
@@ -140,7 +145,7 @@ def try_rewards(
             source, wrong = read_source(file)
             sandbox = None
             if source is not None or known is None:
-                request = replace(asked, name=file.origin, metadata=metadata)
+                request = replace(asked, name=file.origin)
                 data = None if source is None else file.data
                 sandbox = stack.enter_context((sandbox_of or Sandbox)(request, data, directory))
             running.append((file.origin, source, wrong, sandbox))
