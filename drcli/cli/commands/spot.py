@@ -53,6 +53,7 @@ with lazy_imports():
     from drcli.config import loading
     from drcli.outside.aws import creation, machines, stack_end, stack_logs, stack_report
     from drcli.outside.aws import prices as aws_prices
+    from drcli.run import track_fetch
     from drcli.transfer import copy_custom_files
 
 
@@ -247,7 +248,9 @@ def create(
         with terminal.waiting("Preparing what the machine installs ..."):
             source = find_source(install)
         with terminal.waiting(f"Asking Amazon for quotas and prices in {ours.region} ..."):
-            plan = creation.prepare(ours, loaded, stack_options, source, sent, variables)
+            plan = creation.prepare(
+                ours, loaded, stack_options, source, sent, variables, _not_imported(before)
+            )
         if show_template:
             terminal.write(json.dumps(plan.template, indent=2) + "\n")
             return
@@ -309,6 +312,15 @@ def _usual_bucket(loaded: "Settings") -> str:
     )
 
 
+def _not_imported(asked: "Settings") -> str:
+    wanted = asked.import_model_on_completion
+    if not wanted or not (asked.droa_url or "DR_IMPORT_MODEL_ON_COMPLETION" in asked.sources):
+        return ""
+    if not asked.droa_url:
+        return "DR_DROA_URL is empty."
+    return "a machine gets no password. `droa-import-model --best` does it from here."
+
+
 def _checked(loaded: "Settings", shown: Path, variables: dict[str, str]) -> dict[str, bytes]:
     """What the machine gets, checked there as the machine will: with nothing else."""
     stages = stage_rules.review_stages(loaded, {}).stages
@@ -335,6 +347,8 @@ def _checked(loaded: "Settings", shown: Path, variables: dict[str, str]) -> dict
     terminal.warn(*(str(each) for each in warnings if each.rule != "V-50"))  # of this machine
     if errors:
         raise ProblemsError(errors)
+    if missing := track_fetch.missing_tracks(loaded):
+        terminal.say(f"The machine downloads tracks of the community: {', '.join(missing)}.")
     return sent
 
 
@@ -517,6 +531,8 @@ def status(
 
     Example: dr-spot status my-run -f
     """
+    ours = account(region, profile)
+    terminal.say(str(stack_report.report_on(ours, need_stack(ours, stack), with_cost=False)))
     loaded, _ = _seen_from_here(region, profile, stack)
     options = {"--region": region, "--profile": profile}
     commands = _next(stack)[1:]
