@@ -112,6 +112,17 @@ def check_settings(
     return Checked(settings, sent, variables, of_training)
 
 
+def not_imported(settings: Settings) -> str:
+    """Why the machine imports no model into DeepRacer on AWS; empty if none is wanted."""
+    wanted = settings.import_model_on_completion
+    named = settings.droa_url or "DR_IMPORT_MODEL_ON_COMPLETION" in settings.sources
+    if not wanted or not named:
+        return ""
+    if not settings.droa_url:
+        return "DR_DROA_URL is empty."
+    return "a machine gets no password. `droa-import-model --best` does it from here."
+
+
 def _sent(settings: Settings) -> dict[str, bytes]:
     stages = stage_rules.review_stages(settings, {}).stages
     named = [Path(file.origin) for stage in stages for file in stage.files.values()]

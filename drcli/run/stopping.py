@@ -28,7 +28,7 @@ from drcli.run.status import RunReport, inspect
 with lazy_imports():
     from drcli.run import tensorboard_server
 
-TRAINING_PATIENCE_S = 30.0
+TRAINING_PATIENCE_S = 45.0
 KILLED_PATIENCE_S = 10.0
 EVALUATION_PATIENCE_S = 15.0
 

@@ -208,6 +208,8 @@ def test_a_training_survives_its_machine_and_leaves_nothing_behind(amazon, tmp_p
         code = program.wait(PATIENCE_S)
         assert code == 75, first.journal.read_text()
         assert not first.after_service(75)
+        uploaded = "upload/reinvent_base/first-model/model/deepracer_checkpoints.json"
+        assert amazon.objects(bucket, uploaded), first.journal.read_text()
         assert amazon.spot("list")["stacks"][1]["machines"][0]["said"] == "interrupted"
 
         assert second.boot().returncode == 0
@@ -225,6 +227,11 @@ def test_a_training_survives_its_machine_and_leaves_nothing_behind(amazon, tmp_p
     records = json.loads(history["Body"].read())
     records = records if isinstance(records, list) else records["iterations"]
     assert [each["iteration"] for each in records] == list(range(12))
+    best = [
+        json.loads(amazon.client("s3").get_object(Bucket=bucket, Key=key)["Body"].read())
+        for key in (uploaded, f"{MODEL}/model/deepracer_checkpoints.json")
+    ]
+    assert best[0]["last_checkpoint"]["name"] == best[1]["best_checkpoint"]["name"]
     report = {each["stack"]: each for each in amazon.spot("list")["stacks"]}["run"]
     assert report["state"] == "finished"
     assert {each["said"] for each in report["machines"]} == {"interrupted", "finished"}

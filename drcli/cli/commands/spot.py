@@ -46,6 +46,7 @@ with lazy_imports():
     from drcli.config import loading
     from drcli.outside.aws import creation, machines, stack_end, stack_logs, stack_report
     from drcli.outside.aws import prices as aws_prices
+    from drcli.run import track_fetch
     from drcli.transfer import copy_custom_files
 
 
@@ -238,11 +239,19 @@ def create(
             )
         terminal.warn(*map(str, checked.warnings))
         loaded = checked.settings
+        if missing := track_fetch.missing_tracks(loaded):
+            terminal.say(f"The machine downloads tracks of the community: {', '.join(missing)}.")
         with terminal.waiting("Preparing what the machine installs ..."):
             source = find_source(install)
         with terminal.waiting(f"Asking Amazon for quotas and prices in {ours.region} ..."):
             plan = creation.prepare(
-                ours, loaded, stack_options, source, checked.files, checked.variables
+                ours,
+                loaded,
+                stack_options,
+                source,
+                checked.files,
+                checked.variables,
+                stack_plan.not_imported(before),
             )
         if show_template:
             terminal.write(json.dumps(plan.template, indent=2) + "\n")
@@ -455,6 +464,8 @@ def status(
 
     Example: dr-spot status my-run -f
     """
+    ours = account(region, profile)
+    terminal.say(str(stack_report.report_on(ours, need_stack(ours, stack), with_cost=False)))
     loaded, _ = _seen_from_here(region, profile, stack)
     options = {"--region": region, "--profile": profile}
     commands = _next(stack)[1:]

@@ -85,6 +85,10 @@ def environment(
         "MY_BUCKET": bucket,
         "DEEPRACER_REGION": region,
         "STACK_NAME": stack,
+        # As in deepracer-on-the-spot, whatever the settings say.
+        "DR_UPLOAD_MODEL_ON_COMPLETION": "True",
+        # It needs a password, which a machine does not get.
+        "DR_IMPORT_MODEL_ON_COMPLETION": "False",
     }
     if settings.upload_s3_bucket in ("not-defined", "", bucket):
         found["DR_UPLOAD_S3_BUCKET"] = bucket

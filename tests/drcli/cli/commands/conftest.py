@@ -722,7 +722,9 @@ def _answer_as_amazon(
     kinds = ("c7i-flex.12xlarge", "m6id.metal")
     plan = SimpleNamespace(
         options=StackOptions("my-run", bucket, kinds),
-        settings=SimpleNamespace(model_prefix=MODEL),
+        settings=SimpleNamespace(
+            model_prefix=MODEL, upload_s3_bucket=bucket, upload_s3_prefix=f"upload/{MODEL}"
+        ),
         source=SimpleNamespace(shown="drcli==1.0.0"),
         types=[SimpleNamespace(name=name) for name in kinds],
         zones=(f"{region}a", f"{region}b"),
@@ -730,6 +732,7 @@ def _answer_as_amazon(
         resumes="8_Step-4000.ckpt",
         notes=("The model is there already; the training goes on.",),
         files={},
+        not_imported="DR_DROA_URL is empty.",
     )
     answer("cli.commands.spot.find_source", plan.source)
     # Its checks would find what stands here for the report of `dr validate`.
