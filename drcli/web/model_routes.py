@@ -14,8 +14,8 @@ from starlette.responses import FileResponse
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.files import safe_name
+from drcli.base.json_record import keys_of
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
-from drcli.config.editing import raised
 from drcli.model import keys, lease
 from drcli.model.checkpoint_list import list_checkpoints
 from drcli.model.growing_file import read_all_metrics
@@ -35,11 +35,11 @@ from drcli.transfer.record_training import files_of
 from drcli.transfer.report_place import report_file, report_folder
 from drcli.transfer.training_details import compare, compared
 from drcli.transfer.training_list import TrainingEntry, entry_of, settings_of
-from drcli.transfer.transfer_buckets import UNDEFINED
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import DownloadFolder, ObjectCopies
 from drcli.web.hub import Read
 from drcli.web.model_action_routes import Actions, action_routes, import_routes
+from drcli.web.model_questions import checkpoint_options
 from drcli.web.model_reader import ModelReader, checked, prefix_of
 from drcli.web.served_folder import ServedFolder
 
@@ -339,7 +339,6 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
         listed = next((m for m in reader.models()[0].models if m.prefix == prefix), None)
         record = reader.record(prefix)
         trainings = [r for r in reader.known().records if r.prefix == prefix]
-        upload = settings.upload_s3_bucket
         return {
             "model": listed,
             "bucket": bucket.name,
@@ -348,15 +347,13 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
             else entry_of(record, exists=record.id in reader.known().existing),
             "trainings": len(trainings),
             "current": prefix == settings.model_prefix,
-            "next_name": raised(prefix, prefix)[1],
-            "upload_bucket": "" if upload in ("", UNDEFINED) else upload,
-            "upload_to": settings.upload_s3_prefix if prefix == settings.model_prefix else prefix,
         }
 
     def checkpoints(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
-        return list_checkpoints(ModelStore.of(settings.model, bucket, prefix))
+        listed = list_checkpoints(ModelStore.of(settings.model, bucket, prefix))
+        return keys_of(listed) | {"options": checkpoint_options(listed)}
 
     def curve(request: Request) -> Any:
         prefix = prefix_of(request)

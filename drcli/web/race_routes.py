@@ -38,6 +38,7 @@ from drcli.tracks.track_list import list_tracks
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import ObjectCopies
 from drcli.web.hub import Read
+from drcli.web.race_fields import form_of, of_a_form
 from drcli.web.race_reader import RaceReader, words_of_rules
 from drcli.web.served_folder import ServedFolder
 
@@ -133,19 +134,18 @@ def routes(folder: ServedFolder, clock: Callable[[], float] = time.time) -> Sequ
 def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
     def form(_: Request) -> Any:
         settings = reader.folder.settings()
-        memory = reader.folder.directory / "data" / "cache" / "tracks.json"
-        tracks = [track.name for track in list_tracks(settings.tracks_folder, memory).tracks]
+        usual = RaceForm(
+            name="",
+            world=settings.world_name,
+            max_laps=3,
+            off_track_penalty_s=settings.eval_off_track_penalty,
+            collision_penalty_s=settings.eval_collision_penalty,
+        )
         return {
             "folder": str(reader.folder.directory),
-            "tracks": tracks,
-            "sensors": list(RACE_SENSORS),
-            "world": settings.world_name,
-            "off_track_penalty_s": settings.eval_off_track_penalty,
-            "collision_penalty_s": settings.eval_collision_penalty,
-            "obstacles": settings.oa_number_of_obstacles,
-            "bots": settings.h2b_number_of_bot_cars,
             "racer": settings.racer_name,
             "model": settings.model_prefix,
+            "fields": _fields(reader, usual.model_dump()),
         }
 
     def check(_: Request, body: RaceForm) -> Any:
@@ -171,9 +171,9 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
     return [
         Route("/api/races", answers(lambda _: reader.races())),
-        Route("/api/races", accepts(create), methods=["POST"]),
+        Route("/api/races", accepts(of_a_form(create)), methods=["POST"]),
         Route("/api/races/form", answers(form)),
-        Route("/api/races/check", accepts(check), methods=["POST"]),
+        Route("/api/races/check", accepts(of_a_form(check)), methods=["POST"]),
         Route("/api/races/models", answers(models)),
     ]
 
@@ -196,7 +196,7 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             change(reader, race, body)
             return {"race": reader.view(race)}
 
-        return accepts(handle, change.__annotations__["body"])
+        return accepts(of_a_form(handle), change.__annotations__["body"])
 
     def run(request: Request, body: Run) -> Any:
         race = race_of(request)
@@ -217,7 +217,7 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
     return [
         Route("/api/race/{race}", answers(lambda request: reader.view(race_of(request)))),
         Route("/api/race/{race}", answers(delete), methods=["DELETE"]),
-        Route("/api/race/{race}/submit", accepts(submit), methods=["POST"]),
+        Route("/api/race/{race}/submit", accepts(of_a_form(submit)), methods=["POST"]),
         Route("/api/race/{race}/run", accepts(run), methods=["POST"]),
         *(
             Route(f"/api/race/{{race}}/{name}", changed(change), methods=["POST"])
@@ -272,13 +272,33 @@ _CHANGES: dict[str, Callable[[RaceReader, str, Any], None]] = {
 def _rules(reader: RaceReader, request: Request) -> Any:
     rules = read_rules(_bucket_of(reader), race_of(request))
     conditions = settings_of_rules(reader.folder.settings(), rules)
-    objects = {
-        "obstacles": conditions.oa_number_of_obstacles
-        if rules.race_type == "OBJECT_AVOIDANCE"
-        else None,
-        "bots": conditions.h2b_number_of_bot_cars if rules.race_type == "HEAD_TO_BOT" else None,
+    wish = options_of(rules)
+    values = {
+        **vars(wish),
+        "opens": wish.opens_at,
+        "closes": wish.closes_at,
+        "obstacles": conditions.oa_number_of_obstacles,
+        "bots": conditions.h2b_number_of_bot_cars,
     }
-    return {"wish": options_of(rules), **objects}
+    fields = _fields(reader, values)
+    for field in fields:
+        if field["only"] and rules.race_type not in field["only"] and field["kind"] == "whole":
+            field["value"] = None
+    return {"fields": fields}
+
+
+def _fields(reader: RaceReader, values: dict[str, Any]) -> list[dict[str, Any]]:
+    settings = reader.folder.settings()
+    memory = reader.folder.directory / "data" / "cache" / "tracks.json"
+    tracks = [track.name for track in list_tracks(settings.tracks_folder, memory).tracks]
+    worlds = tracks if values["world"] in tracks else [values["world"], *tracks]
+    more = {
+        "world": {"options": worlds},
+        "sensors": {"options": list(RACE_SENSORS)},
+        "obstacles": {"empty": str(settings.oa_number_of_obstacles)},
+        "bots": {"empty": str(settings.h2b_number_of_bot_cars)},
+    }
+    return form_of(values, more)
 
 
 def _file_routes(reader: RaceReader) -> Sequence[BaseRoute]:

@@ -1,10 +1,9 @@
 // Evaluations: the one that drives now, stored ones with their trials, two side by side, and their videos.
 
-import { ask } from "/ask.js";
 import { SelectField } from "/fields.js";
 import { Worker } from "/live_worker.js";
+import { stopEvaluation } from "/model_actions.js";
 import { Act } from "/model_page.js";
-import { runTask, save } from "/model_tasks.js";
 import { useGet, useTopic } from "/store.js";
 import { lapTime, number, stampText } from "/text.js";
 import { Empty, Failure, Table, html, useState } from "/ui.js";
@@ -34,8 +33,8 @@ const labelOf = (each) =>
     " · ",
   );
 
-/** @param {{prefix: string, path: (name: string) => string, version: any, running: Object[], actions: Object}} props */
-export function Evaluations({ prefix, path, version, running, actions }) {
+/** @param {{prefix: string, path: (name: string) => string, version: any, running: Object[], action: Function}} props */
+export function Evaluations({ prefix, path, version, running, action }) {
   const { value: list, error } = useGet(path("evaluations"), version);
   const [chosen, setChosen] = useState({ one: "", other: "" });
   const stored = list?.evaluations ?? [];
@@ -45,14 +44,14 @@ export function Evaluations({ prefix, path, version, running, actions }) {
   const options = stored.map((each) => [each.stamp, labelOf(each)]);
   const choose = (name) => (stamp) => setChosen({ ...chosen, [name]: stamp });
   return html`
-    ${running.map((each) => html`<${Running} key=${each.stamp} evaluation=${each} actions=${actions} />`)}
+    ${running.map((each) => html`<${Running} key=${each.stamp} prefix=${prefix} evaluation=${each} />`)}
     ${error && html`<${Failure} error=${error} />`}
     ${
       list &&
       !one &&
       !running.length &&
       html`<${Empty} text="This model has no stored evaluation yet.">
-      <${Act} class="main" action=${actions.evaluate} text="Evaluate it" />
+      <${Act} class="main" action=${action("evaluate")} text="Evaluate it" />
     <//>`
     }
     ${
@@ -64,19 +63,19 @@ export function Evaluations({ prefix, path, version, running, actions }) {
       </div>
       ${list.total > stored.length && html`<p class="quiet">The newest ${stored.length} of ${list.total} evaluations are listed.</p>`}
       ${other && other !== one ? html`<${Comparison} one=${one} other=${other} />` : html`<${Single} one=${one} />`}
-      <${Film} key=${one.stamp} prefix=${prefix} path=${path} one=${one} videos=${list.videos} isNewest=${one === stored[0]} />`
+      <${Film} key=${one.stamp} prefix=${prefix} path=${path} one=${one} action=${action} videos=${list.videos} isNewest=${one === stored[0]} />`
     }`;
 }
 
 /** What drives now: camera, map and figures, and a button that ends it. */
-function Running({ evaluation: { stamp, checkpoint, world, started_at: began }, actions }) {
+function Running({ evaluation: { stamp, checkpoint, world, started_at: began }, prefix }) {
   const worker = useTopic("workers").value?.workers.find(
     (each) => each.worker === `evaluation-${stamp}`,
   );
   return html`
     <div class="empty">
       <p role="status">An evaluation has been running since ${new Date(began * 1000).toLocaleTimeString("en-GB")}: ${checkpoint} on ${world}. Its result appears here.</p>
-      <p class="actions"><${Act} class="danger" action=${actions.stopEvaluation} text="Stop it" /></p>
+      <p class="actions"><${Act} class="danger" action=${stopEvaluation(prefix)} text="Stop it" /></p>
     </div>
     ${worker && html`<${Worker} runId=${worker.run_id} name=${worker.worker} facts=${{ world, activity: "", place: "live", car: worker.car }} />`}`;
 }
@@ -135,46 +134,10 @@ function Comparison({ one, other }) {
     ${one.world && other.world && one.world !== other.world && html`<p class="quiet">The tracks differ, so times cannot be compared.</p>`}`;
 }
 
-function Film({ prefix, path, one, videos, isNewest }) {
+function Film({ prefix, path, one, action, videos, isNewest }) {
   const own = videos.filter((name) => name === `evaluation-${one.stamp}/video.mp4`);
   const names = [...own, ...(isNewest ? videos.filter((name) => name.startsWith("mp4/")) : [])];
   const [chosen, setChosen] = useState("");
-  const film = async () => {
-    const values = await ask({
-      title: `Make a video of the evaluation of ${stampText(one.stamp)}`,
-      action: "Make the video",
-      intro: html`<p>The video is drawn from the stored steps; a minute of driving takes some minutes.</p>`,
-      fields: [
-        {
-          name: "episode",
-          label: "What",
-          value: "best",
-          options: [
-            ["best", "the best lap"],
-            ["all", "all laps"],
-            ...one.trials.slice(0, 100).map((trial, k) => [String(k), `trial ${trial.trial}`]),
-          ],
-        },
-        { name: "size", label: "Size", value: "640x480", options: ["640x480", "1280x720"] },
-        {
-          name: "ghosts",
-          label: "Ghosts of other laps",
-          value: "0",
-          options: ["0", "1", "2", "3", "4"],
-        },
-        { name: "explain", label: "Show which pixels move the action", value: false },
-        { name: "download", label: "Only download it; the stored video stays", value: false },
-      ],
-    });
-    if (!values) return;
-    const made = await runTask("/api/model/film", {
-      prefix,
-      stamp: one.stamp,
-      ...values,
-      ghosts: Number(values.ghosts),
-    });
-    if (made?.url) save(made);
-  };
   const query = new URLSearchParams({
     model: prefix,
     trace: `evaluation-${one.stamp}/evaluation-simtrace/0-iteration.csv`,
@@ -183,7 +146,7 @@ function Film({ prefix, path, one, videos, isNewest }) {
   const more =
     one.trace &&
     html`
-    <${Act} action=${film} text=${own.length ? "Make another video" : "Make a video"} />
+    <${Act} action=${action("film", { stamp: one.stamp })} text=${own.length ? "Make another video" : "Make a video"} />
     <a class="button" href=${`#/play?${query}`}>Step by step</a>`;
   if (!names.length)
     return html`<h2>Video</h2><${Empty} text=${

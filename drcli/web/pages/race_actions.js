@@ -5,7 +5,6 @@ import { ask } from "/ask.js";
 import { confirmed, dialog } from "/dialogs.js";
 import { useDraft } from "/drafts.js";
 import { SelectField, TextField } from "/fields.js";
-import { checkpointOptions } from "/model_actions.js";
 import { save } from "/model_tasks.js";
 import { notify } from "/notices.js";
 import { aboutField, racePath, videoPath, waitText } from "/race_words.js";
@@ -57,7 +56,7 @@ function Submission({ id, start, prefixes, folder, close }) {
     draft.set({ ...draft.edits, ...more, [key]: value });
   };
   const options = listed.value
-    ? checkpointOptions(listed.value.checkpoints)
+    ? listed.value.options
     : [
         ["best", "the best"],
         ["last", "the newest"],

@@ -14,7 +14,6 @@ import {
   dateText,
   driversText,
   gapText,
-  inPage,
   inPairs,
   nightLink,
   pointsText,
@@ -71,7 +70,7 @@ export function Page({ params: [id], query }) {
     <${Actions} ...${props} />
     <div role="status">
       ${error && html`<${Failure} error=${error} />`}
-      ${race.damaged.map((message) => html`<${Failure} key=${message} error=${{ message: inPage(message) }} />`)}
+      ${race.damaged.map((message) => html`<${Failure} key=${message} error=${{ message }} />`)}
     </div>
     ${folder && race.changeable && html`<${Rules} key=${folder.directory} folder=${folder.directory} open=${query.has("rules")} ...${props} />`}
     <section class="race-page-part"><h2>Leaderboard</h2><${Board} race=${race} watch=${watch} /></section>
@@ -164,20 +163,17 @@ function Actions({ id, race, act, after, take }) {
 
 function Rules({ id, folder, open, take }) {
   const draft = useDraft(`rules:${id}:${folder}`, 1);
-  const { value, error } = useGet(open ? racePath(id, "rules") : null);
   useEffect(() => {
     if (draft.restored) setQuery({ rules: "1" });
   }, []);
-  if (error) return html`<${Failure} error=${aboutField(error)} />`;
-  if (!open || !value) return null;
+  if (!open) return null;
   const leave = () => setQuery({ rules: "" });
   const send = async (rules) => {
     take((await post(racePath(id, "rules"), rules)).race);
     leave();
     notify("The rules were changed.");
   };
-  const wish = { ...value.wish, obstacles: value.obstacles, bots: value.bots };
-  return html`<${RaceForm} title="Change the rules" action="Change the rules" draft=${draft} wish=${wish} send=${send} leave=${leave} />`;
+  return html`<${RaceForm} title="Change the rules" action="Change the rules" draft=${draft} path=${racePath(id, "rules")} present=${true} send=${send} leave=${leave} />`;
 }
 
 const WatchButton = ({ video, name, watch }) => html`
@@ -344,7 +340,7 @@ function Entry({ watch, ...props }) {
     <li>
       <div>
         <strong>${racer}</strong> ${model}, checkpoint ${checkpointNumber(entry)} <span class="quiet">${entry.submission}, ${dateText(entry.submitted_at)}</span>
-        <p class=${state === "failed" && "race-failed"}>${laps}${message && `: ${inPage(`${message} ${remedy}`)}`}</p>
+        <p class=${state === "failed" && "race-failed"}>${laps}${message && `: ${message} ${remedy}`}</p>
         ${entry.notes.map((note) => html`<p key=${note} class="quiet">${note}</p>`)}
       </div>
       <span class="race-buttons">

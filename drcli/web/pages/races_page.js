@@ -3,7 +3,7 @@
 import { post } from "/api.js";
 import { useDraft } from "/drafts.js";
 import { RaceForm } from "/race_form.js";
-import { KINDS, StateBadge, dateText, inPage, nightLink, raceLink, waitText } from "/race_words.js";
+import { KINDS, StateBadge, dateText, nightLink, raceLink, waitText } from "/race_words.js";
 import { setQuery, useGet, useTopic } from "/store.js";
 import { number } from "/text.js";
 import { Empty, Failure, html, useEffect } from "/ui.js";
@@ -33,7 +33,7 @@ export function Page({ query }) {
           <button type="button" onClick=${() => setQuery({ new: "1" })}>Make the first race</button>
         <//>`
       }
-      ${found?.damaged.map((message) => html`<${Failure} key=${message} error=${{ message: inPage(message) }} />`)}
+      ${found?.damaged.map((message) => html`<${Failure} key=${message} error=${{ message }} />`)}
     </div>`;
 }
 

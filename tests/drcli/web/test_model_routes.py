@@ -86,10 +86,11 @@ def test_broken_settings_are_one_sentence_with_a_remedy(client, working_folder):
 @pytest.mark.usefixtures("models")
 def test_a_model_is_described_with_the_name_of_its_next_clone(client):
     found = about(client).json()
+    query = {"prefix": PREFIX, "about": "clone"}
+    asked = client.get("/api/model/question", params=query).json()
 
     assert found["model"]["prefix"] == PREFIX
-    assert found["next_name"] == "team/model-2"
-    assert found["upload_bucket"] == ""
+    assert asked["fields"][0]["value"] == "team/model-2"
     assert found["training"]["iterations"] == 2
 
 
@@ -98,6 +99,8 @@ def test_checkpoints_are_those_of_the_command(client, dr, capsys):
     found = about(client, "checkpoints").json()
 
     dr("list-checkpoints", PREFIX, "--json")
+    options = dict(found.pop("options"))
+    assert list(options)[:2] == ["best", "last"]
     assert found == json.loads(capsys.readouterr().out)
 
 
