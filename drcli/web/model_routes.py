@@ -1,9 +1,10 @@
 """Everything about models."""
 
+import json
 import math
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -324,6 +325,16 @@ def _mean(values: Sequence[float]) -> float | None:
 # The page of one model.
 
 
+def text_of(value: Any) -> str:
+    if value in (None, ""):
+        return "(not set)"
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _rows(values: Mapping[str, Any]) -> list[list[str]]:
+    return [[name, text_of(value)] for name, value in values.items()]
+
+
 class NewNote(Body):
     text: Text
 
@@ -369,12 +380,14 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
         prefix = prefix_of(request)
         _, bucket = reader.open(prefix)
         record = reader.record(prefix)
+        newest = None if record is None else record.newest
+        settings = {} if record is None else settings_of(record)
+        own = set(newest.settings or ()) if newest is not None else set()
         return {
             "files": files_of(ModelStore(bucket, prefix)),
-            "settings": {} if record is None else settings_of(record),
-            "given": [] if record is None else sorted(record.newest.settings or ()),
-            "versions": {} if record is None else record.newest.versions,
-            "machine": {} if record is None else record.newest.machine,
+            "given": _rows({name: each for name, each in settings.items() if name in own}),
+            "defaults": _rows({name: each for name, each in settings.items() if name not in own}),
+            "machine": [] if newest is None else _rows({**newest.machine, **newest.versions}),
             "parent": "" if record is None or record.parent is None else record.parent.prefix,
         }
 
@@ -383,7 +396,12 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
         bucket = reader.bucket(reader.folder.settings())
         other = checked(request.query_params.get("other"), "other model")
         mine = prefix_of(request)
-        return compare(compared(bucket, known, other), compared(bucket, known, mine))
+        found = compare(compared(bucket, known, other), compared(bucket, known, mine))
+        sections = {
+            title: [[each.name, text_of(each.before), text_of(each.after)] for each in changed]
+            for title, changed in found.sections().items()
+        }
+        return {"files": found.files, "results": found.result_rows(), "sections": sections}
 
     def notes(request: Request) -> Any:
         prefix = prefix_of(request)

@@ -17,12 +17,6 @@ export function videoPath(race, key, download = false) {
   return `${racePath(race, "video")}?name=${encodeURIComponent(name)}${download ? "&download" : ""}`;
 }
 
-export const KINDS = {
-  TIME_TRIAL: "Time trial",
-  OBJECT_AVOIDANCE: "Object avoidance",
-  HEAD_TO_BOT: "Head to bot",
-  HEAD_TO_MODEL: "Head to head, in pairs",
-};
 export const OBJECT_SETTINGS = { OBJECT_AVOIDANCE: "DR_OA_", HEAD_TO_BOT: "DR_H2B_" };
 /** For a page that prepares a training. */
 export const KIND_NOTES = {

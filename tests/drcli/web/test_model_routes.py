@@ -7,6 +7,7 @@ import pytest
 from drcli.model import keys
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.transfer.report_place import report_file
+from drcli.web.page_words import for_page
 from stored_models import STAMP, StoredModels
 
 PREFIX = "team/model-1"
@@ -101,7 +102,7 @@ def test_checkpoints_are_those_of_the_command(client, dr, capsys):
     dr("list-checkpoints", PREFIX, "--json")
     options = dict(found.pop("options"))
     assert list(options)[:2] == ["best", "last"]
-    assert found == json.loads(capsys.readouterr().out)
+    assert found == for_page(json.loads(capsys.readouterr().out))
 
 
 def test_the_reward_graph_has_episodes_means_and_the_best_checkpoint(client, models):
@@ -161,7 +162,9 @@ def test_files_are_compared_with_another_model(client, models):
 
     found = about(client, "difference", other="parent").json()
 
-    assert found["before"]["model"] == "parent"
+    lr = next(row for row in found["sections"]["Hyperparameters"] if row[0] == "lr")
+    assert lr[1] == "0.01"
+    assert found["results"][0][0] == "track"
     assert about(client, "files").json()["files"]["reward_function.py"].startswith("def reward")
 
 
