@@ -38,6 +38,7 @@ from drcli.transfer.training_details import compare, compared
 from drcli.transfer.training_list import TrainingEntry, entry_of, settings_of
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import DownloadFolder, ObjectCopies
+from drcli.web.evaluation_words import shown_evaluations
 from drcli.web.hub import Read
 from drcli.web.model_action_routes import Actions, action_routes, import_routes
 from drcli.web.model_questions import checkpoint_options
@@ -374,7 +375,7 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     def evaluations(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
-        return list_evaluations(settings.model, ModelStore(bucket, prefix))
+        return shown_evaluations(list_evaluations(settings.model, ModelStore(bucket, prefix)))
 
     def files(request: Request) -> Any:
         prefix = prefix_of(request)

@@ -5,7 +5,7 @@ import { Worker } from "/live_worker.js";
 import { stopEvaluation } from "/model_actions.js";
 import { Act } from "/model_page.js";
 import { useGet, useTopic } from "/store.js";
-import { lapTime, number, stampText } from "/text.js";
+import { number } from "/text.js";
 import { Empty, Failure, Table, html, useState } from "/ui.js";
 
 const VIEWS = {
@@ -13,25 +13,6 @@ const VIEWS = {
   "camera-45degree": "from behind",
   "camera-topview": "from above",
 };
-const spoken = (word) => word.toLowerCase().replaceAll("_", " ");
-const joined = (parts, by) => parts.filter(Boolean).join(by);
-const known = (value) => (value ?? null) !== null;
-/** How a trial ended; a finished lap may have resets and penalties. */
-const ended = (trial) =>
-  trial.clean ? "Clean lap" : trial.status === "Lap complete" ? "Finished" : trial.status;
-const sum = (each, name) => String(each.trials.reduce((total, trial) => total + trial[name], 0));
-const labelOf = (each) =>
-  joined(
-    [
-      stampText(each.stamp),
-      each.world,
-      each.reverse && "reverse",
-      each.checkpoint && `checkpoint ${each.checkpoint.split("_")[0]}`,
-      `${each.clean_laps} of ${each.trials.length} laps clean`,
-      known(each.best_lap_s) && lapTime(each.best_lap_s),
-    ],
-    " · ",
-  );
 
 /** @param {{prefix: string, path: (name: string) => string, version: any, running: Object[], action: Function}} props */
 export function Evaluations({ prefix, path, version, running, action }) {
@@ -41,7 +22,7 @@ export function Evaluations({ prefix, path, version, running, action }) {
   // A new result is shown at once, unless an older one was chosen.
   const one = stored.find((each) => each.stamp === chosen.one) ?? stored[0];
   const other = stored.find((each) => each.stamp === chosen.other);
-  const options = stored.map((each) => [each.stamp, labelOf(each)]);
+  const options = stored.map((each) => [each.stamp, each.label]);
   const choose = (name) => (stamp) => setChosen({ ...chosen, [name]: stamp });
   return html`
     ${running.map((each) => html`<${Running} key=${each.stamp} prefix=${prefix} evaluation=${each} />`)}
@@ -82,53 +63,25 @@ function Running({ evaluation: { stamp, checkpoint, world, started_at: began }, 
 
 function Single({ one }) {
   if (one.problem) return html`<div class="problem"><p>${one.problem}</p></div>`;
-  const { off_track_penalty_s: off, collision_penalty_s: hit } = one;
-  const rows = one.trials.map((trial) => [
-    ...[String(trial.trial), trial.time_text, `${number(trial.progress)} %`, ended(trial)],
-    ...[trial.off_track, trial.crashes, trial.resets].map(String),
-  ]);
-  const facts = [
-    one.world && `Track ${one.world}${one.reverse ? ", in reverse" : ""}`,
-    one.race_type && spoken(one.race_type),
-    one.checkpoint && `checkpoint ${one.checkpoint}`,
-    one.summary,
-  ];
   return html`
-    <p>${joined(facts, "; ")}.</p>
-    <${Table} caption="Trials" heads=${["Trial", "Time", "Completed", "Status", "Off-tracks", "Crashes", "Resets"]} rows=${rows} />
-    <p class="quiet fine">Times are those of the simulation, penalties included.${known(off) && ` Leaving the track costs ${number(off, 1)} s, a crash ${number(hit, 1)} s.`}</p>`;
+    <p>${one.about}</p>
+    <${Table} caption="Trials" heads=${["Trial", "Time", "Completed", "Status", "Off-tracks", "Crashes", "Resets"]} rows=${one.rows} />
+    <p class="quiet fine">${one.footnote}</p>`;
 }
 
-/** @type {[string, (each: any) => string, ((each: any) => number)?][]} */
-const FIGURES = [
-  ["Track", (each) => each.world || "–"],
-  ["Direction", (each) => (known(each.reverse) ? (each.reverse ? "reverse" : "as built") : "–")],
-  ["Checkpoint", (each) => each.checkpoint || "–"],
-  ["Clean laps", (each) => `${each.clean_laps} of ${each.trials.length}`],
-  ["Finished laps", (each) => `${each.complete_laps} of ${each.trials.length}`],
-  ["Best clean lap", (each) => lapTime(each.best_lap_s), (each) => each.best_lap_s],
-  [
-    "Mean of finished laps, with penalties",
-    (each) => lapTime(each.mean_lap_s),
-    (each) => each.mean_lap_s,
-  ],
-  ["Off-tracks", (each) => sum(each, "off_track")],
-  ["Crashes", (each) => sum(each, "crashes")],
-  ["Resets", (each) => sum(each, "resets")],
-];
-
 function Comparison({ one, other }) {
-  const names = [stampText(one.stamp), stampText(other.stamp)];
-  const difference = (value) => {
-    const [a, b] = [value?.(one), value?.(other)];
-    return known(a) && known(b) ? `${a - b > 0 ? "+" : "−"}${number(Math.abs(a - b), 3, "s")}` : "";
-  };
-  const trial = (each, k) =>
-    each.trials[k] ? `${each.trials[k].time_text}, ${ended(each.trials[k]).toLowerCase()}` : "–";
+  const names = [one.name, other.name];
+  const figures = one.figures.map(([name, text, seconds], k) => {
+    const [, otherText, otherSeconds] = other.figures[k];
+    const gap = seconds - otherSeconds;
+    const isKnown = seconds !== null && otherSeconds !== null;
+    const difference = isKnown ? `${gap > 0 ? "+" : "−"}${number(Math.abs(gap), 3, "s")}` : "";
+    return [name, text, otherText, difference];
+  });
+  const trial = ({ rows }, k) => (rows[k] ? `${rows[k][1]}, ${rows[k][3].toLowerCase()}` : "–");
   const count = Math.max(one.trials.length, other.trials.length);
   return html`
-    <${Table} caption="Two evaluations" heads=${["Figure", ...names, "Difference"]}
-      rows=${FIGURES.map(([name, text, value]) => [name, text(one), text(other), difference(value)])} />
+    <${Table} caption="Two evaluations" heads=${["Figure", ...names, "Difference"]} rows=${figures} />
     <${Table} caption="Their trials" heads=${["Trial", ...names]}
       rows=${Array.from({ length: count }, (_, k) => [String(k + 1), trial(one, k), trial(other, k)])} />
     ${one.world && other.world && one.world !== other.world && html`<p class="quiet">The tracks differ, so times cannot be compared.</p>`}`;
@@ -163,6 +116,6 @@ function Film({ prefix, path, one, action, videos, isNewest }) {
   return html`
     <h2>Video</h2>
     ${names.length > 1 && html`<${SelectField} label="View" options=${names.map((each) => [each, label(each)])} value=${name} onChange=${setChosen} />`}
-    <video class="model-video" controls preload="metadata" key=${source} src=${source} aria-label=${`Video of the evaluation of ${stampText(one.stamp)}`}></video>
+    <video class="model-video" controls preload="metadata" key=${source} src=${source} aria-label=${`Video of the evaluation of ${one.name}`}></video>
     <p class="actions"><a class="button" href=${`${source}&download`} download="">Download the video</a>${more}</p>`;
 }
