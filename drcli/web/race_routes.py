@@ -10,6 +10,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import SettingsError
+from drcli.base.report import counted
 from drcli.bucket.connect import open_running_bucket
 from drcli.config.race_types import RaceKind
 from drcli.model import race_keys
@@ -38,6 +39,7 @@ from drcli.tracks.track_list import list_tracks
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import ObjectCopies
 from drcli.web.hub import Read
+from drcli.web.model_questions import dialog, field
 from drcli.web.race_fields import form_of, of_a_form
 from drcli.web.race_reader import RaceReader, words_of_rules
 from drcli.web.served_folder import ServedFolder
@@ -224,6 +226,7 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             for name, change in _CHANGES.items()
         ),
         Route("/api/race/{race}/rules", answers(lambda request: _rules(reader, request))),
+        Route("/api/race/{race}/question", answers(lambda request: _question(reader, request))),
     ]
 
 
@@ -281,9 +284,9 @@ def _rules(reader: RaceReader, request: Request) -> Any:
         "bots": conditions.h2b_number_of_bot_cars,
     }
     fields = _fields(reader, values)
-    for field in fields:
-        if field["only"] and rules.race_type not in field["only"] and field["kind"] == "whole":
-            field["value"] = None
+    for each in fields:
+        if each["only"] and rules.race_type not in each["only"] and each["kind"] == "whole":
+            each["value"] = None
     return {"fields": fields}
 
 
@@ -299,6 +302,44 @@ def _fields(reader: RaceReader, values: dict[str, Any]) -> list[dict[str, Any]]:
         "bots": {"empty": str(settings.h2b_number_of_bot_cars)},
     }
     return form_of(values, more)
+
+
+def _question(reader: RaceReader, request: Request) -> dict[str, Any]:
+    """What the page asks before the queue is driven, the race opened, or its page saved."""
+    report = reader.report(race_of(request))
+    match request.query_params.get("about"):
+        case "run":
+            count = len(report.queue)
+            waiting = "1 run waits" if count == 1 else f"{count:,} runs wait"
+            return dialog(
+                "Drive the queue",
+                "Drive it",
+                field("video", "Videos", "", options=_VIDEOS),
+                intro=f"{waiting} in the queue. This machine drives one after the other in the "
+                "background, also when this page is closed.",
+            )
+        case "open":
+            closes = field("closes", "Closes", "", more={"type": "datetime-local"})
+            closes["help"] = "Empty: when somebody closes it."
+            return dialog("Take submissions from now on", "Open it", closes)
+        case "page":
+            films = sum(bool(row.video) for row in report.leaderboard)
+            label = f"With {counted(films, 'video')} of the leaderboard (a few MB each)"
+            without = "" if films else " There are no videos on the leaderboard."
+            return dialog(
+                "Save this race as one HTML file",
+                "Save",
+                field("videos", label, False) if films else None,
+                intro=f"It needs no network and has no scripts.{without}",
+            )
+    raise BadRequest("The questions are about run, open and page.")
+
+
+_VIDEOS = [
+    ("", "If the video encoder is installed"),
+    ("yes", "Yes; refuse without the encoder"),
+    ("no", "No, which is faster"),
+]
 
 
 def _file_routes(reader: RaceReader) -> Sequence[BaseRoute]:

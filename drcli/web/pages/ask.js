@@ -67,7 +67,7 @@ function Form({ title, intro, fields, action, danger, confirm, close }) {
   return html`
     <form class="ask" onSubmit=${submit}>
       <h2 id="ask-title">${title}</h2>
-      ${intro}
+      ${typeof intro === "string" ? html`<p>${intro}</p>` : intro}
       ${fields.map((field) => control(field, values, setValues))}
       <p class="actions">
         <button type="button" onClick=${() => close(null)}>Cancel</button>

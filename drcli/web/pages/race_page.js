@@ -132,10 +132,10 @@ function Actions({ id, race, act, after, take }) {
         `${taken.racer} has submitted checkpoint ${checkpointNumber(taken)} of ${taken.model}.${taken.queue ? "" : " Drive the queue to see its laps."}`,
       );
     });
-  const asked = async (name, question) => {
+  const [asked] = useAction(async (name, question) => {
     const body = await question;
     if (body) await act(name, body);
-  };
+  });
   const close = async () => {
     const detail =
       "What waits in the queue is still driven, and then there is a winner. You can open it again.";
@@ -149,12 +149,12 @@ function Actions({ id, race, act, after, take }) {
     <p class="actions race-actions">
       ${open && button("Submit a model", submit, "main")}
       ${race.runner && race.here && button("Stop the queue", stop)}
-      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => asked("run", ask.howToDrive(race)), open ? null : "main")}
+      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => asked("run", ask.howToDrive(id)), open ? null : "main")}
       <a class="button" href=${nightLink(id)}>Race night</a>
       ${(open || scheduled) && button("Close for submissions", close)}
-      ${!open && button(scheduled ? "Open now" : "Open again", () => asked("open", ask.untilWhen()))}
+      ${!open && button(scheduled ? "Open now" : "Open again", () => asked("open", ask.untilWhen(id)))}
       ${button("Save as CSV", () => after(() => ask.keep(id, "table.csv", `${id}.csv`)))}
-      ${button("Save as a page", () => after(() => ask.savePage(id, race)))}
+      ${button("Save as a page", () => after(() => ask.savePage(id)))}
       ${button("Log of the queue", () => after(() => ask.showLog(id)))}
       ${race.changeable && button("Change the rules", () => setQuery({ rules: "1" }))}
       ${button("Delete", () => after(() => ask.erase(id, race)), "danger")}

@@ -242,6 +242,21 @@ def test_what_a_submission_may_be_made_of(home, client, monkeypatch):
     assert set(fields) == set(RaceForm.model_fields)
 
 
+def test_what_the_page_asks_about_a_race_is_said_here(home, client):
+    home.race()
+    home.submit("ann")
+
+    run, taking, page = (
+        client.get(f"/api/race/cup/question?about={about}").json()
+        for about in ("run", "open", "page")
+    )
+
+    assert run["intro"].startswith("1 run waits in the queue.")
+    assert [each["name"] for each in run["fields"] + taking["fields"]] == ["video", "closes"]
+    assert (page["fields"], "no videos" in page["intro"]) == ([], True)
+    assert client.get("/api/race/cup/question?about=sale").status_code == 400
+
+
 def test_the_log_of_the_queue_is_shown_from_its_end(home, client):
     home.race()
     assert client.get("/api/race/cup/log").json()["text"] is None
