@@ -125,23 +125,23 @@ def review_import(settings: Settings, design: Design) -> Iterator[Problem]:
             yield Problem("V-34", "warning", where, None, what, remedy)
 
 
-_DISTILL = "for these, `dr-export droa --distill` trains one that they have from its actions"
+_DISTILL = f"`dr-export droa --distill` lets {NETWORKS[0]}, which they have, learn from the model"
 
 
 def destinations(metadata: ModelMetadata) -> str:
     """Where a model can go after its training, in a sentence or two."""
-    others = "DeepRacer on AWS and DeepRacer-for-Cloud"
+    others = "DeepRacer on AWS or DeepRacer-for-Cloud"
     if not metadata.algorithm.in_reference:
         return (
-            f"The trained model can go to the physical car. {others} have other networks for "
-            f"{metadata.training_algorithm}: {_DISTILL}."
+            f"The trained model can go to the physical car, but not to {others}: there, "
+            f"{metadata.training_algorithm} has other networks. {_DISTILL}."
         )
     if metadata.neural_network in NETWORKS:
         return f"The trained model can go to the physical car, and to {others}."
     return (
-        f"The trained model can go to the physical car. {others} have no "
-        f'{metadata.neural_network}: {_DISTILL}, or write "neural_network": "{NETWORKS[0]}" '
-        "into model_metadata.json before the training."
+        f"The trained model can go to the physical car, but not to {others}, which have no "
+        f"{metadata.neural_network}. {_DISTILL}; or begin the training with "
+        f'"neural_network": "{NETWORKS[0]}" in model_metadata.json.'
     )
 
 

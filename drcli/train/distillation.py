@@ -7,7 +7,7 @@ there: as a student learns from its teacher (`drcli.learn.taught`).
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 
@@ -33,6 +33,7 @@ from drcli.drive.driving import Driver, Plan, Racer, rollout_of
 from drcli.drive.evaluator import MOST_CARS
 from drcli.learn.actor_critic import FIRST_LOG_STD, ActorCritic
 from drcli.learn.compute import choose_compute
+from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import Network
 from drcli.learn.policy import Float32s, Observation, Policy
 from drcli.learn.rollout_buffer import Rollout
@@ -121,15 +122,18 @@ def distil(
     original = Teaching(design, weights, name)
     wanted = student_design(design)
     torch.manual_seed(seed)
-    compute = choose_compute(train.torch_precision, STUDENT.batch_size, usable_cores(train))
+    threads = usable_cores(train)
+    compute = choose_compute(train.torch_precision, STUDENT.batch_size, threads)
     student = ActorCritic(policy_spec(wanted.metadata, wanted.parameters))
     driving = ActorCritic(student.spec).eval()
     if student.spec.continuous:
         with torch.no_grad():
             student.log_std.fill_(SMALL_LOG_STD)
     learner = Distillation(student, original.labels, compute)
+    torch.set_num_threads(1)  # those of policies and learner are beside operations
     races = _races(race)
-    with closing(_trials(races, train, design.metadata, original, seed)) as trials:
+    policies = [DataParallelPolicy(policy, threads) for policy in (driving, original)]
+    with closing(_trials(races, train, design.metadata, policies[1], seed)) as trials:
         wanted_laps = trials.evaluate(LAPS, _never).laps
     say(f"{name} drives {wanted_laps}.")
     if wanted_laps.clean < _needed(wanted_laps):
@@ -142,8 +146,8 @@ def distil(
     best, best_weights = Laps(wanted_laps.driven, []), weights_of(student)
     most = PhaseJudge(many=len(races) > 1).most_steps(_MARK)
     with (
-        closing(_Lessons(races, train, design.metadata, [driving, original], seed)) as lessons,
-        closing(_trials(races, train, design.metadata, driving, seed)) as trials,
+        closing(_Lessons(races, train, design.metadata, policies, seed)) as lessons,
+        closing(_trials(races, train, design.metadata, policies[0], seed)) as trials,
     ):
         while steps < most and not _follows(best, wanted_laps):
             rollout = lessons.drive(iteration)
@@ -270,7 +274,7 @@ class _Lessons:
         races: list[DriveConfig],
         train: TrainConfig,
         metadata: ModelMetadata,
-        policies: list[Policy],
+        policies: Sequence[Policy],
         seed: int,
     ) -> None:
         tracks = tracks_of(races)

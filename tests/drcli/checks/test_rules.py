@@ -847,6 +847,7 @@ def test_what_the_import_at_the_end_would_refuse_is_told_before_the_start(
     assert bool(told) == refused
     assert {item.severity for item in told} <= {"warning"}
     assert all("DR_IMPORT_MODEL_ON_COMPLETION=False" in item.remedy for item in told)
+    assert all("`dr-export droa --distill`" in item.remedy for item in told)
 
 
 @pytest.mark.parametrize("settings", [{}, {**IMPORTED, "DR_IMPORT_MODEL_ON_COMPLETION": False}])
