@@ -153,7 +153,7 @@ function Form({ usual, wish = null, action, draft, send, leave }) {
     const timer = setTimeout(() => setSlow(true), SLOW_MS);
     try {
       await send(rules);
-      draft.set({});
+      draft.saved(values);
     } catch (error) {
       refuse(aboutField(error));
     } finally {
