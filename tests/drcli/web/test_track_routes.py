@@ -16,7 +16,7 @@ def test_what_is_no_name_is_refused(client, world):
     answer = client.get("/api/track", params={"world": world})
 
     assert answer.status_code == 400
-    assert "no name of a track" in answer.json()["error"]["message"]
+    assert "is not a name of a track" in answer.json()["error"]["message"]
 
 
 def test_a_track_that_is_not_installed_is_a_sentence(client):
