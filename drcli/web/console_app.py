@@ -21,6 +21,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from drcli.web import (
+    car_routes,
     episode_routes,
     file_routes,
     live_topics,
@@ -29,6 +30,7 @@ from drcli.web import (
     reward_routes,
     run_topics,
     settings_routes,
+    spot_routes,
     start_routes,
     stream_route,
     subprocess_work,
@@ -229,6 +231,8 @@ PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
     file_routes.routes,
     reward_routes.routes,
     start_routes.routes,
+    spot_routes.routes,
+    car_routes.routes,
     episode_routes.routes,
 )
 """Each declares its topics with the hub, and returns its routes below /api."""

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 with lazy_imports():
+    from drcli.drive import racer_limit
     from drsim import errors as drsim_errors
     from drsim.track import worlds
 
@@ -35,12 +36,12 @@ def _line(points: NDArray[np.float64]) -> list[list[float]]:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`GET /api/track`."""
+    """`GET /api/track`, and `/api/track/limit` for the fastest line that is known of the car."""
 
     def show(request: Request) -> Any:
         world = request.query_params.get("world", "")
         if _NAME.fullmatch(world) is None:
-            raise BadRequest(f"{world[:80]!r} is no name of a track.")
+            raise BadRequest(f"{world[:80]!r} is not a name of a track.")
         try:
             track = worlds.load_track(world, folder.settings().tracks_folder)
         except drsim_errors.TrackError as error:
@@ -57,7 +58,22 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "outer": _line(track.outer),
         }
 
-    return [Route("/api/track", answers(show))]
+    def limit(request: Request) -> Any:
+        settings, asked = folder.settings(), request.query_params
+        world = asked.get("world", "")
+        if _NAME.fullmatch(world) is None:
+            raise BadRequest(f"{world[:80]!r} is not a name of a track.")
+        return racer_limit.fastest_line_of(
+            racer_limit.Asked(
+                world,
+                settings.tracks_folder,
+                folder.directory,
+                asked.get("reverse") == "true",
+                settings.race.sim_car,
+            )
+        )
+
+    return [Route("/api/track", answers(show)), Route("/api/track/limit", answers(limit))]
 
 
 # Tracks to choose from, with outlines.

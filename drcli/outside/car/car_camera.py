@@ -1,6 +1,7 @@
 """Whether the picture of a car's camera is what a model expects."""
 
 import io
+import math
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -84,19 +85,12 @@ def check_camera(car: CarWeb, out: Path) -> CameraCheck:
 def read_picture(car: CarWeb) -> bytes:
     """The next picture of the camera, as JPEG."""
     end_s = time.monotonic() + PICTURE_WITHIN_S
-    found = b""
     try:
         with closing(
             car.stream(STREAM, action="show its camera", timeout_s=PICTURE_WITHIN_S)
         ) as answer:
-            for chunk in answer.iter_content(1024):
-                found += bytes(chunk)
-                begin = found.find(_BEGIN)
-                end = found.find(_END, begin)
-                if 0 <= begin < end:
-                    return found[begin : end + len(_END)]
-                if len(found) > _LARGEST or time.monotonic() > end_s:
-                    break
+            for picture in pictures_of(answer, end_s):
+                return picture
     except requests.exceptions.RequestException:
         pass
     raise CarError(
@@ -104,6 +98,20 @@ def read_picture(car: CarWeb) -> bytes:
         remedy="Look at `dr-car status`: is the camera connected? Open the camera view of the "
         "car's page once, which starts it, or restart the car.",
     )
+
+
+def pictures_of(answer: "requests.Response", end_s: float = math.inf) -> Iterator[bytes]:
+    """Pictures of a stream, as JPEG, until this time of the monotonic clock."""
+    found = b""
+    for chunk in answer.iter_content(1024):
+        found += bytes(chunk)
+        begin = found.find(_BEGIN)
+        end = found.find(_END, begin)
+        if 0 <= begin < end:
+            yield found[begin : end + len(_END)]
+            found = found[end + len(_END) :]
+        if len(found) > _LARGEST or time.monotonic() > end_s:
+            return
 
 
 def way_up(jpeg: bytes) -> Way:

@@ -189,6 +189,7 @@ class OpenedTrace:
             "notes": self.notes,
             "world": None if self.track is None else self.track.name,
             "race_type": self.race.race_type,
+            "reverse": self.race.reverse is True,
             "racer": "" if recording is None else recording.racer,
             "outline": None if self.track is None else outline(self.track),
             "policy": self.policy,

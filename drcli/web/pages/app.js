@@ -12,6 +12,8 @@ const PAGES = [
   { path: "/models", name: "Models", module: "/models_page.js" },
   { path: "/play", name: "Episodes", module: "/player_page.js" },
   { path: "/races", name: "Races", module: "/races_page.js" },
+  { path: "/spot", name: "Spot", module: "/spot_page.js" },
+  { path: "/car", name: "Car", module: "/car_page.js" },
   { path: "/settings", name: "Settings", module: "/settings_page.js" },
 ];
 // Pages below an entry of the menu: pattern of the path, module, path of the entry.

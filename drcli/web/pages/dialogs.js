@@ -35,7 +35,7 @@ export function dialog(content, { label, wide = false }) {
 /**
  * Ask before something that cannot be undone.
  * @param {string} question
- * @param {{action: string, detail?: string}} options
+ * @param {{action: string, detail?: any}} options
  * @returns {Promise<boolean>}
  */
 export async function confirmed(question, { action, detail = "" }) {

@@ -13,7 +13,7 @@ import {
   waitText,
 } from "/race_words.js";
 import { useTopic } from "/store.js";
-import { andResets, duration, number } from "/text.js";
+import { andResets, duration, mean, number } from "/text.js";
 import { TrackMap } from "/track_map.js";
 import { Failure, html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "/ui.js";
 
@@ -201,24 +201,39 @@ function scoreText(race, row) {
 const clock = (seconds) =>
   `${Math.floor(seconds / 60)}:${(seconds % 60).toFixed(3).padStart(6, "0")}`;
 
-/** The rows of the board; where the best lap decides, a clean lap counts as soon as it is driven. */
+/**
+ * What the laps of a car that still drives come to, seconds; Infinity if nothing counts yet. Only clean laps do: what
+ * penalties of others add is known at the end.
+ */
+export function resultSoFar({ ranking, min_laps: least, average_laps: many }, laps) {
+  const times = laps.map((lap) => (lap.progress >= 100 && !lap.resets ? lap.time_s : Infinity));
+  if (ranking === "best-lap")
+    return times.filter(Number.isFinite).length < least ? Infinity : Math.min(...times);
+  let row = 0;
+  const rows = times.map((time) => (row = Number.isFinite(time) ? row + 1 : 0));
+  if (ranking !== "best-average" || Math.max(...rows) < least) return Infinity;
+  const averages = times.map((_, k) => mean(times.slice(k + 1 - many, k + 1)));
+  return Math.min(...averages.slice(many - 1));
+}
+
+/** The rows of the board; who drives is in it with the result so far, which an average may still improve. */
 function boardRows(race, drivers) {
   const rows = race.leaderboard.map((row) => ({
     ...{ racer: row.racer, rank: row.rank, seconds: row.score_s, score: scoreText(race, row) },
     gap: inPairs(race) ? `best lap ${row.best_lap_text}` : gapText(row),
     drives: drivers.some((car) => car.racer === row.racer),
   }));
-  if (race.rules.ranking !== "best-lap" || inPairs(race)) return rows;
+  if (inPairs(race)) return rows;
+  const open = race.rules.ranking === "best-average" ? " so far" : "";
   for (const { racer, laps } of drivers) {
-    const clean = laps.filter((lap) => lap.progress >= 100 && !lap.resets);
-    const best = Math.min(...clean.map((lap) => lap.time_s));
+    const best = resultSoFar(race.rules, laps);
     const old = rows.findIndex((row) => row.racer === racer);
-    if (!clean.length || (old >= 0 && (rows[old].seconds ?? Infinity) <= best)) continue;
+    if (best === Infinity || (old >= 0 && (rows[old].seconds ?? Infinity) <= best)) continue;
     if (old >= 0) rows.splice(old, 1);
     const behind = rows.findIndex((row) => (row.seconds ?? Infinity) > best);
     const rank = behind < 0 ? rows.length : behind;
     const first = rank ? rows[0].seconds : best;
-    const gap = rank ? `+${number(best - first, 3, "s")}` : "leads now";
+    const gap = rank ? `+${number(best - first, 3, "s")}${open}` : `leads${open || " now"}`;
     const row = { racer, rank: rank + 1, seconds: best, score: clock(best), gap, drives: true };
     rows.splice(rank, 0, row);
     rows.forEach((each, k) => {
@@ -288,7 +303,7 @@ function AllPairs({ race, isNarrow }) {
 }
 
 /** Videos of a run that has ended. */
-function filmsOf(race, run) {
+export function filmsOf(race, run) {
   const names = run.cars.map((car) => car.submission);
   if (names.length === 1)
     return race.submissions
@@ -303,16 +318,22 @@ function Side({ id, race, cars, isNarrow }) {
   const { driving, last } = race.moments;
   const begun = useRef(last?.key);
   const [ended, setEnded] = useState("");
-  const film = last?.state === "done" ? filmsOf(race, last)[0] : null;
+  const films = last?.state === "done" ? filmsOf(race, last) : [];
   const fresh = last?.key !== begun.current && ended !== last?.key;
-  const shown = film && ended !== `bad ${last.key}` && (!driving || fresh);
+  const shown = films.length > 0 && ended !== `bad ${last.key}` && (!driving || fresh);
   const screen =
     shown &&
     html`
     <section class="night-film" aria-label="Film of the last run">
       <h2>${driversText(last)}</h2>
-      <video key=${film} autoplay muted playsinline loop=${!driving} src=${videoPath(id, film)} aria-label=${`Film of ${driversText(last)}`}
-        onEnded=${() => setEnded(last.key)} onError=${() => setEnded(`bad ${last.key}`)}></video>
+      <div class="night-films">${films.map(
+        (
+          film,
+          k,
+        ) => html`<video key=${film} autoplay muted playsinline loop=${!driving} src=${videoPath(id, film)}
+          aria-label=${`Film of ${driversText(last)}${films.length > 1 ? `, camera ${k + 1}` : ""}`}
+          onEnded=${() => setEnded(last.key)} onError=${() => setEnded(`bad ${last.key}`)}></video>`,
+      )}</div>
     </section>`;
   return html`
     <section class="night-now" aria-label="Driven now"><h2>Now</h2>${driving ? html`<${Driving} key=${driving.key} race=${race} ...${cars} />` : html`<p class="quiet">${idleText(race)}</p>`}</section>

@@ -4,7 +4,7 @@ import { EpisodeChooser } from "/episode_chooser.js";
 import { lastAt, useLaps } from "/episode_data.js";
 import { EpisodePane } from "/episode_pane.js";
 import { Curve, Gain } from "/lap_curves.js";
-import { setQuery } from "/store.js";
+import { setQuery, useGet } from "/store.js";
 import { number } from "/text.js";
 import { TrackMap } from "/track_map.js";
 import { Choice, Failure, Folded, html, useEffect, useMemo, useRef, useState } from "/ui.js";
@@ -127,6 +127,14 @@ function paneLinks(data, k, query) {
   ];
 }
 
+/** The fastest line that is known, as a path of the map. */
+function lineOf(limit) {
+  if (!limit) return [];
+  const points = [...limit.line, limit.line[0]];
+  const [x, y] = [0, 1].map((k) => points.map((each) => each[k]));
+  return [{ x, y, color: "c3" }];
+}
+
 /** The player of one or two laps. @param {{laps: any[], query: URLSearchParams}} props */
 function Player({ laps, query }) {
   const lead = laps[0];
@@ -222,16 +230,23 @@ function Player({ laps, query }) {
     return () => own.abort();
   }, []);
 
+  const { world, reverse } = lead.facts;
+  const lined = query.get("line") !== "off";
+  const limit = useGet(
+    world && lined ? `/api/track/limit?${new URLSearchParams({ world, reverse })}` : null,
+  );
   const paths = useMemo(
-    () =>
-      laps.map(({ lap }, k) => {
+    () => [
+      ...laps.map(({ lap }, k) => {
         const { of, ...shown } = PATHS[path];
         const line = { x: lap.x, y: lap.y };
         return k
           ? { ...line, color: COLORS[k], dashed: true }
           : { ...line, ...shown, values: of(lap) };
       }),
-    [laps, path],
+      ...lineOf(limit.value),
+    ],
+    [laps, path, limit.value],
   );
   const cars = laps.map(({ lap }, k) => ({
     x: lap.x[rows[k]],
@@ -302,7 +317,13 @@ function Player({ laps, query }) {
             <input type="checkbox" checked=${numbers} onChange=${(event) => setNumbers(event.currentTarget.checked)} />
             <span>Waypoint numbers</span>
           </label>
+          <label class="tick">
+            <input type="checkbox" checked=${lined} onChange=${() => setQuery({ line: lined ? "off" : "" })} />
+            <span>Best known line</span>
+          </label>
         </p>
+        ${lined && limit.value && html`<p class="quiet">Best known line: ${limit.value.text}</p>`}
+        ${lined && limit.error && html`<p class="quiet">${limit.error.message}</p>`}
         ${!two && curves}
       </section>
       ${two && pane(1)}

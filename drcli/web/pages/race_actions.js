@@ -41,7 +41,7 @@ function Submission({ id, start, prefixes, folder, close }) {
   const [submit, busy] = useAction(async () => {
     try {
       const answer = await post(racePath(id, "submit"), values);
-      draft.set({});
+      draft.saved(values);
       close(answer);
     } catch (error) {
       setRefused(aboutField(error));

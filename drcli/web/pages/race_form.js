@@ -105,7 +105,7 @@ function Form({ fields, present = false, action, draft, send, leave }) {
     const timer = setTimeout(() => setSlow(true), SLOW_MS);
     try {
       await send(rules);
-      draft.set({});
+      draft.saved(values);
     } catch (error) {
       refuse(aboutField(error));
     } finally {

@@ -113,3 +113,14 @@ def test_what_is_wrong_is_a_sentence(console, visit):
     visited.page.get_by_text("'x/../y' is no trace of a model.").wait_for()
     visited.page.get_by_role("button", name="Try again").wait_for()
     visited.problems[:] = [each for each in visited.problems if "422" not in each]
+
+
+def test_the_best_known_line_is_a_layer_that_can_be_switched(console, visit):
+    lap = {"model": MODEL, "trace": EVALUATION, "episode": 0}
+    page = visit(address(console, **lap)).page
+    page.get_by_text("Best known line: The limit").wait_for()
+
+    page.get_by_label("Best known line").uncheck()
+    page.get_by_text("Best known line: The limit").wait_for(state="detached")
+
+    assert "line=off" in page.url

@@ -160,3 +160,27 @@ def test_a_submission_says_how_its_checkpoint_drove_and_what_is_wrong(home, serv
     racer = page.get_by_label("Racer", exact=True)
     assert racer.get_attribute("aria-invalid") == "true"
     assert "dr-race" not in page.get_by_role("dialog").inner_text()
+
+
+def test_an_average_is_told_while_its_racer_still_drives(home, served, visit):
+    page = visit(f"{served.url}/#/races").page
+    rules = {"ranking": "best-average", "min_laps": 2, "average_laps": 2}
+    laps = [{"progress": 100, "resets": 0, "time_s": time_s} for time_s in (9.0, 8.0, 7.0)]
+    laps.insert(2, {"progress": 100, "resets": 1, "time_s": 1.0})
+
+    so_far = "given => import('/night_page.js').then(page => page.resultSoFar(...given))"
+
+    assert page.evaluate(so_far, [rules, laps]) == 8.5
+    assert page.evaluate(so_far, [rules, laps[2:]]) == float("inf")
+    assert page.evaluate(so_far, [{**rules, "ranking": "best-lap"}, laps]) == 7.0
+    assert page.evaluate(so_far, [{**rules, "ranking": "total-time"}, laps]) == float("inf")
+
+
+def test_both_cars_of_a_pair_are_filmed(home, served, visit):
+    page = visit(f"{served.url}/#/races").page
+    race = {"submissions": [], "pairs": [{"first": "a", "second": "b", "videos": ["1", "2"]}]}
+    run = {"cars": [{"submission": "a"}, {"submission": "b"}]}
+
+    films = "given => import('/night_page.js').then(page => page.filmsOf(...given))"
+
+    assert page.evaluate(films, [race, run]) == ["1", "2"]

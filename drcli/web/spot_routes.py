@@ -1,0 +1,217 @@
+"""Trainings on spot machines of Amazon, as `dr-spot` makes, shows and ends them."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
+
+from pydantic import Field, model_validator
+from starlette.requests import Request
+from starlette.routing import BaseRoute, Route
+
+from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_imports
+from drcli.base.json_record import plain
+from drcli.outside.aws import stacks
+from drcli.outside.aws.aws_account import Account
+from drcli.outside.aws.creation import Market
+from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_template
+from drcli.run import stack_plan
+from drcli.web.answers import BadRequest, Body, Text, accepts, answers
+from drcli.web.served_folder import ServedFolder
+from drcli.web.tasks import Progress
+
+with lazy_imports():
+    from drcli.outside.aws import creation, racer_files, stack_end, stack_logs, stack_report
+    from drcli.transfer import copy_custom_files
+
+LOG_LINES = 200
+STOP_PATIENCE_S = 600.0
+_SAME_USD = 0.0005
+
+
+class OfStack(Body):
+    stack: Text
+
+
+class PlanStack(OfStack):
+    """`base` is a stack with the bucket; without both, the bucket of the settings is used."""
+
+    base: Text = ""
+    bucket: Text = ""
+    market: Market = "spot"
+    ttl_minutes: Annotated[int, Field(ge=0)] = 720
+
+
+class CreateStack(PlanStack):
+    agreed_usd_per_hour: float | None
+    """Of the dearest machine, which the racer has seen; null if it was not known."""
+
+
+class StopStack(OfStack):
+    now: bool = False
+
+
+class DeleteStack(OfStack):
+    confirm: Any = None
+    keep_bucket: bool = False
+
+    @model_validator(mode="after")
+    def _confirmed(self) -> Self:
+        if self.confirm != self.stack:
+            raise BadRequest(f"Type {self.stack} to confirm that it is to be deleted.")
+        return self
+
+
+@dataclass(frozen=True)
+class Spot:
+    """What the work of tasks uses."""
+
+    folder: ServedFolder
+
+    def account(self) -> Account:
+        """Wrong settings must not keep anybody from seeing and ending what costs money."""
+        settings = None
+        with suppress(SettingsError):
+            settings = self.folder.settings()
+        return stack_plan.account_of(settings)
+
+    def prepared(self, body: PlanStack, progress: Progress) -> "tuple[Account, Any, list[str]]":
+        """Account, `StackPlan` and warnings; nothing is changed."""
+        directory = self.folder.directory
+        before = stack_plan.read_settings(directory)
+        ours = stack_plan.account_of(before)
+        bucket, topic = body.bucket, ""
+        if body.base:
+            shared = stacks.need_stack(ours, body.base, "base")
+            bucket, topic = bucket or shared.bucket, shared.outputs.get("Topic", "")
+        options = creation.StackOptions(
+            body.stack,
+            bucket or stack_plan.usual_bucket(before),
+            market=body.market,
+            ttl_minutes=body.ttl_minutes,
+            topic=topic,
+        )
+        stacks.check_name(body.stack)
+        creation.check_options(options)
+        progress("Checks settings, files and reward function.")
+        loaded, warnings = stack_plan.checked_settings(
+            directory, ours, options.bucket, body.stack, before
+        )
+        progress("Prepares what the machine installs.")
+        source = racer_files.find_source("")
+        progress(f"Asks Amazon for quotas and prices in {ours.region}.")
+        plan = creation.prepare(ours, loaded, options, source)
+        return ours, plan, [*map(str, warnings), *plan.notes]
+
+
+def _plan(at: Spot, body: PlanStack, progress: Progress) -> Any:
+    ours, plan, notes = at.prepared(body, progress)
+    planned = creation.Planned.of(plan, ours.region)
+    said = [str(line) for line in planned.view() if line]
+    return {**plain(planned), "said": said, "notes": notes}
+
+
+def _create(at: Spot, body: CreateStack, progress: Progress) -> Any:
+    ours, plan, _ = at.prepared(body, progress)
+    agreed, now = body.agreed_usd_per_hour, plan.estimate.most
+    if now is not None and (agreed is None or now > agreed + _SAME_USD):
+        was = "not known" if agreed is None else f"{agreed:.3f} USD per hour"
+        raise SettingsError(
+            f"The price of {body.stack} was {was}, and is up to {now:.3f} USD per hour now; "
+            "nothing was started.",
+            remedy="Ask for the price again.",
+        )
+    files = plan.settings.custom_files
+    if files.folder.is_dir():
+        copy_custom_files.upload_custom_files(files, plan.settings.storage, progress)
+    progress("Makes the stack.")
+    return creation.carry_out(ours, plan)
+
+
+def _base(at: Spot, body: OfStack, progress: Progress) -> Any:
+    stacks.check_name(body.stack)
+    ours = at.account()
+    stacks.refuse_existing(ours, body.stack)
+    tags = {STACK_TAG: body.stack, KIND_TAG: "base"}
+    made = stacks.create_stack(ours, body.stack, base_template(body.stack), tags, roles=False)
+    return {"stack": body.stack, "bucket": made.bucket}
+
+
+def _stop(at: Spot, body: StopStack, progress: Progress) -> Any:
+    ours = at.account()
+    found = stacks.need_stack(ours, body.stack, "training")
+    checkpoint = ""
+    if not body.now:
+        progress("Waits until the training has saved its model.")
+        stack_end.stop_training_there(ours, found, patience_s=STOP_PATIENCE_S)
+        checkpoint = stack_end.verified_checkpoint(ours, found)
+    progress("Removes the stack.")
+    return str(stack_end.remove_training(ours, found, checkpoint))
+
+
+def _delete(at: Spot, body: DeleteStack, progress: Progress) -> Any:
+    ours = at.account()
+    found = stacks.need_stack(ours, body.stack)
+    if found.kind != "base":
+        return str(stack_end.remove_training(ours, found, ""))
+    content = stack_end.content_of_bucket(ours, found)
+    keep = body.keep_bucket or content is None
+    stack_end.remove_base(ours, found, keep_bucket=keep)
+    return f"Removed {body.stack}{'; its bucket stays' if keep else ' and its bucket'}."
+
+
+TASKS: dict[str, tuple[Callable[[Spot, Any, Progress], Any], str]] = {
+    "plan": (_plan, "Ask what {body.stack} costs"),
+    "create": (_create, "Start {body.stack} at Amazon"),
+    "base": (_base, "Make a bucket at Amazon for {body.stack}"),
+    "stop": (_stop, "Stop {body.stack} at Amazon"),
+    "delete": (_delete, "Delete {body.stack} at Amazon"),
+}
+
+
+def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    at = Spot(folder)
+
+    def listed(_: Request) -> Any:
+        ours = at.account()
+        bucket = ""
+        with suppress(SettingsError):
+            bucket = stack_plan.usual_bucket(folder.settings())
+        found = [stack_report.report_on(ours, each) for each in stacks.our_stacks(ours)]
+        return {"region": ours.region, "bucket": bucket, "stacks": found}
+
+    def logs(request: Request) -> Any:
+        ours, asked = at.account(), request.query_params
+        found = stacks.need_stack(ours, asked.get("stack", ""), "training")
+        known = stack_logs.list_logs(ours, found)
+        newest = max(known, key=lambda info: info.modified).key
+        key = next((info.key for info in known if info.key == asked.get("log")), newest)
+        lines = stack_logs.read_log(ours, found, key, LOG_LINES)
+        return {"logs": [info.key for info in known], "log": key, "lines": lines}
+
+    def removal(request: Request) -> Any:
+        ours = at.account()
+        found = stacks.need_stack(ours, request.query_params.get("stack", ""), "base")
+        content = stack_end.content_of_bucket(ours, found)
+        return {"content": "" if content is None else str(content)}
+
+    def route(name: str) -> Route:
+        work, title = TASKS[name]
+
+        def start(_: Request, body: OfStack) -> Any:
+            said = title.format(body=body)
+            task = folder.tasks.start(
+                f"spot-{name}", body.stack, said, lambda progress: work(at, body, progress)
+            )
+            return {"task": task.id}
+
+        declared = work.__annotations__["body"]
+        return Route(f"/api/spot/{name}", accepts(start, declared), methods=["POST"])
+
+    return [
+        Route("/api/spot", answers(listed)),
+        Route("/api/spot/logs", answers(logs)),
+        Route("/api/spot/removal", answers(removal)),
+        *map(route, TASKS),
+    ]
