@@ -100,29 +100,29 @@ def review_import(settings: Settings, design: Design) -> Iterator[Problem]:
     """V-34: the import after a training takes only the reference's networks."""
     if not (settings.droa_url and settings.import_model_on_completion):
         return
+    for where, key, value, wanted in not_in_reference(design):
+        what = (
+            f"{key}={value}: the model cannot be imported into DeepRacer on AWS at the end of "
+            "the training, because the reference has no such network."
+        )
+        remedy = (
+            f"Write {key}={wanted}, or DR_IMPORT_MODEL_ON_COMPLETION=False in run.env and "
+            "import afterwards what `dr-export droa --distill` makes of the model."
+        )
+        yield Problem("V-34", "warning", where, None, what, remedy)
+
+
+def not_in_reference(design: Design) -> Iterator[tuple[str, str, object, object]]:
+    """File, key, value, and what to write instead, for what other networks need."""
     metadata, stack_size = design.metadata, design.parameters.stack_size
     network = metadata.neural_network
-    for where, key, value, fits, wanted in (
-        (
-            design.metadata_origin,
-            "training_algorithm",
-            metadata.training_algorithm,
-            metadata.algorithm.in_reference,
-            "clipped_ppo",
-        ),
-        (design.metadata_origin, "neural_network", network, network in NETWORKS, NETWORKS[0]),
-        (design.parameters_origin, "stack_size", stack_size, stack_size == 1, 1),
-    ):
-        if not fits:
-            what = (
-                f"{key}={value}: the model cannot be imported into DeepRacer on AWS at the end of "
-                "the training, because the reference has no such network."
-            )
-            remedy = (
-                f"Write {key}={wanted}, or DR_IMPORT_MODEL_ON_COMPLETION=False in run.env and "
-                "import afterwards what `dr-export droa --distill` makes of the model."
-            )
-            yield Problem("V-34", "warning", where, None, what, remedy)
+    if not metadata.algorithm.in_reference:
+        algorithm = metadata.training_algorithm
+        yield design.metadata_origin, "training_algorithm", algorithm, "clipped_ppo"
+    if network not in NETWORKS:
+        yield design.metadata_origin, "neural_network", network, NETWORKS[0]
+    if stack_size != 1:
+        yield design.parameters_origin, "stack_size", stack_size, 1
 
 
 _DISTILL = f"`dr-export droa --distill` lets {NETWORKS[0]}, which they have, learn from the model"

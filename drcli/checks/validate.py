@@ -16,6 +16,7 @@ from drcli.checks.compatibility_rules import (
     review_balance,
     review_names,
 )
+from drcli.checks.destination_rules import DESTINATIONS, review_destination
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.settings_rules import SettingsReview, review_settings
@@ -44,16 +45,19 @@ def validate(
     environ: Mapping[str, str] | None = None,
     reviewed: SettingsReview | None = None,
     here: bool = True,
+    destination: str = "",
 ) -> Report:
     """Check all rules; nothing in the folder changes.
 
     `console_compatible` makes what a console refuses an error. `here`: room and runs of this
-    machine count.
+    machine count. `destination`: a key of `DESTINATIONS`, which the trained model must suit.
     """
     directory = directory.absolute()
     environ = os.environ if environ is None else environ
     reviewed = reviewed or review_settings(directory, environ)
-    validation = _Validation(directory, console_compatible, environ, here, list(reviewed.problems))
+    validation = _Validation(
+        directory, console_compatible, environ, here, destination, list(reviewed.problems)
+    )
     if reviewed.settings is None:
         validation.try_files_alone()
     else:
@@ -70,6 +74,7 @@ def validate(
         tuple(validation.skipped),
         of_severity(found, "note"),
         validation.goes_to,
+        destination,
     )
 
 
@@ -79,6 +84,7 @@ class _Validation:
     console: bool
     environ: Mapping[str, str]
     here: bool
+    destination: str
     found: list[Problem]
     skipped: list[Skipped] = field(default_factory=list)
     goes_to: str = ""
@@ -101,7 +107,7 @@ class _Validation:
         parameters, metadata = examined.review.parameters, examined.review.metadata
         if metadata is not None:
             where = examined.files[keys.MODEL_METADATA_FILE].origin
-            self.goes_to = destinations(metadata)
+            self.goes_to = "" if self.destination else destinations(metadata)
             self.found += review_actions(
                 metadata, parameters, settings, where, console=self.console
             )
@@ -115,11 +121,23 @@ class _Validation:
         if parameters is not None:
             origin = examined.files[keys.HYPERPARAMETERS_FILE].origin
             self.found += review_balance(settings, parameters, origin, console=self.console)
+        if self.destination:
+            self._examine_destination(settings, examined)
         if self.here:
             self.found += review_memory(
                 workers_here(settings), settings.place("DR_WORKERS"), parameters, metadata
             )
             self.found += review_gpu(settings.sagemaker_cuda_devices, self.environ)
+
+    def _examine_destination(self, settings: Settings, examined: Examined) -> None:
+        design, place = examined.review.design, DESTINATIONS[self.destination]
+        if design is None or keys.REWARD_FUNCTION_FILE not in examined.files:
+            self._skip(("V-16",), f"What {place} takes is checked once the files are correct.")
+            return
+        found = [*review_destination(self.destination, settings, examined.files, design)]
+        self.found += found
+        if not of_severity(found, "error"):
+            self.goes_to = f"The trained model can go to {place}."
 
     def try_files_alone(self) -> None:
         """Without settings, which name the bucket and the track."""

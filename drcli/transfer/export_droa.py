@@ -100,7 +100,7 @@ def read_droa_export(
     found = [
         Item(keys.MODEL_METADATA_FILE, metadata),
         Item(PARAMETERS_FILE, parameters),
-        Item(HYPERPARAMETERS, _hyperparameters(design.parameters)),
+        Item(HYPERPARAMETERS, droa_hyperparameters(design.parameters)),
     ]
     records, metric = _metrics(settings, model)
     if records:
@@ -175,7 +175,8 @@ def _route(settings: Settings, world: str) -> Direction | None:
     return "COUNTER_CLOCKWISE" if direction == "counterclockwise" else None
 
 
-def _hyperparameters(parameters: Hyperparameters) -> bytes:
+def droa_hyperparameters(parameters: Hyperparameters) -> bytes:
+    """Those that DeepRacer on AWS knows, in its words."""
     values = {key: getattr(parameters, key) for key in _KEYS}
     values["loss_type"] = _LOSSES.get(values["loss_type"], values["loss_type"])
     return json.dumps(values, indent=2).encode()

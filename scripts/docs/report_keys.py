@@ -115,6 +115,8 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "cli.commands.droa:RemoteModels": ("droa list",),
     "outside.droa.droa_metrics:ModelReport": ("droa show",),
     "outside.droa.droa_import:ImportReport": ("droa import",),
+    "outside.droa.droa_races:RemoteRaces": ("droa races",),
+    "outside.droa.droa_races:DroaSubmission": ("droa submit",),
     "outside.droa.droa_download:DownloadedAsset": ("droa download",),
     "outside.droa.droa_download:DeletedModel": ("droa delete",),
     "cli.commands.increments:UploadName": ("set-upload-model",),

@@ -377,7 +377,7 @@ def test_programs_read_keys_that_stay(folder, dr, capsys):
     printed = json.loads(capsys.readouterr().out)
     assert list(printed) == [
         *("directory", "console_compatible", "errors", "warnings", "skipped", "notes", "goes_to"),
-        "ok",
+        *("destination", "ok"),
     ]
     assert (printed["ok"], printed["console_compatible"]) == (True, True)
     assert printed["warnings"] == [

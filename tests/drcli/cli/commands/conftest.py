@@ -44,6 +44,7 @@ from drcli.outside.car.car_models import CarLoad, CarModel, CarModels, CarUpload
 from drcli.outside.droa.droa_api import read_model
 from drcli.outside.droa.droa_import import ImportReport
 from drcli.outside.droa.droa_metrics import PhaseMeans
+from drcli.outside.droa.droa_races import DroaSubmission, RemoteRace, RemoteRaces
 from drcli.races.organise import show_race
 from drcli.races.queue_process import QueueStarted, QueueStopped
 from drcli.races.race_records import DrivenCar, DrivenLap, RaceResult, RaceRules, RaceSubmission
@@ -865,6 +866,10 @@ def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         find=lambda wanted: found,
         delete=lambda model_id: None,
     )
+    race = RemoteRace(
+        "2w7R6h2PNexQ9kD", "Spring", "TIME_TRIAL", "reinvent_base", True, "", 3, False
+    )
+    driven = DroaSubmission(DROA_SITE, "Spring", "car", 1, "COMPLETED", 31.25, 9.95, 3, 1)
     file = folder / "training-logs.tar.gz"
     file.write_bytes(b"logs")
     imported = ImportReport(DROA_SITE, DROA_ID, "car", "READY", 12, 12_000_000, "uploads/models/x")
@@ -876,6 +881,8 @@ def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "outside.droa.droa_metrics.metrics_summary": lambda *_: means,
         "outside.droa.droa_import.plan_import": lambda *_, **__: None,
         "outside.droa.droa_import.import_files": lambda *_, **__: imported,
+        "outside.droa.droa_races.list_races": lambda *_: RemoteRaces(DROA_SITE, [race]),
+        "outside.droa.droa_races.submit": lambda *_: driven,
         "outside.droa.droa_download.find_asset": lambda *_: "",
         "outside.droa.droa_download.download": lambda *_, **__: file,
     }

@@ -127,6 +127,8 @@ CALLS = {
     "droa import --from model": "It is ready.",
     f"droa download {DROA_ID}": "Downloaded TRAINING_LOGS",
     f"droa delete {DROA_ID} -f": "is deleting",
+    "droa races": "Spring",
+    f"droa submit {DROA_ID} Spring": "best lap 9.950 s",
     "init elsewhere": "",
     "config show": "DR_WORLD_NAME=reinvent_base",
     "config show DR_WORLD_NAME DR_HOST_X": "Allowed: ",
