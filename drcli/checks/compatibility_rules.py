@@ -140,9 +140,9 @@ def destinations(metadata: ModelMetadata) -> str:
 
 
 def review_balance(
-    settings: Settings, parameters: Hyperparameters, origin: str
+    settings: Settings, parameters: Hyperparameters, origin: str, *, console: bool
 ) -> Iterator[Problem]:
-    """V-42 and V-45: numbers of episodes, workers and starts fit."""
+    """V-45 and, for elsewhere, V-42: numbers of episodes, workers and starts fit."""
     episodes, workers = parameters.num_episodes_between_training, settings.workers
     if workers > episodes:
         return  # review_parameters reports it
@@ -160,7 +160,7 @@ def review_balance(
         yield setting_problem("DR_WORKERS", place, what, remedy, severity="warning")
     advance = settings.train_round_robin_advance_dist
     lap = episodes / workers * advance
-    if settings.train_change_start_position and abs(lap - 1.0) > _ROUNDING:
+    if console and settings.train_change_start_position and abs(lap - 1.0) > _ROUNDING:
         name = "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST"
         what = (
             f"({episodes} episodes / {workers} workers) x {name}={advance:g} is {lap:.4g} and not "

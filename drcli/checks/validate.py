@@ -111,7 +111,7 @@ class _Validation:
             ]
         if parameters is not None:
             origin = examined.files[keys.HYPERPARAMETERS_FILE].origin
-            self.found += review_balance(settings, parameters, origin)
+            self.found += review_balance(settings, parameters, origin, console=self.console)
         if self.here:
             self.found += review_memory(
                 workers_here(settings), settings.place("DR_WORKERS"), parameters, metadata

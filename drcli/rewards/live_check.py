@@ -21,7 +21,7 @@ from drcli.rewards.course import Course
 from drcli.rewards.pictures import cell_edges
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.scripted_drive import drive, own_actions, read_actions
-from drcli.rewards.source import discount_of, display_name
+from drcli.rewards.source import display_name
 from drcli.rewards.track_grid import SPEED_MPS, DrivenCourse
 from drcli.rewards.tried_reward import TriedReward, as_array
 from drsim.car.actions import Actions
@@ -126,7 +126,7 @@ class LiveCheck:
         tried = try_in_each_race(settings, file, directory, self._course, given_up)
         if given_up.is_set():
             return None
-        whole = report_of(tried, discount_of(settings))
+        whole = report_of(tried, tried[0].result.discount)
         actions = own_actions(settings)
         key = _key(settings.race, actions)
         course = (

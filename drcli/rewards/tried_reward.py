@@ -55,6 +55,8 @@ class TriedReward:
         return float(values @ discount ** np.arange(len(values)))
 
     def describe(self, place: CallIndex) -> str:
+        if place.sequence > len(self.course.trips):  # after a hang there the drive is not made
+            return "one of the calls before the drive"
         if place.sequence == len(self.course.trips):
             return f"a car placed on the track, {position(self.course.places[place.index])}"
         trip = self.course.trips[place.sequence]
@@ -112,6 +114,7 @@ def try_rewards(
     tolerated: float = 0.0,
     given_up: Event | None = None,
     metadata: str = "",
+    hyperparameters: str | None = None,
 ) -> list[TriedReward]:
     """Call reward functions at the same time, first on samples of `races`.
 
@@ -122,9 +125,10 @@ def try_rewards(
     """
     if isinstance(course, Course):
         known, repeated = course, len(course.trips)
-        asked = SandboxRequest("", course.sequences, course.waypoints, repeated, races)
+        asked = SandboxRequest("", course.sequences, course.waypoints, repeated)
     else:
-        known, asked = None, SandboxRequest("", races=races, drive=course)
+        known, asked = None, SandboxRequest("", drive=course)
+    asked = replace(asked, races=races, metadata=metadata, hyperparameters=hyperparameters)
     tried = []
     with ExitStack() as stack:
         running = []
@@ -132,7 +136,7 @@ def try_rewards(
             source, wrong = read_source(file)
             sandbox = None
             if source is not None or known is None:
-                request = replace(asked, name=file.origin, metadata=metadata)
+                request = replace(asked, name=file.origin)
                 data = None if source is None else file.data
                 sandbox = stack.enter_context(Sandbox(request, data, directory))
             running.append((file.origin, source, wrong, sandbox))

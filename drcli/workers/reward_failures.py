@@ -41,6 +41,26 @@ _PACKAGES = {
 """Where the name of the module is another."""
 
 
+_RETURNED = "it returned "
+_RETURNS = (
+    (
+        ("None",),
+        "Write a `return` with a number on every path, as in `return float(reward)`: a path "
+        "without `return` gives None.",
+    ),
+    (
+        ("'", '"', "b'", 'b"'),
+        "Return the number instead of a text: without quotes, or as `return float(reward)`.",
+    ),
+    (
+        ("array(", "[", "(", "{"),
+        "Return one number of these, as in `return float(rewards[0])` or `float(sum(rewards))`; a "
+        "comma after `return reward` makes a tuple.",
+    ),
+)
+"""What helps against values that begin like this."""
+
+
 class RewardErrorsExceeded(SettingsError):
     """More calls failed than DR_REWARD_MAX_ERROR_SHARE allows."""
 
@@ -184,6 +204,9 @@ def cure_of(reason: str, missing: str) -> str:
             "After the last waypoint comes the first: write `waypoints[i % len(waypoints)]` where "
             "an index may pass the end."
         )
+    if reason.startswith(_RETURNED):
+        value = reason.removeprefix(_RETURNED)
+        return next((cure for begins, cure in _RETURNS if value.startswith(begins)), "")
     return ""
 
 

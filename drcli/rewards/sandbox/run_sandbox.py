@@ -57,8 +57,7 @@ REMEDIES: dict[FailureKind, str] = {
     "signature": "Write `def reward_function(params):` with a `return` on every path.",
     "undefined": "Correct the name, or give it a value before that line.",
     "raises": "Correct that line: a training ends where it fails.",
-    "type": "Return a number on every path, as in `return float(reward)`: a path without `return` "
-    "gives None.",
+    "type": "Return a number on every path, as in `return float(reward)`.",
     "range": "Return a finite number between -100000 and 100000; guard divisions and logarithms.",
     "endless": "Look for a loop that does not end, or an operation that takes too long: a call may "
     "take 5 s.",
@@ -82,6 +81,7 @@ class SandboxRequest:
         drives: Drives them too.
         drive: Drives this race, and tells its course.
         metadata: model_metadata.json, for the actions.
+        hyperparameters: Their file, whose discount is asked for.
     """
 
     name: str
@@ -92,6 +92,7 @@ class SandboxRequest:
     drives: bool = False
     drive: DriveConfig | None = None
     metadata: str = ""
+    hyperparameters: str | None = None
     call_s: Seconds = 5.0
     load_s: Seconds = 60.0
 
@@ -204,6 +205,7 @@ class SandboxResult(JsonRecord):
         problems: Worlds and races that cannot be loaded.
         values: The samples last; None if it failed or was not made.
         returned: Calls by type.
+        discount: Weight of a reward that comes one step later.
         counted: Samples, or all without samples.
         random: Differs when the same calls are repeated.
         memory: Differs with another order of episodes.
@@ -217,6 +219,7 @@ class SandboxResult(JsonRecord):
     values: list[list[float | None]] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     returned: dict[str, SafeInt] = field(default_factory=dict)
+    discount: float = 1.0
     line: SafeInt | None = None
     timing: Timing | None = None
     calls: SafeInt = 0

@@ -23,6 +23,7 @@ from types import FunctionType
 from typing import NamedTuple, NoReturn, TextIO
 
 from drcli.base.errors import Problem, ProblemsError
+from drcli.base.installation import lazy_imports
 from drcli.base.processes import keep_descendants, search_as_usual
 from drcli.base.system_calls import limit_data
 from drcli.config.run_config import DriveConfig
@@ -56,6 +57,9 @@ from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
 from drsim.errors import RewardError
 
+with lazy_imports():
+    from drcli.model.files import hyperparameters
+
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
 _GRACE_S = 2.0
 _MEMORY_BYTES = 16 << 30
@@ -79,6 +83,7 @@ class Calls(NamedTuple):
     repeated: int
     placed: range
     course: Course | None = None
+    discount: float = 1.0
 
 
 def calls_of(request: SandboxRequest) -> Calls:
@@ -92,14 +97,35 @@ def calls_of(request: SandboxRequest) -> Calls:
     sequences = [
         [{**call, "waypoints": waypoints[call["is_reversed"]]} for call in calls] for calls in sent
     ]
-    placed = range(repeated, len(sequences))
+    driven = Calls(
+        sequences,
+        len(sequences),
+        [],
+        [],
+        repeated,
+        range(repeated, len(sequences)),
+        course,
+        _discount_of(request.hyperparameters),
+    )
     if request.races is None:
-        return Calls(sequences, len(sequences), [], [], repeated, placed, course)
+        return driven
     if request.drives:
         sequences += _driven(request.races, actions)
-    driven = len(sequences)
     samples, races, problems = sample_races(request.races, actions)
-    return Calls([*sequences, *samples], driven, races, problems, repeated, placed, course)
+    return driven._replace(
+        sequences=[*sequences, *samples], driven=len(sequences), races=races, problems=problems
+    )
+
+
+def _discount_of(file: str | None) -> float:
+    """The default for a file with faults, which other checks tell."""
+    if file is None:
+        return 1.0
+    with contextlib.suppress(ProblemsError):
+        if file:
+            return hyperparameters.Hyperparameters.from_bytes(file.encode()).discount_factor
+    default: float = hyperparameters.Hyperparameters.model_fields["discount_factor"].default
+    return default
 
 
 def _driven(races: Sequence[DriveConfig], actions: Actions | None) -> Iterator[list[RewardParams]]:
@@ -135,6 +161,7 @@ class _Passes:
         self._placed = calls.placed
         self._races = calls.races
         self._problems = calls.problems
+        self._discount = calls.discount
         self._counting = True
         self._faults = faults
         self._effects = Effects(str(file))
@@ -187,6 +214,7 @@ class _Passes:
             ],
             failures=list(self._failures.values()),
             returned=dict(self._returned),
+            discount=self._discount,
             line=self._line,
             timing=_timing(self._took_s),
             calls=len(values),

@@ -109,6 +109,14 @@ def told(folder, drive_once, monkeypatch):
         ("def reward(params):\n    return 1.0\n", ["V-20"], ("defines no function",)),
         ("def reward_function(a, b):\n    return 1.0\n", ["V-20"], ("exactly one argument",)),
         (function("return 5"), ["V-20"], ("It returned int", "float(reward)")),
+        (function("pass"), ["V-20"], ("it returned None", "a path without `return` gives None")),
+        (function("return '1.0'"), ["V-20"], ("it returned '1.0'", "without quotes")),
+        (function("return 1.0,"), ["V-20"], ("it returned (1.0,)", "makes a tuple")),
+        (
+            function("return np.ones(2)", before="import numpy as np"),
+            ["V-20"],
+            ("it returned array([1., 1.])", "Return one number of these"),
+        ),
         (function("return 1.0 + (params['progress'] == 1)"), ["V-24"], ("progress >= 100",)),
         (function("return 1.0 + (params['steps'] == 1)"), ["V-24"], ("is never true",)),
         (

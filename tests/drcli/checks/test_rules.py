@@ -652,6 +652,7 @@ CASES = (
         lambda f: (f.settings(DR_WORKERS=2), f.hyperparameters(num_episodes_between_training=20)),
         "warning",
         ("is 0.5 and not 1", "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=0.1", "training=40"),
+        console=True,
     ),
     Case(
         "V-42",
@@ -665,6 +666,7 @@ CASES = (
         ),
         "warning",
         ("is 0.99 and not 1", "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=0.0333333."),
+        console=True,
     ),
     Case(
         "V-43",

@@ -218,7 +218,14 @@ def test_more_workers_than_episodes_are_told_once(folder):
     folder.hyperparameters(num_episodes_between_training=5)
 
     assert [item.severity for item in folder.breaches("V-45")] == ["error"]
+    assert folder.breaches("V-42", console=True) == []
+
+
+def test_starts_that_only_matter_elsewhere_are_told_only_for_elsewhere(folder):
+    folder.hyperparameters(num_episodes_between_training=40)
+
     assert folder.breaches("V-42") == []
+    assert len(folder.breaches("V-42", console=True)) == 1
 
 
 def test_files_that_the_bucket_does_not_give_are_told_with_its_own_remedy(folder, monkeypatch):

@@ -50,6 +50,26 @@ def test_pay_for_speed_alone_cancels_out_unless_later_steps_count_less(tried_of)
     assert "discount_factor 0.99" in note.message
 
 
+def test_a_slow_lap_that_earns_more_is_told_only_if_it_does_so_from_the_start_too(tried_of):
+    def nearly_as_the_pace(params):
+        return on_the_road(params) * params["speed"] ** 0.7
+
+    tried = tried_of(nearly_as_the_pace)
+    whole, discounted = report_of([tried], 1.0), report_of([tried], DISCOUNT)
+
+    assert [problem.rule for problem in whole.warnings] == ["slow-lap"]
+    assert discounted.warnings == discounted.notes == []
+
+
+def test_a_hang_in_the_samples_leaves_no_place_on_the_drive(with_result, course, values):
+    timing = Timing(1e-6, 1e-6, 1e-6, CallIndex(len(course.course.sequences), 3))
+
+    report = report_of([with_result(SandboxResult(values=values, timing=timing))], 1.0)
+
+    assert report.time is not None
+    assert report.time.worst_place == "one of the calls before the drive"
+
+
 def test_several_races_have_one_remark_on_the_sum_of_a_lap(tried_of):
     tried = [
         tried_of(lambda params, power=power: on_the_road(params) * (0.1 + params["speed"] ** power))
