@@ -43,6 +43,7 @@ _GROWS = 3.0
 _TIE = 0.05
 _NEARLY = 0.95
 _CREEPING_MPS = 0.5
+_NOTHING = 0.01
 _OF_LAPS = {"short", "standing", "cancels-out", "slow-lap"}
 _BETTER = "Pay for progress per step, or for a lap in few steps."
 
@@ -91,6 +92,9 @@ def _off_track(tried: TriedReward) -> Iterator[Problem]:
     if np.isnan(outside).all() or np.isnan(centre).all():
         return
     off_mean, on_mean = float(np.nanmean(outside)), float(np.nanmean(centre))
+    driven = max(abs(tried.mean(driver) or 0.0) for driver in (STEADY, FAST))
+    if max(abs(off_mean), abs(on_mean)) < _NOTHING * driven:
+        return  # the speed or the steering of the places earns nothing anywhere
     if off_mean >= on_mean - (1.0 - _NEARLY) * abs(on_mean):
         yield tried.warning(
             "off-track",
@@ -102,7 +106,9 @@ def _off_track(tried: TriedReward) -> Iterator[Problem]:
 
 
 def _laps(tried: TriedReward, discount: float) -> Iterator[Problem]:
-    """At most one."""
+    """At most one; none if the actions do not keep the car on the road."""
+    if not tried.trip(STEADY).on_the_road:
+        return
     steady, left = tried.total(STEADY), tried.total(LEAVING)
     if steady is not None and left is not None and left >= steady:
         yield tried.warning(

@@ -73,6 +73,12 @@ class Trip:
     def whole(self) -> bool:
         return self.progress >= 100.0
 
+    @property
+    def on_the_road(self) -> bool:
+        """Whole, and the car never had to be put back on the road."""
+        mishaps = (call["is_offtrack"] or call["is_crashed"] for call in self.calls)
+        return self.whole and not any(mishaps)
+
 
 @dataclass(frozen=True)
 class Course:

@@ -65,11 +65,12 @@ class TriedReward:
 
     @property
     def prefers_fast(self) -> bool | None:
-        """None without both laps, or if the model's actions make them alike."""
+        """None without both laps on the road, or if the model's actions make them alike."""
         slow, fast = self.total(STEADY), self.total(FAST)
         steady, quick = self.trip(STEADY), self.trip(FAST)
-        whole = steady.whole and quick.whole and quick.seconds < _QUICKER * steady.seconds
-        return None if slow is None or fast is None or not whole else fast > slow
+        whole = steady.on_the_road and quick.on_the_road
+        alike = quick.seconds >= _QUICKER * steady.seconds
+        return None if slow is None or fast is None or alike or not whole else fast > slow
 
     @property
     def drive_values(self) -> Floats:

@@ -99,7 +99,7 @@ def test_a_check_tries_the_race_of_each_worker_once(two_worlds, dr, capsys):
     assert [other["race_type"] for other in told["others"]] == ["OBJECT_AVOIDANCE"]
     [error] = told["errors"]
     assert "OBJECT_AVOIDANCE, step 2, 0.8 % of the lap)" in error["message"]
-    assert "358 of 716 calls fail like this." in error["message"]
+    assert "359 of 718 calls fail like this." in error["message"]
 
 
 def test_a_check_says_what_it_tried_and_says_the_same_once(two_worlds, dr, capsys):

@@ -1,6 +1,7 @@
 """Which rewards are said to have loopholes, and how findings are put into words."""
 
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -105,6 +106,26 @@ def test_pay_for_standing_is_told(rules):
 
 def test_a_car_off_the_road_that_is_paid_as_before_is_told(rules):
     assert rules(lambda params: params["speed"] ** 2) == ["off-track"]
+
+
+def test_pay_for_fast_cars_only_says_nothing_of_the_places_of_a_slower_one(rules):
+    assert "off-track" not in rules(
+        lambda params: 1.0 if params["speed"] > 2.0 and on_the_road(params) else 1e-5
+    )
+
+
+def test_a_driver_that_left_the_road_tells_nothing_of_laps(tried_of):
+    """Few actions, or fast ones only, cannot follow the centre line."""
+    tried = tried_of(lambda params: -1.0 - params["distance_from_center"])
+    trips = [
+        replace(trip, calls=[{**trip.calls[0], "is_offtrack": True}, *trip.calls[1:]])
+        for trip in tried.course.trips
+    ]
+    left = replace(tried, course=replace(tried.course, trips=trips))
+
+    assert tried.prefers_fast is not None
+    assert left.prefers_fast is None
+    assert report_of([left], DISCOUNT).warnings == []
 
 
 def test_a_lap_that_costs_more_than_its_end_is_told(rules):
