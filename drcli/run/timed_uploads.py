@@ -30,8 +30,8 @@ BEST_EVERY_S = 300.0
 RUNNING_SHARE = 0.5
 """Of the time left at an interruption, for an upload that runs then."""
 
-STOPPED_PATIENCE_S, STOPPED_UPLOAD_S = 5.0, 12.0
-"""For an upload that runs when somebody stops the training, and for both: a stop takes 30 s."""
+STOPPED_PATIENCE_S, STOPPED_UPLOAD_S = 5.0, 30.0
+"""For an upload that runs when somebody stops the training, and for it with the last one."""
 
 
 @dataclass

@@ -258,6 +258,13 @@ CASES = (
     ),
     Case(
         "V-12",
+        lambda f: f.settings(DR_IMPORT_MODEL_ON_COMPLETION="False"),
+        lambda f: f.settings(DR_IMPORT_MODEL_ON_COMPLETION="True"),
+        "warning",
+        ("run.env line 3", "DR_DROA_URL is empty, so the model will not be imported"),
+    ),
+    Case(
+        "V-12",
         lambda f: f.settings(DR_EVAL_MAX_RESETS=3),
         lambda f: f.settings(DR_EVAL_MAX_RESETS="many"),
         "error",

@@ -765,7 +765,9 @@ def _answer_as_amazon(
     )
     answer("cli.commands.spot.our_stacks", [stack, stack])
     reports = iter((StackReport("my-run", *state, MODEL, bucket, *running), base))
-    monkeypatch.setattr("drcli.outside.aws.stack_report.report_on", lambda *_: next(reports))
+    monkeypatch.setattr(
+        "drcli.outside.aws.stack_report.report_on", lambda *_, **options: next(reports)
+    )
     answer("outside.aws.prices.read_advisor", None)
     answer("cli.commands.spot.find_types", [])
     offers = [
