@@ -10,7 +10,7 @@ from drcli.base.report import Styled, View, counted, dim
 from drcli.checks.check_report import Report
 from drcli.config.settings_report import check_settings
 from drcli.config.track_names import track_problems
-from drcli.config.unused_names import WithoutEffect
+from drcli.config.unused_names import WithoutEffect, harmless_summary
 
 with lazy_imports():
     from drcli.checks import settings_rules, validate
@@ -78,7 +78,10 @@ def with_rules(check: FullCheck) -> FullCheck:
     directory = Path(check.directory)
     reviewed = settings_rules.review_settings(directory)
     settings = reviewed.settings
-    known = () if settings is None else (*settings.problems, *track_problems(settings.races))
+    known: tuple[Problem | None, ...] = ()
+    if settings is not None:  # names without effect are listed
+        summary = harmless_summary(settings)
+        known = (*settings.problems, *track_problems(settings.races), summary)
     idle = {name for group in check.without_effect for name in group.names}
 
     def new(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:

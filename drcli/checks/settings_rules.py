@@ -10,6 +10,7 @@ from drcli.checks.machine_rules import review_access
 from drcli.config.fields import setting_problem
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings, catalogue
+from drcli.config.unused_names import harmless_summary
 from drcli.config.value_types import upload_bucket
 from drcli.transfer.transfer_buckets import UNDEFINED
 
@@ -56,6 +57,9 @@ def _judged(settings: Settings) -> list[Problem]:
             place, remedy = settings.place(name), "Keep or remove the line."
             several = "settings for windows and displays"
             found.append(Problem("V-06", "warning", *place, what, remedy, name, several))
+    summary = harmless_summary(settings)
+    if summary is not None:
+        found.append(summary)
     access = review_access(settings.storage, settings.directory)
     return [*found, *upload_problems(settings), *access]
 

@@ -14,7 +14,7 @@ from drcli.config.loading import load_settings
 from drcli.config.settings import Settings, catalogue
 from drcli.config.settings_files import Layers, given
 from drcli.config.track_names import track_problems
-from drcli.config.unused_names import FORMER, WithoutEffect, harmless_summary, without_effect
+from drcli.config.unused_names import FORMER, WithoutEffect, without_effect
 
 
 @dataclass(frozen=True)
@@ -84,12 +84,11 @@ def _log(values: Iterable[Value]) -> Log:
 
 @dataclass(frozen=True)
 class SettingsCheck:
-    """What `dr config check` found; `without_effect` replaces the warning `summary`."""
+    """What `dr config check` found."""
 
     directory: str
     problems: tuple[Problem, ...] = ()
     without_effect: tuple[WithoutEffect, ...] = ()
-    summary: Problem | None = None
 
     @property
     def errors(self) -> tuple[Problem, ...]:
@@ -97,7 +96,7 @@ class SettingsCheck:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        return tuple(warnings_of(each for each in self.problems if each != self.summary))
+        return tuple(warnings_of(self.problems))
 
 
 def find_name(written: str, others: Sequence[str] = ()) -> str | None:
@@ -153,9 +152,7 @@ def check_settings(
     except ProblemsError as error:
         return SettingsCheck(str(directory), error.problems)
     problems = (*settings.problems, *track_problems(settings.races, known_suffices=known_suffices))
-    return SettingsCheck(
-        str(directory), problems, without_effect(settings), harmless_summary(settings)
-    )
+    return SettingsCheck(str(directory), problems, without_effect(settings))
 
 
 def warnings_of(problems: Iterable[Problem]) -> list[str]:

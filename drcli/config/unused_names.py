@@ -197,7 +197,7 @@ def without_effect(settings: Settings) -> tuple[WithoutEffect, ...]:
 
 
 def effect_warnings(settings: Settings) -> Iterator[Problem]:
-    """One per reason, and one for all harmless ones."""
+    """One per reason, of those that a racer may count on."""
     by_reason: dict[str, list[_Unused]] = {}
     for item in _unused(settings):
         if item.missed:
@@ -207,12 +207,10 @@ def effect_warnings(settings: Settings) -> Iterator[Problem]:
         written = ", ".join(f"{item.name}={shown(hidden(item.name, item.value))}" for item in group)
         what = f"{written} {'has' if len(group) == 1 else 'have'} no effect: {reason}."
         yield setting_problem(name, settings.place(name), what, REMEDY, severity="warning")
-    rest = harmless_summary(settings)
-    if rest is not None:
-        yield rest
 
 
 def harmless_summary(settings: Settings) -> Problem | None:
+    """One warning about all others, which only checks tell."""
     missed = {item.name for item in _unused(settings) if item.missed}
     names = [
         name for group in without_effect(settings) for name in group.names if name not in missed

@@ -17,6 +17,7 @@ import torch
 
 from drcli.base.errors import SettingsError
 from drcli.base.log import plain, traces
+from drcli.base.report import counted
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import open_bucket
 from drcli.config.run_config import EvaluationConfig, RunConfig
@@ -243,7 +244,8 @@ def evaluate(
             "with --opp-model.",
         )
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
-    lap_steps = math.ceil(s.eval_max_lap_seconds * CONTROL_HZ)
+    most_steps = math.ceil(s.eval_max_minutes * 60 * CONTROL_HZ) or sys.maxsize
+    lap_steps = min(math.ceil(s.eval_max_lap_seconds * CONTROL_HZ), most_steps)
     continuous = s.eval_is_continuous and not fresh_laps
     laps = s.eval_number_of_trials if continuous else 1
     notes: list[str] = []
@@ -276,7 +278,7 @@ def evaluate(
             max_resets=0 if fresh_laps else s.eval_max_resets,
             off_track_penalty_s=s.eval_off_track_penalty,
             collision_penalty_s=s.eval_collision_penalty,
-            max_steps=lap_steps * laps + 1,
+            max_steps=min(lap_steps * laps + 1, most_steps),
             max_lap_steps=lap_steps,
         ),
         num_threads=threads or usable_cores(job.config.train),
@@ -301,7 +303,11 @@ def evaluate(
         own = [episode for episode in driven if episode.racer == racer]
         episodes: list[Episode] = laps_of(own[0]) if continuous else [*own]
         if not continuous:
+            episodes, late = in_time(episodes, sys.maxsize if fresh_laps else most_steps)
             schedule(episodes, 0.0)
+            if late and racer == 0:
+                minutes = f"DR_EVAL_MAX_MINUTES={s.eval_max_minutes:g}"
+                notes.append(f"{counted(late, 'trial')} left out: {minutes} was over.")
         # Only the first lap of a continuous race has a start.
         begun = {plan.number: plan for plan in starts}
         trials.append([_recorded(episode, begun.get(episode.number)) for episode in episodes])
@@ -323,6 +329,20 @@ def evaluate(
         figures.send(*trial_points(trials[-1], wall_clock))
         figures.close()  # may wait for a slow tool, so it comes last
     return EvaluationTrials(trials, notes)
+
+
+def in_time(episodes: list[Episode], most_steps: int) -> tuple[list[Episode], int]:
+    """Trials that end within a time when they are driven one after the other, and how many not.
+
+    The first one always counts: it was cut off at that time.
+    """
+    kept, steps = episodes[:1], len(episodes[0].rows)
+    for episode in episodes[1:]:
+        steps += len(episode.rows)
+        if steps > most_steps:
+            break
+        kept.append(episode)
+    return kept, len(episodes) - len(kept)
 
 
 def _recorded(episode: Episode, plan: Plan | None) -> TrialMetrics:

@@ -72,7 +72,7 @@ class Counters:
 
 @dataclass(frozen=True)
 class CheckpointRecord(JsonRecord):
-    """`sim_time_s` counts simulated seconds since the training began."""
+    """`sim_time_s` counts simulated seconds of all cars since the training began."""
 
     name: NameText
     tensors: Fingerprint

@@ -26,6 +26,7 @@ class HeartbeatRecord(JsonRecord):
         work: Steps of driving (all cars at once) or learning.
         turned_s: When the main thread last came by; not inside one long call.
         memory_bytes: Resident set.
+        cores: Kept busy on average, in the last seconds.
     """
 
     pid: Pid
@@ -38,6 +39,7 @@ class HeartbeatRecord(JsonRecord):
     turned_s: Seconds
     memory_bytes: SafeInt = 0
     open_files: SafeInt = 0
+    cores: Seconds = 0.0
 
     def file_content(self) -> bytes:
         data = self.encode()

@@ -146,11 +146,10 @@ def _known_metric(score: Score) -> Score:
 def encode_single(score: Score) -> bytes:
     """The file of a single checkpoint, the last one first.
 
-    Older tools call the metric `avg_comp_pct`, and want a number before an evaluation too.
+    Older tools call the metric `avg_comp_pct`.
     """
     entry = _entry(score)
-    metric = score.avg_eval_metric
-    entry["avg_comp_pct"] = NOT_EVALUATED if metric is None else metric
+    entry["avg_comp_pct"] = entry["avg_eval_metric"]
     return _file({"last_checkpoint": entry, "best_checkpoint": entry}, score)
 
 
@@ -160,8 +159,11 @@ class _OwnKeys:
 
 
 def _entry(score: Score) -> dict[str, Any]:
+    """Other tools want a number before an evaluation too."""
     entry = asdict(score)
     del entry["episodes"]
+    if score.avg_eval_metric is None:
+        entry["avg_eval_metric"] = NOT_EVALUATED
     return entry
 
 

@@ -87,6 +87,11 @@ def _failures(
             message += "\nIt does so only in states that few trainings meet."
         if counted:
             message += "\nA training counts such calls and goes on (DR_REWARD_ON_ERROR)."
+        elif tolerated > 0.0 and severity == "error" and failure.kind in _COUNTED:
+            message += (
+                f"\nDR_REWARD_ON_ERROR=count allows {tolerated:.0%} of the calls to fail "
+                "(DR_REWARD_MAX_ERROR_SHARE); here it is more, so a training would end soon."
+            )
         remedy = _missing_module(source, failure, directory) or cure_of(
             failure.reason, failure.missing
         )

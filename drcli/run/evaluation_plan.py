@@ -20,6 +20,7 @@ from drcli.convert.policy_file import read_policy_file
 from drcli.model import keys
 from drcli.model.checkpoint_choice import ModelCheckpoints
 from drcli.model.files.params_yaml import evaluation_parameters
+from drcli.model.growing_file import list_parts
 from drcli.model.model_prefix import what_helps
 from drcli.model.model_store import ModelStore
 from drcli.model.repair import repair_unless_trained
@@ -213,6 +214,8 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
         for folder in ("model/", "ip/")
         for item in bucket.list(keys.folder(source) + folder)
     ]
+    history = keys.history(source)  # tells how its checkpoints drove
+    found += [history] * bucket.exists(history) + list_parts(bucket, history)
     prove_writing(ModelStore(bucket, target), deletes=False)
     for key in sorted(found, key=lambda key: key in pointers):
         copy = keys.folder(target) + key.removeprefix(keys.folder(source))

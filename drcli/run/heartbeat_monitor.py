@@ -112,6 +112,9 @@ class WorkerHealth:
     ]
     memory_mb: Annotated[float, "Memory of its process (resident set), in millions of bytes."]
     open_files: Annotated[int, "Number of its open files; 0 if unknown."]
+    cores: Annotated[
+        float, "Cores that it kept busy on average in the last ten seconds; 0 if unknown."
+    ] = 0.0
 
     @staticmethod
     def of(folder: Path, name: str, pid: int | None) -> "WorkerHealth | None":
@@ -127,14 +130,17 @@ class WorkerHealth:
             pulse_age_s=round(now_s - heartbeat.written_s, 1),
             memory_mb=round(heartbeat.memory_bytes / 1e6, 1),
             open_files=heartbeat.open_files,
+            cores=heartbeat.cores,
         )
 
     def words(self, name: str) -> str:
-        """Progress and memory for people."""
+        """Progress, memory and processor for people."""
         unit = "gradient step" if name == TRAINER else "frame"
         age_s = self.progress_age_s
         parts = [f"no {unit} yet" if age_s is None else f"last {unit} {duration(age_s)} ago"]
         if self.pulse_age_s > SILENT_S:
             parts.append(f"silent for {duration(self.pulse_age_s)}")
         parts.append(f"{self.memory_mb:,.0f} MB")
+        if self.cores:
+            parts.append(f"{self.cores:.1f} cores")
         return ", ".join(parts)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from drcli.base.clock import wait_until
-from drcli.base.errors import SettingsError, WorkerDied
+from drcli.base.errors import Aborted, SettingsError, WorkerDied
 from drcli.base.installation import lazy_imports
 from drcli.base.processes import is_alive
 from drcli.base.report import View
@@ -137,6 +137,16 @@ def stop_runs(directory: Path) -> list[Stopped]:
 
 def stop_evaluations(directory: Path, run_id: int) -> list[Stopped]:
     return _stop([], running_evaluations(directory, run_id), directory)
+
+
+def refuse_second_evaluation(directory: Path, run_id: int) -> None:
+    """Raises Aborted while an evaluation of this run drives, as in DeepRacer-for-Cloud."""
+    for record in running_evaluations(directory, run_id):
+        raise Aborted(
+            f"An evaluation of s3://{record.bucket}/{record.prefix} is running (process "
+            f"{record.pid}). Exiting.",
+            remedy="Stop it with `dr-stop-evaluation`, or drive beside it with `dr-evaluate`.",
+        )
 
 
 def stop_evaluations_of(directory: Path, bucket: str, prefix: str) -> list[Stopped]:

@@ -36,6 +36,7 @@ from drcli.model.training_state import (
 )
 from drcli.records.checkpoint import CheckpointName, Counters, checkpoint_name
 from drcli.records.job import Job
+from drcli.records.trace import STEP_S
 
 _logger = get_logger(__name__)
 
@@ -88,6 +89,7 @@ class CheckpointPublisher:
             name.steps,
             weights,
             optimizer=moments,
+            sim_time_s=round(name.steps * STEP_S, 3),
             counters=counters,
             on_pointed=self._on_weights,
         )

@@ -1,6 +1,7 @@
 """Imports a policy of another system, with its files."""
 
 import ast
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,7 +21,7 @@ from drcli.convert.onnx_reader import read_onnx
 from drcli.learn.algorithms import algorithm_named
 from drcli.model import keys
 from drcli.model.checkpoint_list import HYPERPARAMETERS, METADATA, PARAMETERS_FILE, Item
-from drcli.model.files.custom_files import local_file
+from drcli.model.files.custom_files import InputFile, local_file
 from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.params_yaml import moved_training_parameters, training_parameters
 from drcli.model.keys import REWARD_FUNCTION_FILE
@@ -324,7 +325,7 @@ def plan_import(settings: Settings, options: ImportOptions) -> PlannedImport:
     policy, verified = _read(source, chosen)
     made = ModelMaker(settings, options, source, chosen, policy)
     items, report = made.model()
-    warnings = [*report.warnings, *_other_custom_files(settings, options, items)]
+    warnings = [*report.warnings, *_other_custom_files(settings, options, items, policy.algorithm)]
     report = replace(report, verified=verified, warnings=warnings)
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     used = _check_target(settings, options, here, items)
@@ -395,7 +396,9 @@ def import_model(planned: PlannedImport, settings: Settings, progress: Progress)
     return replace(delivery.complete(report), custom_files=written)
 
 
-def _other_custom_files(settings: Settings, options: ImportOptions, items: list[Item]) -> list[str]:
+def _other_custom_files(
+    settings: Settings, options: ImportOptions, items: list[Item], algorithm: str
+) -> list[str]:
     if options.custom_files:
         return []
     folder = settings.custom_files_dir
@@ -408,7 +411,7 @@ def _other_custom_files(settings: Settings, options: ImportOptions, items: list[
     for item in items:
         if item.name in names:
             own = local_file(folder, names[item.name])
-            if own is not None and own.data != item.data:
+            if own is not None and not _means_the_same(own, item, algorithm):
                 other.append(names[item.name])
     if not other:
         return []
@@ -416,6 +419,16 @@ def _other_custom_files(settings: Settings, options: ImportOptions, items: list[
         f"{folder} has another {' and another '.join(sorted(other))}, which count more than the "
         "model's when it is trained on: replace them with -c, or move them away."
     ]
+
+
+def _means_the_same(own: InputFile, item: Item, algorithm: str) -> bool:
+    """Keys of other algorithms, such as sac_alpha in files of PPO, do not count."""
+    if own.data == item.data or item.name != HYPERPARAMETERS:
+        return own.data == item.data
+    with suppress(ProblemsError):
+        mine = Hyperparameters.from_bytes(own.data, own.origin)
+        return mine.canonical_json(algorithm).encode() == item.data
+    return False
 
 
 def _check_target(

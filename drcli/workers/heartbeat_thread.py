@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import time
+from collections import deque
 from contextlib import suppress
 from pathlib import Path
 
@@ -30,6 +31,9 @@ with lazy_imports():
     import psutil
 
 BEAT_S = 2.0
+MOST_BEATS = 6
+"""Ten seconds: a learner works in bursts."""
+
 STACKS_SIGNAL = getattr(signal, "SIGUSR2", None)
 """A worker writes the stacks of its threads into its log, and goes on."""
 
@@ -51,6 +55,7 @@ class Heartbeat:
         self._beats = 0
         self._relayed: HeartbeatRecord | None = None
         self._pid = os.getpid()
+        self._used: deque[tuple[float, float]] = deque(maxlen=MOST_BEATS)
 
     def turn(self) -> None:
         self._turned_s = elapsed_s()
@@ -105,7 +110,15 @@ class Heartbeat:
             turned_s=self._turned_s,
             memory_bytes=relayed.memory_bytes if relayed else own_memory_bytes(),
             open_files=relayed.open_files if relayed else own_open_files(),
+            cores=relayed.cores if relayed else self._cores(),
         )
+
+    def _cores(self) -> float:
+        """Processor time that was used, by all time, since some beats ago."""
+        self._used.append((elapsed_s(), own_processor_s()))
+        (before_s, used_s), (now_s, used_now_s) = self._used[0], self._used[-1]
+        passed_s = now_s - before_s
+        return round(max(0.0, used_now_s - used_s) / passed_s, 2) if passed_s > 0 else 0.0
 
     def _beat(self, folder: Path, name: str, descriptor: int) -> None:
         while True:
@@ -122,6 +135,16 @@ class Heartbeat:
 def own_open_files() -> int:
     """Of this process, or of a companion with more."""
     return max(open_files(), *(open_files(each) for each in [*companions]), 0)
+
+
+def own_processor_s() -> float:
+    """Processor time of this process and its `companions`, all threads."""
+    total = time.process_time()
+    for each in [*companions]:
+        with suppress(psutil.Error):  # it has just ended
+            times = psutil.Process(each).cpu_times()
+            total += times.user + times.system
+    return total
 
 
 def own_memory_bytes() -> int:

@@ -195,6 +195,8 @@ def evaluate(
                 f"--laps draws the start of each lap on its own; leave out {', '.join(useless)}."
             )
     loaded = settings()
+    if context.info_name == STARTER:
+        stopping.refuse_second_evaluation(loaded.directory, loaded.run_id)
     if opponent_chosen is not None and loaded.race_type != "HEAD_TO_MODEL":
         raise typer.BadParameter("--opp-checkpoint needs DR_RACE_TYPE=HEAD_TO_MODEL.")
     loaded = options.with_options(

@@ -195,6 +195,13 @@ class EvaluationSettings(Group, title="Evaluation"):
         "Time after which a lap of an evaluation is given up, simulated seconds.",
         between=(1, 36000),
     )
+    eval_max_minutes: float = setting(
+        "DR_EVAL_MAX_MINUTES",
+        0.0,
+        "Time after which a whole evaluation ends, all its trials together, simulated minutes; 0 "
+        "for no limit. Consoles end one after 20.",
+        between=(0, 1440),
+    )
     eval_average_laps: int = setting(
         "DR_EVAL_AVERAGE_LAPS",
         3,

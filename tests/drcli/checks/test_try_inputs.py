@@ -291,3 +291,5 @@ def test_failures_that_a_training_counts_are_warnings_within_its_share(kind, tol
 
     assert problem.severity == severity
     assert problem.line == 3
+    told = "DR_REWARD_ON_ERROR=count allows 3% of the calls to fail"
+    assert (told in problem.message) == (tolerated == 0.03)

@@ -19,15 +19,12 @@ REFERENCE_RUN = (REFERENCE / "run.env").read_text()
 REFERENCE_SYSTEM = (REFERENCE / "system.env").read_text()
 
 
-def test_the_files_of_the_reference_load_with_one_word_on_what_has_no_effect(folder):
+def test_the_files_of_the_reference_load_without_a_word(folder):
     folder.write("system.env", REFERENCE_SYSTEM)
 
     settings = folder.load(REFERENCE_RUN)
 
-    assert settings.warnings == (
-        "run.env and system.env: 18 of the settings are for containers, windows, videos and the "
-        "like, without effect here. `dr config check` names them.",
-    )
+    assert settings.warnings == ()
     assert settings.extra == {}
     assert settings.metrics_prefix == "rl-deepracer-sagemaker/metrics"
     assert settings.reward_key == "custom_files/reward_function.py"

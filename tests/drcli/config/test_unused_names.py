@@ -2,18 +2,19 @@
 
 import pytest
 
-from drcli.config.unused_names import effect_warnings, without_effect
+from drcli.config.unused_names import harmless_summary, without_effect
 
 
-def test_harmless_settings_share_one_sentence(folder):
+def test_harmless_settings_share_one_sentence_which_only_checks_tell(folder):
     folder.write("system.env", "DR_DOCKER_STYLE=compose\nDR_HOST_X=True\nDR_DISPLAY=:99\n")
 
     settings = folder.load("DR_CAR_BODY_SHELL_TYPE=f1_2021\n")
 
-    assert list(map(str, effect_warnings(settings))) == [
+    assert settings.warnings == ()
+    assert str(harmless_summary(settings)) == (
         "run.env and system.env: 4 of the settings are for containers, windows, videos and the "
         "like, without effect here. `dr config check` names them."
-    ]
+    )
 
 
 def test_what_somebody_counts_on_is_named_with_value_and_reason(folder):

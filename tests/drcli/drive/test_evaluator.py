@@ -14,7 +14,7 @@ from drcli.base.errors import SettingsError
 from drcli.convert.build_network import weights_of
 from drcli.convert.frozen_graph import encode_policy
 from drcli.convert.runtimes import EnginePolicy
-from drcli.drive.evaluator import enter, entries, evaluate
+from drcli.drive.evaluator import enter, entries, evaluate, in_time
 from drcli.learn.policy import Observation, decide
 from drcli.records.evaluation_task import PolicySource, RaceRecording
 from drcli.records.job import Job
@@ -127,7 +127,7 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     racer.model_metadata(**json.loads(metadata_json()))
     reward = tmp_path / "custom_files" / "reward_function.py"
     reward.write_text("def reward_function(params):\n    return 7.25\n")
-    racer.run_env(
+    lines = (
         "DR_LOCAL_S3_MODEL_PREFIX=model-1",
         "DR_EVAL_MAX_LAP_SECONDS=1",
         "DR_EVAL_NUMBER_OF_TRIALS=4",
@@ -136,6 +136,7 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
         "DR_RACE_TYPE=OBJECT_AVOIDANCE",
         "DR_OA_NUMBER_OF_OBSTACLES=2",
     )
+    racer.run_env(*lines)
     racer.start()
     tensors = save({name: t.contiguous() for name, t in network.state_dict().items()})
     racer.store("model-1").save(0, 0, tensors, optimizer=b"")
@@ -155,6 +156,10 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     assert (7.25 in rewards) == own
     recorded = RaceRecording.decode(racer.bucket.get(entry.recording))
     assert [len(each.poses[0]) for each in recorded.episodes] == [2] * 4
+    racer.run_env(*lines, "DR_EVAL_MAX_MINUTES=0.025")
+    short = evaluate(replace(job, config=racer.settings().run), stop_signal, [entry], threads=1)
+    assert [len(trials) for trials in short.racers] == [1]
+    assert "3 trials left out: DR_EVAL_MAX_MINUTES=0.025 was over." in short.notes
 
     fresh = evaluate(job, stop_signal, [entry], threads=1, fresh_laps=3)
     others = evaluate(replace(job, seed=4), stop_signal, [entry], threads=1, fresh_laps=3)
@@ -165,3 +170,20 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     assert starts != [trial.start_position for trial in others.racers[0]]
     assert {trial.start_position for trial in found.racers[0]} == {0.0}
     assert all(not trial.reset_count and trial.end_waypoint for trial in fresh.racers[0])
+
+
+@pytest.mark.parametrize(
+    ("rows", "most", "kept"),
+    [
+        ([900], 500, 1),
+        ([300, 300, 300], 900, 3),
+        ([300, 300, 300], 899, 2),
+        ([300, 700, 100], 900, 1),
+    ],
+)
+def test_trials_that_would_end_after_the_limit_of_an_evaluation_do_not_count(rows, most, kept):
+    episodes = [SimpleNamespace(rows=[None] * count) for count in rows]
+
+    found, late = in_time(episodes, most)
+
+    assert (found, late) == (episodes[:kept], len(rows) - kept)

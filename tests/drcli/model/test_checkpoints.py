@@ -84,9 +84,9 @@ def test_the_pointer_is_the_plain_name_and_the_scores_are_one_line(store, memory
 
     assert pointer == b"1_Step-2210.ckpt"
     assert scores == (
-        b'{"best_checkpoint": {"name": "1_Step-2210.ckpt", "avg_eval_metric": null, '
+        b'{"best_checkpoint": {"name": "1_Step-2210.ckpt", "avg_eval_metric": -1.0, '
         b'"time_stamp": 147.25}, "last_checkpoint": {"name": "1_Step-2210.ckpt", '
-        b'"avg_eval_metric": null, "time_stamp": 147.25}}'
+        b'"avg_eval_metric": -1.0, "time_stamp": 147.25}}'
     )
 
 

@@ -10,6 +10,7 @@ from drcli.model.checkpoints import CheckpointStore
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
 from drcli.records.evaluation_task import PolicySource
+from drcli.records.iteration import encode_history
 from drcli.run.evaluation_plan import prepare_evaluation
 from iterations import iteration_record
 from small_policies import metadata_json, small_metadata, small_network
@@ -44,6 +45,23 @@ def test_the_copy_of_a_model_in_a_race_is_not_said_to_lack_a_history(
     prepare_evaluation(settings)
 
     assert len([each for each in told if "history.json is missing" in each]) == said
+
+
+def test_a_clone_that_is_evaluated_has_the_history_of_its_model(racer, monkeypatch, told):
+    monkeypatch.setattr("drcli.run.evaluation_plan.open_bucket", lambda *_, **__: racer.bucket)
+    racer.run_env("DR_WORLD_NAME=reinvent_base", "DR_LOCAL_S3_MODEL_PREFIX=model-1")
+    racer.bucket.put(keys.model_metadata("model-1"), metadata_json())
+    records = [iteration_record(number) for number in range(5)]
+    CheckpointStore(ModelStore(racer.bucket, "model-1")).save(
+        5, 600, b"weights", counters=Counters(learned=records[-1])
+    )
+    racer.bucket.put(keys.history("model-1"), encode_history(records))
+
+    prepare_evaluation(racer.settings(), clone=True)
+
+    assert told == []
+    copied = racer.bucket.get(keys.history("model-1-E"))
+    assert copied == racer.bucket.get(keys.history("model-1"))
 
 
 @pytest.fixture

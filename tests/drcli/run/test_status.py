@@ -173,6 +173,12 @@ def test_a_silent_worker_is_shown_as_such():
     assert health.words("trainer") == "no gradient step yet, silent for 45 s, 512 MB"
 
 
+def test_a_busy_worker_shows_how_many_cores_it_uses():
+    health = WorkerHealth(9, 2.0, 1.0, 512.4, 19, 1.84)
+
+    assert health.words("sim-0") == "last frame 2 s ago, 512 MB, 1.8 cores"
+
+
 def test_warnings_of_an_earlier_start_are_over(tmp_path):
     WatchRecord("one", ["sim-0 grows steadily."]).write(tmp_path)
 

@@ -596,6 +596,23 @@ def test_files_of_the_racer_that_would_replace_the_models_are_named(importer, mo
     assert not any("another" in t for t in importer.run(model, "b", custom_files=True).warnings)
 
 
+def test_a_key_of_another_algorithm_does_not_make_another_file(importer, tmp_path):
+    source = write_files(
+        tmp_path / "source",
+        {
+            "model_30.pb": graph(),
+            "model_metadata.json": described(),
+            "hyperparameters.json": json.dumps({**HYPERPARAMETERS, "sac_alpha": 0.2}).encode(),
+        },
+    )
+    own = (source / "hyperparameters.json").read_bytes()
+    write_files(importer.folder / "custom_files", {"hyperparameters.json": own})
+
+    report = importer.run(source)
+
+    assert not any("another" in text for text in report.warnings)
+
+
 def test_a_model_is_imported_from_the_folder_of_a_minio(importer, tmp_path):
     bucket = tmp_path / "data" / "minio" / "bucket"
     for name, data in tensorflow().items():

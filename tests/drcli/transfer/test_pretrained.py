@@ -38,7 +38,7 @@ def test_everybody_finds_the_first_checkpoint_of_a_clone(trained):
     scores = json.loads(trained.bucket.get(keys.deepracer_checkpoints("model-2")))
     assert str(trained.store("model-2").pointed()) == "0_Step-0.ckpt"
     assert {entry["name"] for entry in scores.values()} == {"0_Step-0.ckpt"}
-    assert {entry["avg_eval_metric"] for entry in scores.values()} == {None}
+    assert {entry["avg_eval_metric"] for entry in scores.values()} == {-1.0}
 
 
 def test_the_other_model_is_left_as_it_was(trained):

@@ -99,3 +99,17 @@ def test_a_pulse_whose_file_is_removed_comes_back(tmp_path, monkeypatch):
     assert wait_until(
         lambda: HeartbeatRecord.read(tmp_path / "0", "sim-0") is not None, patience_s=30
     )
+
+
+def test_a_pulse_says_how_many_cores_were_busy(monkeypatch):
+    clock = iter([(10.0, 1.0), (12.0, 2.0), (14.0, 5.0)])
+    heartbeat = Heartbeat()
+    told = []
+    for now_s, used_s in clock:
+        monkeypatch.setattr("drcli.workers.heartbeat_thread.elapsed_s", lambda now_s=now_s: now_s)
+        monkeypatch.setattr(
+            "drcli.workers.heartbeat_thread.own_processor_s", lambda used_s=used_s: used_s
+        )
+        told.append(heartbeat.record().cores)
+
+    assert told == [0.0, 0.5, 1.0]

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -497,3 +498,17 @@ def test_an_evaluation_in_the_background_tells_programs_where_results_will_be(dr
         "simtrace": "model/evaluation-20260102030405/evaluation-simtrace/0-iteration.csv",
         "metrics": "model/metrics/evaluation/evaluation-20260102030405.json",
     }
+
+
+@pytest.mark.parametrize(("name", "code"), [("start-evaluation", 1), ("evaluate", 0)])
+def test_the_references_name_refuses_a_second_evaluation_as_the_reference_does(
+    dr, asked, monkeypatch, capsys, name, code
+):
+    running = SimpleNamespace(bucket="bucket", prefix="model", pid=4242)
+    monkeypatch.setattr("drcli.run.stopping.running_evaluations", lambda *_: [running])
+
+    assert dr(name) == code
+
+    said = capsys.readouterr().err
+    assert ("An evaluation of s3://bucket/model is running (process 4242)" in said) == (code == 1)
+    assert ("`dr-stop-evaluation`" in said) == (code == 1)
