@@ -274,6 +274,11 @@ def safe_name(text: str) -> str:
     return _UNSAFE.sub("-", text).strip("-.") or "model"
 
 
+def without_dots(path: Path) -> Path:
+    """Without `..`, which a person would have to work out; a link before it is followed."""
+    return path.resolve() if ".." in path.parts else path
+
+
 def find_files(folder: Path, pattern: str) -> Iterator[Path]:
     """As `Path.glob`, without `**`; that fails if a folder is removed meanwhile (Python < 3.13)."""
     for name in glob.iglob(pattern, root_dir=folder, include_hidden=True):  # noqa: PTH207

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli.base.errors import SettingsError
+from drcli.base.files import without_dots
 from drcli.base.installation import lazy_imports
 from drcli.cli import terminal
 
@@ -30,7 +31,7 @@ def working_folder() -> Path:
         if named and Path(named).is_absolute():
             return Path(named)
         raise
-    folder = here / named if named else here
+    folder = without_dots(here / named) if named else here
     if folder != here and (here / "run.env").is_file() and folder.resolve() != here.resolve():
         _mention(folder, here)
     return folder

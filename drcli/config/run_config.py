@@ -7,6 +7,7 @@ from typing import Any, Literal, Self
 from urllib.parse import urlsplit
 
 from drcli.base.errors import Place, Problem
+from drcli.base.files import without_dots
 from drcli.base.json_record import SafeInt, from_json
 from drcli.config.fields import FrozenGroups, declared, setting_problem
 from drcli.config.groups.race import (
@@ -141,7 +142,7 @@ class PlacedSettings(FrozenGroups):
 
     @property
     def tracks_folder(self) -> Path:
-        return self.directory / (self.tracks_dir or "tracks")
+        return without_dots(self.directory / (self.tracks_dir or "tracks"))
 
     def place(self, name: str) -> Place:
         """The file is `default` where nobody gave it."""

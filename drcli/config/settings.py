@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.errors import Place, Problem, few
+from drcli.base.files import without_dots
 from drcli.config.fields import FrozenGroups, Setting, hidden
 from drcli.config.groups.race import (
     BotSettings,
@@ -143,7 +144,7 @@ class Settings(
         return StorageConfig(
             cloud=self.cloud,
             bucket=self.bucket,
-            data_dir=self.directory / self.s3_data_dir,
+            data_dir=without_dots(self.directory / self.s3_data_dir),
             engine=self.local_s3_engine,
             port=self.local_s3_port or None,
             endpoint_url=self.remote_minio_url or None,

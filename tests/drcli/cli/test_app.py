@@ -20,6 +20,7 @@ from drcli.cli import terminal
 from drcli.cli.app import main
 from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS, OF_REFERENCE, program_names
+from drcli.cli.working_folder import settings
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "drsim"}
 """What showing help must not load."""
@@ -318,6 +319,18 @@ def test_dr_dir_names_the_working_folder(dr, working_folder, tmp_path_factory, m
 
     assert code == 0
     assert "Nothing was started" in capsys.readouterr().out
+
+
+def test_folders_above_are_told_without_dots(dr, working_folder, monkeypatch, capsys):
+    (working_folder / "elsewhere").mkdir()
+    monkeypatch.chdir(working_folder / "elsewhere")
+    monkeypatch.setenv("DR_DIR", "..")
+    (working_folder / "system.env").write_text("DR_CLOUD=local\nDR_S3_DATA_DIR=../objects\n")
+
+    loaded = settings()
+
+    assert loaded.directory == working_folder
+    assert loaded.storage.data_dir == working_folder.parent / "objects"
 
 
 @pytest.fixture
