@@ -58,6 +58,29 @@ _dr_export() {
     eval "$lines"
 }
 
+# Removes what DeepRacer-for-Cloud left in this shell: its functions would win over the programs, and
+# its copies of settings over the files.
+_dr_leave_reference() {
+    local name
+    [ -n "${DR_TRAIN_COMPOSE_FILE:-}" ] || typeset -f dr-find-sagemaker >/dev/null || return 0
+    for name in $(typeset -f | sed -n 's/^\(dr-[a-z-]*\) ().*/\1/p; s/^\(droa-[a-z-]*\) ().*/\1/p'); do
+        case $name in
+        dr-update | dr-update-env | dr-reload) ;; # ours
+        *) unset -f "$name" ;;
+        esac
+    done
+    unalias dr-local-aws 2>/dev/null || true
+    for name in $(sed -n 's/^\(DR_[A-Za-z0-9_]*\)=.*/\1/p' "${DR_DIR:-.}/system.env" \
+        "${DR_CONFIG:-run.env}" 2>/dev/null); do
+        unset "$name"
+    done
+    unset DR_CONFIG DR_TRAIN_COMPOSE_FILE DR_EVAL_COMPOSE_FILE DR_MINIO_COMPOSE_FILE \
+        DR_DOCKER_FILE_SEP DR_DOCKER_MAJOR_VERSION DR_LOCAL_PROFILE_ENDPOINT_URL \
+        DR_LOCAL_S3_ENDPOINT_URL DR_MINIO_URL DR_LOCAL_ACCESS_KEY_ID DR_LOCAL_SECRET_ACCESS_KEY \
+        DR_LOCAL_S3_AUTH_MODE DR_UPLOAD_PROFILE DR_ROBOMAKER_TRAIN_PORT DR_ROBOMAKER_EVAL_PORT \
+        DR_ROBOMAKER_GUI_PORT DR_RUN_ID AWS_DEFAULT_REGION
+}
+
 # Whether an argument that is neither an option nor a file is a mistake. A script that sources this
 # without arguments passes on its own ($2 has one in each line); a person passes on nothing.
 _dr_is_mistake() {
@@ -132,6 +155,7 @@ _dr_activate() {
         _dr_fail "there is no run.env in $PWD" "go to your working folder, or create one: dr init"
         return 1
     fi
+    _dr_leave_reference
     _dr_export "$home" "$file" "$experiment" || return 1
     export PATH
 

@@ -29,6 +29,7 @@ class Report:
     skipped: Annotated[tuple[Skipped, ...], "Rules that could not be checked."]
     notes: Annotated[tuple[Problem, ...], "What `dr-start-training` will ask."] = ()
     goes_to: Annotated[str, "Where the trained model can go; empty if that is unknown."] = ""
+    destination: Annotated[str, "What --for names: droa, car or drfc; empty without it."] = ""
 
     @property
     def ok(self) -> bool:
@@ -39,6 +40,8 @@ class Report:
         counts = f"{counted(len(self.errors), 'error')}, {counted(len(self.warnings), 'warning')}."
         if self.ok:
             return f"{counts} A training can start{' with what the notes say' * bool(self.notes)}."
+        if all(item.rule == "V-16" for item in self.errors):
+            return f"{counts} A training can start, but its model could not go where --for says."
         if all(item.rule == "V-13" for item in self.errors):
             return f"{counts} A training can start when the present one has ended."
         if all(ASKED in item.remedy for item in self.errors):

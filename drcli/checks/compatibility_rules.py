@@ -100,26 +100,32 @@ def review_import(settings: Settings, design: Design) -> Iterator[Problem]:
     """V-34: the import after a training takes only the reference's networks."""
     if not (settings.droa_url and settings.import_model_on_completion):
         return
+    for where, key, value, wanted in not_in_reference(design):
+        what = (
+            f"{key}={value}: the model cannot be imported into DeepRacer on AWS at the end of "
+            "the training, because the reference has no such network."
+        )
+        remedy = (
+            f"Write {key}={wanted}, or DR_IMPORT_MODEL_ON_COMPLETION=False in run.env and "
+            "import afterwards what `dr-export droa --distill` makes of the model."
+        )
+        yield Problem("V-34", "warning", where, None, what, remedy)
+
+
+def not_in_reference(design: Design) -> Iterator[tuple[str, str, object, object]]:
+    """File, key, value, and what to write instead, for what other networks need."""
     metadata, stack_size = design.metadata, design.parameters.stack_size
     network = metadata.neural_network
-    for where, key, value, fits, wanted in (
-        (
-            design.metadata_origin,
-            "training_algorithm",
-            metadata.training_algorithm,
-            metadata.algorithm.in_reference,
-            "clipped_ppo",
-        ),
-        (design.metadata_origin, "neural_network", network, network in NETWORKS, NETWORKS[0]),
-        (design.parameters_origin, "stack_size", stack_size, stack_size == 1, 1),
-    ):
-        if not fits:
-            what = (
-                f"{key}={value}: the model cannot be imported into DeepRacer on AWS at the end of "
-                "the training, because the reference has no such network."
-            )
-            remedy = f"Write {key}={wanted}, or DR_IMPORT_MODEL_ON_COMPLETION=False in run.env."
-            yield Problem("V-34", "warning", where, None, what, remedy)
+    if not metadata.algorithm.in_reference:
+        algorithm = metadata.training_algorithm
+        yield design.metadata_origin, "training_algorithm", algorithm, "clipped_ppo"
+    if network not in NETWORKS:
+        yield design.metadata_origin, "neural_network", network, NETWORKS[0]
+    if stack_size != 1:
+        yield design.parameters_origin, "stack_size", stack_size, 1
+
+
+_DISTILL = f"`dr-export droa --distill` lets {NETWORKS[0]}, which they have, learn from the model"
 
 
 def destinations(metadata: ModelMetadata) -> str:
@@ -128,21 +134,21 @@ def destinations(metadata: ModelMetadata) -> str:
     if not metadata.algorithm.in_reference:
         return (
             f"The trained model can go to the physical car, but not to {others}: there, "
-            f"{metadata.training_algorithm} has other networks."
+            f"{metadata.training_algorithm} has other networks. {_DISTILL}."
         )
     if metadata.neural_network in NETWORKS:
         return f"The trained model can go to the physical car, and to {others}."
     return (
         f"The trained model can go to the physical car, but not to {others}, which have no "
-        f'{metadata.neural_network}: for these, a training begins with "neural_network": '
-        f'"{NETWORKS[0]}" in model_metadata.json.'
+        f"{metadata.neural_network}. {_DISTILL}; or begin the training with "
+        f'"neural_network": "{NETWORKS[0]}" in model_metadata.json.'
     )
 
 
 def review_balance(
-    settings: Settings, parameters: Hyperparameters, origin: str
+    settings: Settings, parameters: Hyperparameters, origin: str, *, console: bool
 ) -> Iterator[Problem]:
-    """V-42 and V-45: numbers of episodes, workers and starts fit."""
+    """V-45 and, for elsewhere, V-42: numbers of episodes, workers and starts fit."""
     episodes, workers = parameters.num_episodes_between_training, settings.workers
     if workers > episodes:
         return  # review_parameters reports it
@@ -160,7 +166,7 @@ def review_balance(
         yield setting_problem("DR_WORKERS", place, what, remedy, severity="warning")
     advance = settings.train_round_robin_advance_dist
     lap = episodes / workers * advance
-    if settings.train_change_start_position and abs(lap - 1.0) > _ROUNDING:
+    if console and settings.train_change_start_position and abs(lap - 1.0) > _ROUNDING:
         name = "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST"
         what = (
             f"({episodes} episodes / {workers} workers) x {name}={advance:g} is {lap:.4g} and not "

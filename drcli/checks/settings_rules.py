@@ -61,7 +61,24 @@ def _judged(settings: Settings) -> list[Problem]:
 
 
 def upload_problems(settings: Settings) -> list[Problem]:
-    """V-12: uploads have a bucket to go to; one that cannot be one is an error only for them."""
+    """V-12: uploads have a bucket to go to; one that cannot be one is an error only for them.
+
+    An import has a site to go to, if somebody asks for it.
+    """
+    return [*_import_problems(settings), *_bucket_problems(settings)]
+
+
+def _import_problems(settings: Settings) -> list[Problem]:
+    name = "DR_IMPORT_MODEL_ON_COMPLETION"
+    wanted = settings.import_model_on_completion and name in settings.sources
+    if not wanted or settings.droa_url:
+        return []
+    what = f"{name}=True, but DR_DROA_URL is empty, so the model will not be imported."
+    remedy = f"Set DR_DROA_URL in system.env, or write {name}=False."
+    return [setting_problem(name, settings.place(name), what, remedy, severity="warning")]
+
+
+def _bucket_problems(settings: Settings) -> list[Problem]:
     wanted = {
         "DR_REGULAR_UPLOAD": settings.regular_upload > 0,
         "DR_UPLOAD_BEST_MODEL": settings.upload_best_model,

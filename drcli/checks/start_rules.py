@@ -28,7 +28,7 @@ from drcli.model.model_store import ModelStore
 from drcli.model.repair import load_unless_lost
 from drcli.records.run_record import RunRecord, run_folder
 from drcli.records.training_record import budget_of
-from drcli.transfer import pretrained
+from drcli.transfer import minio_folder, pretrained
 from drcli.transfer.pretrained import Transfer
 from drcli.workers.ray_extra import has_cluster, require_ray
 
@@ -165,6 +165,13 @@ def review_owner(store: ModelStore) -> list[Problem]:
         model = store.url
         return [Problem("V-13", "error", model, None, str(error), error.remedy)]
     return []
+
+
+def review_minio_folder(settings: Settings, bucket: Bucket) -> Iterator[Problem]:
+    """V-15: no models are left where MinIO kept them."""
+    models = minio_folder.unread_models(settings.storage, settings.directory, bucket)
+    if models:
+        yield Problem("V-15", "warning", "", None, *minio_folder.told_unread(models, bucket))
 
 
 def review_pretrained(

@@ -16,11 +16,13 @@ from drcli.checks.compatibility_rules import (
     review_balance,
     review_names,
 )
+from drcli.checks.destination_rules import DESTINATIONS, review_destination
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.stage_rules import StagesReview, review_stages
-from drcli.checks.start_rules import probe, review_owner, start_problems
+from drcli.checks.start_rules import probe, review_minio_folder, review_owner, start_problems
+from drcli.config.adoption import winning_functions
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problems
 from drcli.model import keys
@@ -33,7 +35,7 @@ from drcli.rewards.reward_style import review_style
 from drcli.rewards.try_inputs import as_given, races_of
 from drcli.workers.ray_extra import workers_here
 
-BUCKET_RULES = ("V-09", "V-10", "V-13", "V-35", "V-50")
+BUCKET_RULES = ("V-09", "V-10", "V-13", "V-15", "V-35", "V-50")
 
 
 def validate(
@@ -43,20 +45,25 @@ def validate(
     environ: Mapping[str, str] | None = None,
     reviewed: SettingsReview | None = None,
     here: bool = True,
+    destination: str = "",
 ) -> Report:
     """Check all rules; nothing in the folder changes.
 
     `console_compatible` makes what a console refuses an error. `here`: room and runs of this
-    machine count.
+    machine count. `destination`: a key of `DESTINATIONS`, which the trained model must suit.
     """
     directory = directory.absolute()
     environ = os.environ if environ is None else environ
     reviewed = reviewed or review_settings(directory, environ)
-    validation = _Validation(directory, console_compatible, environ, here, list(reviewed.problems))
+    validation = _Validation(
+        directory, console_compatible, environ, here, destination, list(reviewed.problems)
+    )
     if reviewed.settings is None:
         validation.try_files_alone()
     else:
         validation.try_everything(reviewed.settings, whole=reviewed.whole)
+    if here:
+        validation.found += winning_functions(directory, environ)
     found = [_relative(each, directory) for each in validation.found]
     warnings = of_severity(found, "warning")
     return Report(
@@ -67,6 +74,7 @@ def validate(
         tuple(validation.skipped),
         of_severity(found, "note"),
         validation.goes_to,
+        destination,
     )
 
 
@@ -76,6 +84,7 @@ class _Validation:
     console: bool
     environ: Mapping[str, str]
     here: bool
+    destination: str
     found: list[Problem]
     skipped: list[Skipped] = field(default_factory=list)
     goes_to: str = ""
@@ -98,7 +107,7 @@ class _Validation:
         parameters, metadata = examined.review.parameters, examined.review.metadata
         if metadata is not None:
             where = examined.files[keys.MODEL_METADATA_FILE].origin
-            self.goes_to = destinations(metadata)
+            self.goes_to = "" if self.destination else destinations(metadata)
             self.found += review_actions(
                 metadata, parameters, settings, where, console=self.console
             )
@@ -111,12 +120,24 @@ class _Validation:
             ]
         if parameters is not None:
             origin = examined.files[keys.HYPERPARAMETERS_FILE].origin
-            self.found += review_balance(settings, parameters, origin)
+            self.found += review_balance(settings, parameters, origin, console=self.console)
+        if self.destination:
+            self._examine_destination(settings, examined)
         if self.here:
             self.found += review_memory(
                 workers_here(settings), settings.place("DR_WORKERS"), parameters, metadata
             )
             self.found += review_gpu(settings.sagemaker_cuda_devices, self.environ)
+
+    def _examine_destination(self, settings: Settings, examined: Examined) -> None:
+        design, place = examined.review.design, DESTINATIONS[self.destination]
+        if design is None or keys.REWARD_FUNCTION_FILE not in examined.files:
+            self._skip(("V-16",), f"What {place} takes is checked once the files are correct.")
+            return
+        found = [*review_destination(self.destination, settings, examined.files, design)]
+        self.found += found
+        if not of_severity(found, "error"):
+            self.goes_to = f"The trained model can go to {place}."
 
     def try_files_alone(self) -> None:
         """Without settings, which name the bucket and the track."""
@@ -148,6 +169,7 @@ class _Validation:
             self.found += probe(model)
             if not trains:
                 self.found += review_owner(model)
+            self.found += review_minio_folder(settings, bucket)
         except StorageError as error:
             self.found.append(_unusable(error, *settings.place("DR_CLOUD")))
             self._skip(BUCKET_RULES[:-1], "The bucket cannot be used.")

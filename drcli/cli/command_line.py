@@ -2,6 +2,8 @@
 
 import inspect
 import os
+import re
+import shlex
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -175,7 +177,9 @@ class _OfReference(_Command):
         kept, ignored = _known_words(self.get_params(ctx), args)
         rest = super().parse_args(ctx, kept)
         if ignored and not ctx.resilient_parsing:
-            terminal.warn(f"`dr {self.name}` ignores {shown(' '.join(ignored))}.")
+            names = not any(word.startswith("-") for word in ignored)
+            way = _way_to_name(ctx, ignored[0]) if names else ""
+            terminal.warn(f"`dr {self.name}` ignores {shown(' '.join(ignored))}.{way}")
         return rest
 
 
@@ -262,16 +266,45 @@ _UsageError: Any = typer.BadParameter.__base__
 """Typer has it in several places, depending on its version."""
 
 
+_EXTRA = re.compile(r"unexpected extra argument\S* \((.*)\)")
+_OF_THE_SETTINGS = (
+    *("start-training", "stop-training", "status", "attach", "logs", "analyze"),
+    *("evaluate", "start-evaluation", "stop-evaluation"),
+)
+"""They act on the model that the settings name."""
+
+
+def _way_to_name(ctx: Any, word: str) -> str:
+    """How to name a model, for a command that was called with a word that it does not take."""
+    name, command, above = shlex.quote(shown(word)), ctx.command, ctx.parent
+    if command.name in _OF_THE_SETTINGS and above.parent is None:
+        return f" Name another model in front: `DR_LOCAL_S3_MODEL_PREFIX={name} dr-{command.name}`."
+    option = next((p.opts[0] for p in command.params if p.metavar == "PREFIX"), None)
+    if option:
+        return f" Name a model with `{ctx.command_path} {option} {name}`."
+    others = above.command.commands if above.parent is not None else {}
+    taking = [n for n, each in others.items() if any(p.name == "model" for p in each.params)]
+    named = ", ".join(f"`{above.command_path} {n}`" for n in taking)
+    return f" A model is taken by {named}." if named else ""
+
+
 @contextmanager
-def _refused_in_json(words: Sequence[str]) -> Iterator[None]:
-    """A wrong command line with --json is an object too, whether or not --json was read yet."""
+def _refused(words: Sequence[str]) -> Iterator[None]:
+    """A wrong command line, in whole words; with --json an object too, read or not yet."""
     try:
         yield
     except _UsageError as error:
+        ctx, message = error.ctx, error.format_message()
+        if type(error).__name__ == "NoArgsIsHelpError":
+            raise
+        called = PROGRAM if ctx is None else ctx.command_path
+        if ctx is not None and (extra := _EXTRA.search(message)):
+            first = extra[1].partition(" ")[0]
+            message = f"`{called}` does not take {extra[1]}.{_way_to_name(ctx, first)}"
         if "--json" in words:
-            called = PROGRAM if error.ctx is None else error.ctx.command_path
             remedy = f"`{called} --help` shows what it takes."
-            terminal.emit_failure(error.format_message(), remedy, error.exit_code)
+            terminal.emit_failure(message, remedy, error.exit_code)
+        error.format_message = lambda: terminal.in_lines(message, after=len("Error: "))
         raise
 
 
@@ -282,11 +315,11 @@ class _Overview(_Group):
 
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
         self.shows_all = "--all" in args  # --help is answered before the other options are read
-        with _refused_in_json(args):
+        with _refused(args):
             return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
-        with _refused_in_json(ctx.args):
+        with _refused(ctx.args):
             return super().invoke(ctx)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

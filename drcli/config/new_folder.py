@@ -171,6 +171,7 @@ OVERTAKE = "overtake.py"
 """Near the middle, no car could pass."""
 
 IGNORED = "/data/"
+ACTIVATE = "bin/activate.sh"
 _FIRST_LINE = (
     "# Source this in bash or zsh: source bin/activate.sh [-e EXPERIMENT] [FILE]. Written by "
     "`dr init`.\n"
@@ -206,7 +207,7 @@ def plan_folder(
         NewFile("run.env", run),
         NewFile("system.env", system),
         *_custom_files("custom_files", values.get("DR_RACE_TYPE", ""), preset, files_of_model),
-        NewFile("bin/activate.sh", _activate().encode()),
+        NewFile(ACTIVATE, activate_file()),
         NewFile(".gitignore", _gitignore(folder / ".gitignore")),
     ]
     return FolderPlan(folder, tuple(files), ("tracks",), *_missing_track(settings))
@@ -296,7 +297,7 @@ def plan_experiment(
 
 def has_activate_script(folder: Path) -> bool:
     """Whether bin/activate.sh is ours; the reference has its own."""
-    path = folder / "bin" / "activate.sh"
+    path = folder / ACTIVATE
     return path.is_file() and content_of(path, path.name).startswith(_FIRST_LINE.encode())
 
 
@@ -366,14 +367,16 @@ def _custom_files(
     ]
 
 
-def _activate() -> str:
+def activate_file() -> bytes:
+    """What bin/activate.sh holds."""
     programs = Path(sys.executable).parent
     if not (programs / "dr").exists():
         programs = Path(sysconfig.get_path("scripts"))
-    return _FIRST_LINE + _ACTIVATE % (
+    text = _FIRST_LINE + _ACTIVATE % (
         shlex.quote(str(programs)),
         shlex.quote(str(activate_script())),
     )
+    return text.encode()
 
 
 def _gitignore(path: Path) -> bytes:

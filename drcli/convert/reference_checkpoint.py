@@ -28,9 +28,9 @@ Weights = Mapping[str, Array]
 VALUE_HEAD = "network_0/v_values_head_0/output"
 LOG_STD = "network_1/ppo_head_0/policy_log_std"
 
-_INSTEAD = (
-    "Export the frozen graph instead (`dr-export pb` or `dr-export car`), which can hold every "
-    "network"
+_DISTILL = (
+    f"Let {NETWORKS[0]}, which it has, learn from this model with `dr-export droa --distill` or "
+    "`dr-export tf-checkpoint --distill`"
 )
 
 
@@ -41,19 +41,19 @@ def refuse_other_networks(spec: PolicySpec, *, is_sac: bool) -> None:
             "training_algorithm=sac: our SAC policy has other layers than the reference "
             "simulator's, which would skip them without a word, so it cannot become a TensorFlow "
             "checkpoint.",
-            remedy=f"{_INSTEAD}, or train with training_algorithm=clipped_ppo.",
+            remedy=f"{_DISTILL}. Or train with training_algorithm=clipped_ppo.",
         )
     if spec.network not in NETWORKS:
         raise SettingsError(
             f"neural_network={spec.network} does not exist in the reference simulator, so it "
             "cannot become a TensorFlow checkpoint.",
-            remedy=f"{_INSTEAD}, or train with neural_network={NETWORKS[0]}.",
+            remedy=f"{_DISTILL}. Or train with neural_network={NETWORKS[0]}.",
         )
     if spec.stack > 1:
         raise SettingsError(
             f"stack_size={spec.stack}: the reference simulator always shows a network one frame, "
             "so this model cannot become a TensorFlow checkpoint.",
-            remedy="Train with stack_size=1 in hyperparameters.json.",
+            remedy=f"{_DISTILL}. Or train with stack_size=1 in hyperparameters.json.",
         )
 
 

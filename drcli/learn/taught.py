@@ -95,7 +95,7 @@ class TaughtLearner(Learner):
             self._learner = PPO(self.teacher, own, small)
         elif phase == "distillation":
             self._calm(SMALL_LOG_STD)
-            self._learner = _Distillation(self.model, self.teacher, self.compute)
+            self._learner = Distillation(self.model, self._labels, self.compute)
         else:
             self._calm(FINE_LOG_STD)
             most = FINE_LR if self.model.spec.continuous else FINE_LR_OF_CHOICES
@@ -148,16 +148,29 @@ class TaughtLearner(Learner):
         finally:
             torch.set_num_threads(threads)
 
+    def _labels(self, rollout: Rollout) -> Float32s:
+        self.teacher.train()  # one product for all steps, which gives equal rollouts equal bits
+        state = torch.from_numpy(rollout.states).to(self.compute.device)
+        with torch.inference_mode():
+            policy = self.teacher.policy(state)
+            if not self.model.spec.continuous:
+                policy = policy.softmax(-1)
+        return policy.cpu().numpy()
 
-class _Distillation(Learner):
-    """Imitates the teacher wherever one of them has driven."""
+
+Labels = Callable[[Rollout], Float32s]
+"""What a teacher would do in each step: probabilities, or actions. Shape (t, num_actions)."""
+
+
+class Distillation(Learner):
+    """Imitates a teacher wherever one of them has driven."""
 
     memory_steps = REMEMBERED_STEPS
     capture_failure = None
 
-    def __init__(self, student: ActorCritic, teacher: Teacher, compute: Compute) -> None:
+    def __init__(self, student: ActorCritic, labels: Labels, compute: Compute) -> None:
         super().__init__(student, STUDENT, compute)
-        self._student, self._teacher = student, teacher
+        self._student, self._labels = student, labels
         self.optimizer = Adam([*student.body.parameters(), *student.policy_head.parameters()], 0.0)
         self._parallel = DataParallel(
             student, compute.parts, compute.threads, bf16=compute.bf16, num_statistics=1
@@ -166,7 +179,10 @@ class _Distillation(Learner):
 
     def remember(self, rollout: Rollout) -> None:
         if rollout.frames.size:  # nothing was drawn for a teacher
-            self._driven.add(replace(rollout, actions=self._labels(rollout)))
+            labels = self._labels(rollout)
+            if self._student.spec.continuous:
+                labels = labels.clip(-LARGEST_LABEL, LARGEST_LABEL)
+            self._driven.add(replace(rollout, actions=labels))
 
     def update(
         self,
@@ -218,15 +234,3 @@ class _Distillation(Learner):
         statistics = self._parallel.backward(loss_of, len(wanted))
         self.optimizer.step()
         return statistics
-
-    def _labels(self, rollout: Rollout) -> Float32s:
-        self._teacher.train()  # one product for all steps, which gives equal rollouts equal bits
-        state = torch.from_numpy(rollout.states).to(self.compute.device)
-        with torch.inference_mode():
-            policy = self._teacher.policy(state)
-            if self._student.spec.continuous:
-                policy = policy.clamp(-LARGEST_LABEL, LARGEST_LABEL)
-            else:
-                policy = policy.softmax(-1)
-        labels: Float32s = policy.cpu().numpy()
-        return labels

@@ -194,6 +194,8 @@ class ModelCheckpoints:
         of_other = _driven(self.model, self.history, other)
         if other.name == chosen.name:
             unknown = of_other in (NEVER_EVALUATED, UNTAUGHT)
+            if unknown and chosen.choice == "best":
+                return f"Takes checkpoint {of}, the last, because none has been evaluated."
             words = "the last" if unknown else "the best and the last"
             return f"Takes checkpoint {of}, {words}: {driven}."
         if of_other == UNTAUGHT:

@@ -239,6 +239,8 @@ class CheckpointStore:
         metric = None if known is None else known.metric_of(record.name)
         last = Score(record.name, metric, record.sim_time_s)
         best = last if known is None else known.best_checkpoint
+        if known is not None and best == known.last_checkpoint and best.avg_eval_metric is None:
+            best = last  # until one is evaluated, the newest has learned most
         write_scores(self._model, Scores(best, last))
 
     def repair_pointer(self, name: CheckpointName) -> bool:

@@ -130,6 +130,8 @@ def run_queue(
                 put(bucket, race_keys.draw(race), BracketDraw(counted(stored)))
                 on_progress(f"The bracket of {len(counted(stored))} submissions is drawn.")
                 continue
+            if len(runs) > 1:
+                on_progress(f"{len(runs)} runs wait.")
             _drive(settings, bucket, lease, stored, runs[0], films, missing, on_progress)
             driven += 1
     return show_race(bucket, race)
@@ -166,9 +168,11 @@ def _drive(
     begun = RaceResult("running", lease.session, stored.restarts(*run), time.time())
     key = race_keys.result(race, name)
     put(bucket, key, begun)
-    on_progress(f"Driving {who} ...")
+    most = stored.rules.max_laps
+    laps = f"{most} lap{'s' * (most > 1)} on {stored.rules.world}"
+    on_progress(f"Driving {who}: {laps}, whose times follow when all are driven ...")
     try:
-        result = _evaluated(settings, bucket, stored, run, films, begun)
+        result = _evaluated(settings, bucket, stored, run, films, begun, on_progress)
         if note:
             result = replace(result, notes=[*result.notes, note])
     except (StorageError, OwnershipLost, Stopped):
@@ -195,15 +199,17 @@ def _evaluated(
     run: tuple[str, ...],
     films: bool,
     begun: RaceResult,
+    on_progress: Say,
 ) -> RaceResult:
     conditions = settings_of_rules(settings, stored.rules)
     own = settings_of_run(conditions, stored, run)
     plan = prepare_evaluation(own, seed=stored.rules.seed)
-    report = run_evaluation(plan)
+    report = run_evaluation(plan, on_progress)
     reports = [report, *([report.opponent] if report.opponent is not None else [])]
     notes = list(report.notes)
     videos = ["" for _ in reports]
     if films:
+        on_progress("Filming the laps ...")
         for number, name in enumerate(video_names("_".join(sorted(run)))):
             key = race_keys.video(stored.race, name)
             videos[number], more = film_car(plan, bucket, reports[number], key)

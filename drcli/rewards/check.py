@@ -13,24 +13,22 @@ from drcli.base.report import BLANK, Col, Curve, Styled, View, bold, compact, co
 from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
-from drcli.model.keys import MODEL_METADATA_FILE
-from drcli.rewards.course import Course, SandboxOf, TriedReward, as_array, try_rewards
-from drcli.rewards.lint import SIMULATION_STEP_S
-from drcli.rewards.sandbox.run_sandbox import CallIndex, Difference, FailureKind, Sandbox
-from drcli.rewards.sandbox.sample_calls import LATE
-from drcli.rewards.scripted_drive import (
+from drcli.model.keys import HYPERPARAMETERS_FILE, MODEL_METADATA_FILE
+from drcli.rewards.course import (
     FAST,
+    LATE,
     LEAVING,
     STANDING,
     STEADY,
-    drive,
+    Course,
     each_race,
-    read_actions,
+    require_trainable,
 )
-from drcli.rewards.source import discount_of, own_file, read_racers_file
+from drcli.rewards.lint import SIMULATION_STEP_S
+from drcli.rewards.sandbox.run_sandbox import CallIndex, Difference, FailureKind
+from drcli.rewards.source import own_file, read_racers_file
+from drcli.rewards.tried_reward import SandboxOf, TriedReward, as_array, try_rewards
 from drcli.rewards.try_inputs import races_of, text_of, tolerated_share
-from drsim.car.actions import Actions
-from drsim.episode.reward import names_in
 
 # Finds what a drive shows of a reward function.
 #
@@ -45,11 +43,12 @@ _GROWS = 3.0
 _TIE = 0.05
 _NEARLY = 0.95
 _CREEPING_MPS = 0.5
+_NOTHING = 0.01
 _OF_LAPS = {"short", "standing", "cancels-out", "slow-lap"}
 _BETTER = "Pay for progress per step, or for a lap in few steps."
 
 
-def drive_problems(tried: TriedReward, discount: float) -> Iterator[Problem]:
+def course_problems(tried: TriedReward, discount: float) -> Iterator[Problem]:
     yield from _memory(tried)
     if not any(failure.kind in _FATAL for failure in tried.result.failures):
         yield from _loopholes(tried, discount)
@@ -88,11 +87,14 @@ def _growth(tried: TriedReward, greatest: float) -> Iterator[Problem]:
 
 
 def _off_track(tried: TriedReward) -> Iterator[Problem]:
-    values, off = tried.grid_values, tried.course.grid.off
+    values, off = tried.grid_values, np.array(tried.course.off)
     outside, centre = values[off], values[len(values) // 2]
     if np.isnan(outside).all() or np.isnan(centre).all():
         return
     off_mean, on_mean = float(np.nanmean(outside)), float(np.nanmean(centre))
+    driven = max(abs(tried.mean(driver) or 0.0) for driver in (STEADY, FAST))
+    if max(abs(off_mean), abs(on_mean)) < _NOTHING * driven:
+        return  # the speed or the steering of the places earns nothing anywhere
     if off_mean >= on_mean - (1.0 - _NEARLY) * abs(on_mean):
         yield tried.warning(
             "off-track",
@@ -104,7 +106,9 @@ def _off_track(tried: TriedReward) -> Iterator[Problem]:
 
 
 def _laps(tried: TriedReward, discount: float) -> Iterator[Problem]:
-    """At most one."""
+    """At most one; none if the actions do not keep the car on the road."""
+    if not tried.trip(STEADY).on_the_road:
+        return
     steady, left = tried.total(STEADY), tried.total(LEAVING)
     if steady is not None and left is not None and left >= steady:
         yield tried.warning(
@@ -143,6 +147,8 @@ def _laps(tried: TriedReward, discount: float) -> Iterator[Problem]:
         found = tried.warning("standing", creeping, _BETTER)
     if found is not None:
         slow, quick = (tried.discounted(driver, discount) for driver in (STEADY, FAST))
+        if found.rule == "slow-lap" and not slow > quick + _TIE * abs(quick):
+            return  # so many functions pay for good steps alone, and their cars get fast
         if quick > slow + _TIE * abs(slow):
             why = (
                 f" But a step counts less the later it comes (discount_factor {discount:g}): seen "
@@ -155,7 +161,7 @@ def _laps(tried: TriedReward, discount: float) -> Iterator[Problem]:
 
 def _creeping(tried: TriedReward) -> str:
     step, standing, trip = tried.mean(STEADY), tried.mean(STANDING), tried.trip(STANDING)
-    gone_m = trip.progress / 100.0 * tried.course.drive.track.length_m
+    gone_m = trip.progress / 100.0 * tried.course.length_m
     speed_mps = gone_m / max(trip.seconds, 1.0)
     if speed_mps > _CREEPING_MPS or step is None or standing is None:
         return ""
@@ -189,7 +195,7 @@ def _both(tried: TriedReward, difference: Difference, word: str) -> str:
             break
         digits += 1
     often = f"{difference.times:,} of {difference.of:,} calls"
-    return f"{one} {word} {other} ({tried.course.describe(difference.place)}; {often})"
+    return f"{one} {word} {other} ({tried.describe(difference.place)}; {often})"
 
 
 @dataclass(frozen=True)
@@ -341,35 +347,43 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
         SettingsError: File or track is missing, or the race does not fit.
     """
     read = read_racers_file(settings, file, directory)
-    tried = try_in_each_race(
-        settings, read, directory, lambda own, actions: Course.of(drive(own, actions))
-    )
-    return report_of(tried, discount_of(settings))
+    tried = try_in_each_race(settings, read, directory, lambda own, _: own)
+    return report_of(tried, tried[0].result.discount)
 
 
 def try_in_each_race(
     settings: Settings,
     file: InputFile,
     directory: Path,
-    course_of: Callable[[DriveConfig, Actions | None], Course],
+    course_of: Callable[[DriveConfig, str], Course | DriveConfig],
     given_up: Event | None = None,
-    sandbox_of: SandboxOf = Sandbox,
+    sandbox_of: SandboxOf | None = None,
 ) -> list[TriedReward]:
     """As before a start, and on the course of each distinct race.
 
-    The first result has the samples of all races.
+    The first result has the samples of all races. `course_of` gets a race and the model's metadata.
     """
     tried: list[TriedReward] = []
     tolerated = tolerated_share(settings.run)
-    metadata = text_of(own_file(settings, MODEL_METADATA_FILE))
-    actions = read_actions(metadata.encode() or None)
+    metadata, hyperparameters = (
+        text_of(own_file(settings, name)) for name in (MODEL_METADATA_FILE, HYPERPARAMETERS_FILE)
+    )
     for own in each_race(settings.races):
+        require_trainable(own)
         races = None if tried else races_of(settings.run)
-        course = course_of(own, actions)
+        course = course_of(own, metadata)
         if given_up is not None and given_up.is_set():
             break
         tried += try_rewards(
-            [file], course, directory, races, tolerated, given_up, metadata, sandbox_of
+            [file],
+            course,
+            directory,
+            races,
+            tolerated,
+            given_up,
+            metadata,
+            hyperparameters,
+            sandbox_of,
         )
     return tried
 
@@ -381,28 +395,28 @@ def report_of(races: Sequence[TriedReward], discount: float) -> RewardReport:
     """
     found: list[Problem] = []
     for each in races:
-        drive_ = each.course.drive
-        place = f"On {drive_.world}, {drive_.race_type}: " if each is not races[0] else ""
+        course = each.course
+        place = f"On {course.world}, {course.race_type}: " if each is not races[0] else ""
         known = {_sameness(problem) for problem in found}
         found += [
             replace(problem, message=place + problem.message)
-            for problem in (*each.problems, *drive_problems(each, discount))
+            for problem in (*each.problems, *course_problems(each, discount))
             if _sameness(problem) not in known
         ]
     tried = races[0]
-    drive_ = tried.course.drive
+    course = tried.course
     paid = [
         (value, sequence, index)
-        for sequence in range(len(drive_.trips))
+        for sequence in range(len(course.trips))
         for index, value in enumerate(tried.result.values[sequence])
         if value is not None
     ]
     least, greatest = min(paid, default=None), max(paid, default=None)
     return RewardReport(
         file=tried.name,
-        world=drive_.world,
-        race_type=drive_.race_type,
-        reversed=drive_.track.reverse,
+        world=course.world,
+        race_type=course.race_type,
+        reversed=course.reversed,
         calls=tried.result.calls,
         returns=sorted(tried.result.returned),
         least=_extreme(tried, least),
@@ -421,16 +435,16 @@ def report_of(races: Sequence[TriedReward], discount: float) -> RewardReport:
                 tried.total(trip.driver),
                 tried.mean(trip.driver),
             )
-            for trip in drive_.trips
+            for trip in course.trips
         ],
         curve=tried.result.values[0],
         errors=list(of_severity(found, "error")),
         warnings=list(of_severity(found, "warning")),
         notes=list(of_severity(found, "note")),
         others=[
-            OtherRace(drive_.world, drive_.race_type, drive_.track.reverse, each.result.calls)
+            OtherRace(course.world, course.race_type, course.reversed, each.result.calls)
             for each in races[1:]
-            for drive_ in [each.course.drive]
+            for course in [each.course]
         ],
     )
 
@@ -443,7 +457,7 @@ def _extreme(tried: TriedReward, found: tuple[float, int, int] | None) -> Extrem
     if found is None:
         return None
     reward, sequence, index = found
-    return Extreme(reward, tried.course.describe(CallIndex(sequence=sequence, index=index)))
+    return Extreme(reward, tried.describe(CallIndex(sequence=sequence, index=index)))
 
 
 def _time(tried: TriedReward) -> TimeReport | None:
@@ -454,26 +468,25 @@ def _time(tried: TriedReward) -> TimeReport | None:
         median_us=round(timing.median_s * 1e6, 3),
         mean_us=round(timing.mean_s * 1e6, 3),
         worst_us=round(timing.worst_s * 1e6, 3),
-        worst_place=tried.course.describe(timing.worst),
+        worst_place=tried.describe(timing.worst),
         slower_percent=round(100 * timing.mean_s / SIMULATION_STEP_S, 2),
     )
 
 
 def _parameters(tried: TriedReward) -> list[ParameterReport]:
-    drive_ = tried.course.drive
+    course = tried.course
     calls = [
-        {**call, "waypoints": drive_.track.waypoints}
-        for trip in drive_.trips
+        {**call, "waypoints": course.waypoints[course.reversed]}
+        for trip in course.trips
         for call in trip.calls
     ]
-    read = names_in(tried.text)
     found = []
     for name in sorted(calls[0]):
         # The waypoints are the same object in all calls.
         values = {id(call[name]): call[name] for call in calls}.values()
         numbers = [number for value in values for number in _numbers(value)]
         least, greatest = min(numbers, default=None), max(numbers, default=None)
-        found.append(ParameterReport(name, least, greatest, name in read))
+        found.append(ParameterReport(name, least, greatest, name in tried.reads))
     return found
 
 

@@ -11,10 +11,12 @@ from drcli.base.errors import refuse
 from drcli.base.files import refuse_replacing, rewrite
 from drcli.base.report import BLANK, Col, View, bold, compact, dim, table
 from drcli.config.settings import Settings
-from drcli.rewards.course import Course, TriedReward, position, scaled, try_rewards
+from drcli.rewards.course import position
 from drcli.rewards.pictures import draw_comparison
 from drcli.rewards.scripted_drive import drive, own_actions
 from drcli.rewards.source import read_files
+from drcli.rewards.track_grid import DrivenCourse
+from drcli.rewards.tried_reward import TriedReward, scaled, try_rewards
 
 Floats = NDArray[np.float64]
 
@@ -113,11 +115,11 @@ def compare(
     files = read_files([first, second], directory)
     if out is not None:
         refuse_replacing(out, force=force)
-    course = Course.of(drive(settings.race, own_actions(settings)))
-    both = try_rewards(files, course, directory)
+    driven = DrivenCourse.of(drive(settings.race, own_actions(settings)))
+    both = try_rewards(files, driven.course, directory)
     refuse(problem for tried in both for problem in tried.problems)
     if out is not None:
-        rewrite(out, draw_comparison(*both))
+        rewrite(out, draw_comparison(driven, *both))
     return _report(*both, picture=str(out) if out else None)
 
 
@@ -128,8 +130,8 @@ def _report(first: TriedReward, second: TriedReward, *, picture: str | None) -> 
     return ComparisonReport(
         first=first.name,
         second=second.name,
-        world=first.course.drive.world,
-        race_type=first.course.drive.race_type,
+        world=first.course.world,
+        race_type=first.course.race_type,
         correlation=correlation,
         rank_correlation=_correlation(_ranks(a[both]), _ranks(b[both])),
         drivers=_drivers(first, second),
@@ -142,7 +144,7 @@ def _report(first: TriedReward, second: TriedReward, *, picture: str | None) -> 
 
 def _drivers(first: TriedReward, second: TriedReward) -> list[DriverComparison]:
     found = []
-    for trip in first.course.drive.trips:
+    for trip in first.course.trips:
         name, about, steps = trip.driver.name, trip.driver.about, len(trip.calls)
         a, b = first.total(trip.driver), second.total(trip.driver)
         if a is not None and b is not None:
@@ -153,7 +155,7 @@ def _drivers(first: TriedReward, second: TriedReward) -> list[DriverComparison]:
 
 def _places(tried: TriedReward, a: Floats, b: Floats) -> list[PlaceComparison]:
     difference = scaled(b, b) - scaled(a, a)
-    steps = [(trip, k) for trip in tried.course.drive.trips for k in range(len(trip.calls))]
+    steps = [(trip, k) for trip in tried.course.trips for k in range(len(trip.calls))]
     chosen: dict[str, PlaceComparison] = {}
     for n in np.argsort(-np.abs(np.nan_to_num(difference)), kind="stable").tolist():
         if len(chosen) == _PLACES or not abs(difference[n]) > _ALIKE:

@@ -1,219 +1,118 @@
-"""The calls that reward functions are tried with."""
+"""The calls that reward functions are tried with, as one process tells another.
 
-import math
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
-from pathlib import Path
-from threading import Event
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
-
-from drcli.base.errors import Problem
-from drcli.config.run_config import DriveConfig
-from drcli.model.files.custom_files import InputFile
-from drcli.rewards.lint import problems_of
-from drcli.rewards.reward_rules import read_source
-from drcli.rewards.sandbox.run_sandbox import CallIndex, Sandbox, SandboxRequest, SandboxResult
-from drcli.rewards.sandbox.sample_calls import places
-from drcli.rewards.scripted_drive import FAST, STEADY, Drive, ScriptedDriver, Trip
-from drsim.car.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M, WHEELS_M
-from drsim.episode.params import Situation, params_of
-from drsim.episode.reward import RewardParams
-from drsim.race.objects import Objects
-from drsim.race.race import TIME_TRIAL
-from drsim.race.traffic import Traffic
-from drsim.track.ways import Ways
-
-# Reward parameters of a car at places on and off the road.
-
-
-Floats = NDArray[np.float64]
-
-SPEED_MPS = 1.5
-_HALF = (0.11, 0.22, 0.33, 0.44, 0.56, 0.72)
-OFFSETS = (*(-offset for offset in reversed(_HALF)), 0.0, *_HALF)
-"""To the left, in road widths. The border is midway between two; at the outermost, all wheels are
-off the road.
+Who only reads them does not load the simulation.
 """
 
-_SPACING_M = 0.12
-_MOST_ALONG = 400
-_QUICKER = 0.9
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from drcli.base.errors import SettingsError
+from drcli.base.installation import lazy_imports
+from drcli.config.run_config import DriveConfig
+
+with lazy_imports():
+    from drcli.drive import build_race
+
+Call = dict[str, Any]
+"""Reward parameters."""
+
+LATE = -6
+"""Of the samples, the one that is late in a very long episode."""
+
+Manner = Literal["along", "weave", "leave", "ram"]
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Cars that point along the track.
+class ScriptedDriver:
+    """A way to drive. A model's actions limit it: the car is told the nearest one.
 
     Attributes:
-        xy: Shape (offsets, n, 2).
-        off: All wheels are off the road. Shape (offsets, n).
-        objects: Corners. Shape (objects, 4, 2).
-        calls: Offset by offset, without waypoints.
+        manner: Along the centre line, from border to border, off the road, or into the next object.
+        grip_mps2: Sideways in bends; None keeps the speed.
+        laps: Otherwise it ends off the road, at a hit or after `steps`.
+        start: From the common start, 0 .. 1 of a lap.
+        turned: Drives against the others.
     """
 
-    xy: Floats
-    off: NDArray[np.bool_]
-    objects: Floats
-    calls: list[RewardParams]
+    name: str
+    about: str
+    manner: Manner
+    speed_mps: float
+    grip_mps2: float | None = None
+    laps: bool = True
+    steps: int = 10_000
+    start: float = 0.0
+    turned: bool = False
 
 
-def track_grid(drive: Drive) -> Grid:
-    """An episode at constant speed."""
-    track = drive.track
-    count = int(min(max(track.length_m / _SPACING_M, 40), _MOST_ALONG))
-    along_m = np.linspace(0.0, track.length_m, count, endpoint=False)
-    xy, yaw_rad = places(track, along_m, OFFSETS)
-
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    turns = np.stack([np.stack([cos, sin], axis=1), np.stack([-sin, cos], axis=1)], axis=1)
-    origin = xy - REFERENCE_POINT_AHEAD_M * turns[:, 0]
-    wheels_on = track.on_road(origin[:, None] + WHEELS_M[:, :2] @ turns).sum(axis=1)
-    off = wheels_on == 0
-
-    part = (along_m / track.length_m - drive.start_fraction) % 1.0
-    steps = np.round(2 + part * track.length_m / SPEED_MPS * CONTROL_HZ).astype(np.int64)
-    objects, outlines = _objects(drive, len(xy))
-    situation = Situation(
-        xy=xy,
-        heading_deg=np.degrees(yaw_rad),
-        where=track.locate(xy),
-        all_on=wheels_on == len(WHEELS_M),
-        none_on=off,
-        progress=np.tile(100.0 * part, len(OFFSETS)),
-        steps=np.tile(steps, len(OFFSETS)),
-        sim_time_s=np.tile(steps / CONTROL_HZ, len(OFFSETS)),
-        steering_deg=np.zeros(len(xy)),
-        speed_mps=np.full(len(xy), SPEED_MPS),
-        way=np.zeros(len(xy), np.int64),
-        crashed=np.zeros(len(xy), np.bool_),
-        objects=objects,
-    )
-    calls = list(params_of((track, track.reversed()), situation, np.arange(len(xy))))
-    for call in calls:
-        del call["waypoints"]
-    shape = (len(OFFSETS), count)
-    return Grid(xy.reshape(*shape, 2), off.reshape(shape), outlines, calls)
+STEADY = ScriptedDriver("steady", "follows the centre line at 1.2 m/s", "along", 1.2)
+FAST = ScriptedDriver("fast", "follows the centre line at up to 3 m/s", "along", 3.0, grip_mps2=2.0)
+"""With actions, up to their greatest speed."""
+WEAVING = ScriptedDriver("weaving", "swings from border to border at 1 m/s", "weave", 1.0)
+LEAVING = ScriptedDriver("leaving", "leaves the road", "leave", 1.2, laps=False, start=0.3)
+STANDING = ScriptedDriver(
+    "standing", "asks for the least speed", "along", 0.0, laps=False, steps=60, start=0.5
+)
+RAMMING = ScriptedDriver("ramming", "drives into what is on the road", "ram", 1.5, laps=False)
+_OTHER_WAY = "follows the centre line the other way"
+TURNED = ScriptedDriver("turned", _OTHER_WAY, "along", 1.2, laps=False, steps=60, turned=True)
 
 
-def _objects(drive: Drive, count: int) -> tuple[Objects | None, Floats]:
-    if drive.race == TIME_TRIAL:
-        return None, np.empty((0, 4, 2))
-    traffic = Traffic(Ways([drive.track], 1), drive.race)
-    car = np.zeros(1, np.int64)
-    traffic.begin(car, np.array([drive.start_fraction]), np.ones(1, np.uint64))
-    one = traffic.objects()
-    of_each_car = ("xy", "yaw_rad", "distance_m", "from_center_m", "left_of_center")
-    repeated = {name: np.repeat(getattr(one, name), count, axis=0) for name in of_each_car}
-    corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) / 2 * one.footprint_m[:, None]
-    cos, sin = np.cos(one.yaw_rad[0])[:, None], np.sin(one.yaw_rad[0])[:, None]
-    x, y = corners[..., 0], corners[..., 1]
-    turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
-    return one._replace(**repeated), one.xy[0][:, None] + turned
+@dataclass(frozen=True)
+class Trip:
+    """One driver's episode; calls lack waypoints."""
+
+    driver: ScriptedDriver
+    calls: list[Call]
+    end: str
+    progress: float
+    seconds: float
+
+    @property
+    def whole(self) -> bool:
+        return self.progress >= 100.0
+
+    @property
+    def on_the_road(self) -> bool:
+        """Whole, and the car never had to be put back on the road."""
+        mishaps = (call["is_offtrack"] or call["is_crashed"] for call in self.calls)
+        return self.whole and not any(mishaps)
 
 
 @dataclass(frozen=True)
 class Course:
-    """All calls."""
+    """Calls of all drivers, and of places on and off the road.
 
-    drive: Drive
-    grid: Grid
+    Attributes:
+        waypoints: By `is_reversed`. Shape (2, n, 2).
+        places: Offset by offset, without waypoints.
+        off: All wheels are off the road. Shape (offsets, n).
+    """
 
-    @staticmethod
-    def of(drive: Drive) -> "Course":
-        return Course(drive, track_grid(drive))
+    world: str
+    race_type: str
+    reversed: bool
+    length_m: float
+    waypoints: list[list[tuple[float, float]]]
+    trips: list[Trip]
+    places: list[Call]
+    off: list[list[bool]]
 
     @property
-    def sequences(self) -> list[list[dict[str, Any]]]:
-        """The drivers' first, then the grid."""
-        return [*(trip.calls for trip in self.drive.trips), self.grid.calls]
-
-    def describe(self, place: CallIndex) -> str:
-        trips = self.drive.trips
-        if place.sequence == len(trips):
-            return f"a car placed on the track, {position(self.grid.calls[place.index])}"
-        trip = trips[place.sequence]
-        step = f"{trip.driver.name} driver, step {place.index + 2}"
-        return f"{step}, {position(trip.calls[place.index])}"
-
-
-@dataclass(frozen=True)
-class TriedReward:
-    """One reward function on a course."""
-
-    name: str
-    course: Course
-    result: SandboxResult
-    text: str
-    problems: list[Problem]
-
-    def values(self, driver: ScriptedDriver) -> list[float | None]:
-        return self.result.values[self.course.drive.trips.index(self.trip(driver))]
+    def sequences(self) -> list[list[Call]]:
+        """The drivers' first, then the places."""
+        return [*(trip.calls for trip in self.trips), self.places]
 
     def trip(self, driver: ScriptedDriver) -> Trip:
-        return self.course.drive.trip(driver)
-
-    def total(self, driver: ScriptedDriver) -> float | None:
-        """None if a call failed or was not made."""
-        values = self.values(driver)
-        paid = [value for value in values if value is not None]
-        return sum(paid) if len(paid) == len(values) else None
-
-    def mean(self, driver: ScriptedDriver) -> float | None:
-        total = self.total(driver)
-        return None if total is None else total / len(self.values(driver))
-
-    def discounted(self, driver: ScriptedDriver, discount: float) -> float:
-        """Sum as seen from the first step; NaN if a call failed."""
-        values = as_array(self.values(driver))
-        return float(values @ discount ** np.arange(len(values)))
-
-    @property
-    def prefers_fast(self) -> bool | None:
-        """None without both laps, or if the model's actions make them alike."""
-        slow, fast = self.total(STEADY), self.total(FAST)
-        steady, quick = self.trip(STEADY), self.trip(FAST)
-        whole = steady.whole and quick.whole and quick.seconds < _QUICKER * steady.seconds
-        return None if slow is None or fast is None or not whole else fast > slow
-
-    @property
-    def drive_values(self) -> Floats:
-        """Of all drivers; NaN if a call failed. Shape (n,)."""
-        trips = self.result.values[: len(self.course.drive.trips)]
-        return as_array([value for trip in trips for value in trip])
-
-    @property
-    def grid_values(self) -> Floats:
-        """NaN if a call failed. Shape (offsets, n)."""
-        values = self.result.values[len(self.course.drive.trips)]
-        return as_array(values).reshape(self.course.grid.off.shape)
-
-    @property
-    def samples(self) -> list[float | None]:
-        return next(iter(self.result.values[len(self.course.sequences) :]), [])
-
-    def warning(self, rule: str, message: str, remedy: str, line: int | None = None) -> Problem:
-        return Problem(rule, "warning", self.name, line, message, remedy)
+        return trip_of(self.trips, driver)
 
 
-def as_array(values: list[float | None]) -> Floats:
-    """NaN for None. Shape (n,)."""
-    return np.array([math.nan if value is None else value for value in values])
+def trip_of(trips: Sequence[Trip], driver: ScriptedDriver) -> Trip:
+    return next(trip for trip in trips if trip.driver.name == driver.name)
 
 
-def scaled(values: Floats, over: Floats) -> Floats:
-    """So that the least and greatest of `over` become 0 and 1."""
-    known = over[~np.isnan(over)]
-    low, high = np.percentile(known, [1, 99]).tolist() if len(known) else (0.0, 0.0)
-    if high <= low:
-        return np.where(np.isnan(values), np.nan, 0.5)
-    return np.clip((values - low) / (high - low), 0.0, 1.0)
-
-
-def position(call: RewardParams) -> str:
+def position(call: Call) -> str:
     side = "left" if call["is_left_of_center"] else "right"
     return (
         f"{call['progress']:.1f} % of the lap, {call['distance_from_center']:.2f} m {side} of the "
@@ -221,47 +120,20 @@ def position(call: RewardParams) -> str:
     )
 
 
-SandboxOf = Callable[[SandboxRequest, bytes, Path], Sandbox]
-"""Of a request, the text of a file, and the working folder."""
+def require_trainable(config: DriveConfig) -> None:
+    """SettingsError if nothing can be trained for this race."""
+    if (problem := config.untrainable) is not None:
+        remedy = "Choose the race to train for, as in DR_RACE_TYPE=TIME_TRIAL dr-reward ..."
+        raise SettingsError(str(problem), remedy=remedy)
 
 
-def request_of(
-    name: str, course: Course, races: list[DriveConfig] | None = None, metadata: str = ""
-) -> SandboxRequest:
-    """The calls of a course; the last sequence is its grid."""
-    ways = course.drive.waypoints()
-    waypoints = [[list(point) for point in ways[way]] for way in (False, True)]
-    repeated = len(course.drive.trips)
-    return SandboxRequest(name, course.sequences, waypoints, repeated, races, metadata=metadata)
-
-
-def try_rewards(
-    files: Sequence[InputFile],
-    course: Course,
-    directory: Path,
-    races: list[DriveConfig] | None = None,
-    tolerated: float = 0.0,
-    given_up: Event | None = None,
-    metadata: str = "",
-    sandbox_of: SandboxOf = Sandbox,
-) -> list[TriedReward]:
-    """Call reward functions at the same time, first on samples of `races`.
-
-    After `given_up`, its values are of no use.
-    """
-    tried = []
-    with ExitStack() as stack:
-        running = []
-        for file in files:
-            source, wrong = read_source(file)
-            request = request_of(file.origin, course, races, metadata)
-            sandbox = sandbox_of(request, file.data, directory) if source is not None else None
-            running.append((file.origin, source, wrong, sandbox and stack.enter_context(sandbox)))
-        for name, source, problems, sandbox in running:
-            result = SandboxResult(values=[[None] * len(calls) for calls in course.sequences])
-            if source is not None and sandbox is not None:
-                result = sandbox.result(given_up)
-                problems = problems_of(source, result, directory, tolerated)
-            text = "" if source is None else source.text
-            tried.append(TriedReward(name, course, result, text, problems))
-    return tried
+def each_race(races: Sequence[DriveConfig]) -> list[DriveConfig]:
+    """Distinct, the first worker's first."""
+    if len(races) == 1:
+        return [*races]
+    distinct: dict[tuple[object, ...], DriveConfig] = {}
+    for own in races:
+        driving = (own.train_start_position_offset, own.train_alternate_driving_direction)
+        race = (own.world_name, build_race.race_of(own), own.train_reverse_direction)
+        distinct.setdefault((race, driving), own)
+    return list(distinct.values())

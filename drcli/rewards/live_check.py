@@ -5,7 +5,7 @@ Drives are kept, and a process that has loaded the simulation, because only the 
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event
 
@@ -16,14 +16,16 @@ from drcli.base.errors import Problem
 from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
-from drcli.model.keys import MODEL_METADATA_FILE
+from drcli.model.keys import HYPERPARAMETERS_FILE, MODEL_METADATA_FILE
 from drcli.rewards.check import RewardReport, report_of, try_in_each_race
-from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array, request_of
+from drcli.rewards.course import Course, each_race
 from drcli.rewards.pictures import cell_edges
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.sandbox.run_sandbox import Sandbox, SandboxRequest, SandboxServer
-from drcli.rewards.scripted_drive import drive, each_race, read_actions
-from drcli.rewards.source import discount_of, display_name, own_file
+from drcli.rewards.scripted_drive import drive, own_actions, read_actions
+from drcli.rewards.source import display_name, own_file
+from drcli.rewards.track_grid import SPEED_MPS, DrivenCourse
+from drcli.rewards.tried_reward import TriedReward, as_array, request_of
 from drcli.rewards.try_inputs import races_of, text_of
 from drsim.car.actions import Actions
 
@@ -114,7 +116,7 @@ class LiveCheck:
     """Keeps drives, and a process for the race that is drawn."""
 
     def __init__(self) -> None:
-        self._courses: dict[str, Course] = {}
+        self._courses: dict[str, DrivenCourse] = {}
         self._server: SandboxServer | None = None
 
     def check(
@@ -145,30 +147,47 @@ class LiveCheck:
         if given_up.is_set():
             return None
         first = tried[0]
-        report = report_of(tried, discount_of(settings))
-        key = _key(settings.race, first.course.drive.actions)
+        report = report_of(tried, first.result.discount)
+        actions = own_actions(settings)
+        key = _key(settings.race, actions)
         found = [*report.errors, *report.warnings, *report.notes]
         picture = _picture(key, first.grid_values, _curves(first))
-        return LiveReport(found, report, picture, _unknown_course(key, known, first.course))
+        course = None if key == known else _picture_of(key, self._driven(settings.race, actions))
+        return LiveReport(found, report, picture, course)
 
     def _drawn(
         self, settings: Settings, file: InputFile, directory: Path, known: str, given_up: Event
     ) -> LiveReport | None:
-        metadata = text_of(own_file(settings, MODEL_METADATA_FILE))
+        metadata, hyperparameters = (
+            text_of(own_file(settings, name))
+            for name in (MODEL_METADATA_FILE, HYPERPARAMETERS_FILE)
+        )
+        actions = read_actions(metadata.encode() or None)
         own = each_race(settings.races)[0]
-        course = self._course(own, read_actions(metadata.encode() or None))
-        request = request_of(file.origin, course, races_of(settings.run), metadata)
-        sandbox = self._sandbox(request, file.data, directory, grid_only=True)
-        with sandbox:
+        driven = self._driven(own, actions)
+        request = replace(
+            request_of(driven.course),
+            name=file.origin,
+            races=races_of(settings.run),
+            metadata=metadata,
+            hyperparameters=hyperparameters,
+        )
+        with self._sandbox(request, file.data, directory, grid_only=True) as sandbox:
             values = sandbox.result(given_up).values
         if given_up.is_set():
             return None
-        key = _key(settings.race, course.drive.actions)
+        key = _key(own, actions)
         picture = _picture(key, as_array(values[-1]), []) if values else None
-        return LiveReport([], None, picture, _unknown_course(key, known, course), more=True)
+        course = None if key == known else _picture_of(key, driven)
+        return LiveReport([], None, picture, course, more=True)
 
     def _sandbox(
-        self, request: SandboxRequest, text: bytes, directory: Path, *, grid_only: bool = False
+        self,
+        request: SandboxRequest,
+        text: bytes | None,
+        directory: Path,
+        *,
+        grid_only: bool = False,
     ) -> Sandbox:
         if request.races is None:  # of another race, which is not drawn
             return Sandbox(request, text, directory)
@@ -182,9 +201,12 @@ class LiveCheck:
             self._server.close()
             self._server = None
 
-    def _course(self, own: DriveConfig, actions: Actions | None) -> Course:
+    def _course(self, own: DriveConfig, metadata: str) -> Course:
+        return self._driven(own, read_actions(metadata.encode() or None)).course
+
+    def _driven(self, own: DriveConfig, actions: Actions | None) -> DrivenCourse:
         key = _key(own, actions)
-        course = self._courses.pop(key, None) or Course.of(drive(own, actions))
+        course = self._courses.pop(key, None) or DrivenCourse.of(drive(own, actions))
         self._courses[key] = course
         while len(self._courses) > MOST_COURSES:
             del self._courses[next(iter(self._courses))]
@@ -201,9 +223,7 @@ def _key(own: DriveConfig, actions: Actions | None) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _unknown_course(key: str, known: str, course: Course) -> CoursePicture | None:
-    if key == known:
-        return None
+def _picture_of(key: str, course: DrivenCourse) -> CoursePicture:
     drive_, grid = course.drive, course.grid
     track = drive_.track
     begin = np.array([drive_.start_fraction * track.length_m])
@@ -252,7 +272,7 @@ def _curves(tried: TriedReward) -> list[DriverCurve]:
                 as_array(tried.values(trip.driver)),
             ),
         )
-        for trip in tried.course.drive.trips
+        for trip in tried.course.trips
     ]
 
 

@@ -15,9 +15,11 @@ from drcli.base.installation import lazy_imports
 from drcli.base.png_picture import INK, LINES, png
 from drcli.base.report import View, bold, compact
 from drcli.config.settings import Settings
-from drcli.rewards.course import SPEED_MPS, Course, TriedReward, as_array, scaled, try_rewards
-from drcli.rewards.scripted_drive import FAST, STEADY, Trip, drive, own_actions
+from drcli.rewards.course import FAST, STEADY, Trip
+from drcli.rewards.scripted_drive import drive, own_actions
 from drcli.rewards.source import read_racers_file
+from drcli.rewards.track_grid import SPEED_MPS, DrivenCourse
+from drcli.rewards.tried_reward import TriedReward, as_array, scaled, try_rewards
 from drsim.track.track import Track
 
 if TYPE_CHECKING:
@@ -49,8 +51,8 @@ class Curve:
     style: str = "-"
 
 
-def draw_reward(tried: TriedReward) -> bytes:
-    drive = tried.course.drive
+def draw_reward(driven: DrivenCourse, tried: TriedReward) -> bytes:
+    drive = driven.drive
     map_in = _map_height_in(drive.track, _WIDTH_IN - 1.6)
     values = tried.grid_values
     curves = [
@@ -64,7 +66,7 @@ def draw_reward(tried: TriedReward) -> bytes:
         figure.suptitle(
             f"{tried.name} on {drive.world}, {drive.race_type}", x=0.01, ha="left", size=15
         )
-        _draw_map(upper, tried, values)
+        _draw_map(upper, driven, values)
         upper.set_title(
             f"Reward of a car that is at this place, points along the track and requests "
             f"{SPEED_MPS:g} m/s"
@@ -76,8 +78,8 @@ def draw_reward(tried: TriedReward) -> bytes:
     return png(draw, (_WIDTH_IN, map_in + 4.9))
 
 
-def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
-    drive = first.course.drive
+def draw_comparison(driven: DrivenCourse, first: TriedReward, second: TriedReward) -> bytes:
+    drive = driven.drive
     map_in = max(_map_height_in(drive.track, _WIDTH_IN / 2 - 1.4), 3.4)
     a, b = first.grid_values, second.grid_values
 
@@ -89,11 +91,11 @@ def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
             ha="left",
             size=14,
         )
-        _draw_map(left, first, a)
+        _draw_map(left, driven, a)
         left.set_title(f"A: reward of a car that requests {SPEED_MPS:g} m/s")
-        _draw_map(right, first, b)
+        _draw_map(right, driven, b)
         right.set_title("B: the same")
-        _draw_map(difference, first, scaled(b, b) - scaled(a, a), is_difference=True)
+        _draw_map(difference, driven, scaled(b, b) - scaled(a, a), is_difference=True)
         difference.set_title("Red: B pays more. Blue: A pays more.")
         _draw_curves(lower, _scaled_curves(first, second), 0.0, 1.0)
         lower.set_title("Reward along the lap, and its sum before scaling")
@@ -125,9 +127,9 @@ def number(value: float) -> str:
 
 
 def _draw_map(
-    axes: "Axes", tried: TriedReward, values: Floats, *, is_difference: bool = False
+    axes: "Axes", driven: DrivenCourse, values: Floats, *, is_difference: bool = False
 ) -> None:
-    grid, drive = tried.course.grid, tried.course.drive
+    grid, drive = driven.grid, driven.drive
     track = drive.track
     known = values[~np.isnan(values)]
     if is_difference:
@@ -315,16 +317,16 @@ def plot(
     """
     read = read_racers_file(settings, file, directory)
     refuse_replacing(out, force=force)
-    course = Course.of(drive(settings.race, own_actions(settings)))
-    [tried] = try_rewards([read], course, directory)
+    driven = DrivenCourse.of(drive(settings.race, own_actions(settings)))
+    [tried] = try_rewards([read], driven.course, directory)
     refuse(tried.problems)
     replaced = out.exists()
-    rewrite(out, draw_reward(tried))
+    rewrite(out, draw_reward(driven, tried))
     values = tried.grid_values
-    totals = {trip.driver.name: tried.total(trip.driver) for trip in course.drive.trips}
+    totals = {trip.driver.name: tried.total(trip.driver) for trip in tried.course.trips}
     return PlotReport(
         tried.name,
-        course.drive.world,
+        tried.course.world,
         str(out),
         replaced,
         float(np.nanmin(values)),

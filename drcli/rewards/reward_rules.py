@@ -204,6 +204,13 @@ class Source:
         return 0 < line <= len(lines) and _SILENCED.search(lines[line - 1]) is not None
 
     @cached_property
+    def words(self) -> frozenset[str]:
+        """In quotes, and arguments of functions, so all parameters that it reads."""
+        nodes = list(ast.walk(self.tree))
+        quoted = {str(node.value) for node in nodes if isinstance(node, ast.Constant)}
+        return frozenset(quoted | {node.arg for node in nodes if isinstance(node, ast.arg)})
+
+    @cached_property
     def unknown_parameters(self) -> dict[str, int]:
         arguments = {
             next((each.arg for each in function.args.args if each.arg != "self"), "")

@@ -1,31 +1,37 @@
 """Records reward parameters of scripted drivers."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.base.errors import ProblemsError, SettingsError
+from drcli.base.errors import ProblemsError
 from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
-from drcli.drive.build_race import (
-    actions_of,
-    car_parameters_of,
-    load_race,
-    load_world,
-    race_of,
-)
+from drcli.drive.build_race import actions_of, car_parameters_of, load_race, load_world
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.keys import MODEL_METADATA_FILE
+from drcli.rewards.course import (
+    FAST,
+    LEAVING,
+    RAMMING,
+    STANDING,
+    STEADY,
+    TURNED,
+    WEAVING,
+    Call,
+    ScriptedDriver,
+    Trip,
+    require_trainable,
+    trip_of,
+)
 from drcli.rewards.source import own_file
 from drsim.car.actions import Actions, ContinuousActions
 from drsim.car.car import CONTROL_HZ, REAR_AXLE_BEHIND_M, WHEELBASE_M
 from drsim.car.car_parameters import CarParameters
 from drsim.episode.episode_rules import EpisodeRules, Status
-from drsim.episode.reward import RewardFunction, RewardParams
+from drsim.episode.reward import RewardFunction
 from drsim.episode.simulation import Simulation
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.sensing.scene import blank_scene
@@ -35,8 +41,6 @@ from drsim.track.track import Track
 
 
 Floats = NDArray[np.float64]
-
-Manner = Literal["along", "weave", "leave", "ram"]
 
 _LOOK_AHEAD_M, _LOOK_AHEAD_S = 0.45, 0.18
 _BRAKING_MPS2 = 2.0
@@ -50,42 +54,6 @@ _PASSING_MPS = 1.5
 _FIRST_STEP_MPS = 1.0
 _LIKE_DEG = 10.0
 """Steering that is as far off as a speed by 1 m/s."""
-
-
-@dataclass(frozen=True)
-class ScriptedDriver:
-    """A way to drive. A model's actions limit it: the car is told the nearest one.
-
-    Attributes:
-        manner: Along the centre line, from border to border, off the road, or into the next object.
-        grip_mps2: Sideways in bends; None keeps the speed.
-        laps: Otherwise it ends off the road, at a hit or after `steps`.
-        start: From the common start, 0 .. 1 of a lap.
-        turned: Drives against the others.
-    """
-
-    name: str
-    about: str
-    manner: Manner
-    speed_mps: float
-    grip_mps2: float | None = None
-    laps: bool = True
-    steps: int = 10_000
-    start: float = 0.0
-    turned: bool = False
-
-
-STEADY = ScriptedDriver("steady", "follows the centre line at 1.2 m/s", "along", 1.2)
-FAST = ScriptedDriver("fast", "follows the centre line at up to 3 m/s", "along", 3.0, grip_mps2=2.0)
-"""With actions, up to their greatest speed."""
-WEAVING = ScriptedDriver("weaving", "swings from border to border at 1 m/s", "weave", 1.0)
-LEAVING = ScriptedDriver("leaving", "leaves the road", "leave", 1.2, laps=False, start=0.3)
-STANDING = ScriptedDriver(
-    "standing", "asks for the least speed", "along", 0.0, laps=False, steps=60, start=0.5
-)
-RAMMING = ScriptedDriver("ramming", "drives into what is on the road", "ram", 1.5, laps=False)
-_OTHER_WAY = "follows the centre line the other way"
-TURNED = ScriptedDriver("turned", _OTHER_WAY, "along", 1.2, laps=False, steps=60, turned=True)
 
 
 def read_actions(metadata: bytes | None) -> Actions | None:
@@ -135,7 +103,7 @@ class Navigator:
         """Degrees and m/s of the first step, without parameters."""
         return 0.0, min(self.driver.speed_mps, _FIRST_STEP_MPS)
 
-    def act(self, params: RewardParams) -> tuple[float, float]:
+    def act(self, params: Call) -> tuple[float, float]:
         """Degrees and m/s, from the last step's parameters."""
         along_m = params["projection_distance"]
         if self._begun_m is None:
@@ -151,7 +119,7 @@ class Navigator:
         x, y = x - aside_m * math.sin(yaw_rad), y + aside_m * math.cos(yaw_rad)
         return _steering_deg(params, x, y), speed_mps
 
-    def _aside_m(self, params: RewardParams, target_m: float, side: int) -> float:
+    def _aside_m(self, params: Call, target_m: float, side: int) -> float:
         width_m = float(params["track_width"])
         manner = self.driver.manner
         if manner == "leave":
@@ -165,7 +133,7 @@ class Navigator:
             return 0.37 * width_m * math.sin(2 * math.pi * target_m / _WEAVE_M)
         return 0.0
 
-    def _blocked_side(self, params: RewardParams) -> int:
+    def _blocked_side(self, params: Call) -> int:
         """1 left, -1 right, 0 none."""
         gaps_m = [
             self._gap_m(there_m, params["projection_distance"])
@@ -185,7 +153,7 @@ class Navigator:
         return (gap_m + half_m) % (2 * half_m) - half_m
 
 
-def _steering_deg(params: RewardParams, x: float, y: float) -> float:
+def _steering_deg(params: Call, x: float, y: float) -> float:
     """To reach a point in an arc (pure pursuit)."""
     yaw_rad = math.radians(params["heading"])
     rear_x = params["x"] - REAR_AXLE_BEHIND_M * math.cos(yaw_rad)
@@ -220,24 +188,6 @@ _SLOWEST_LAP_MPS = 0.4
 
 
 @dataclass(frozen=True)
-class Trip:
-    """One driver's episode; calls lack waypoints."""
-
-    driver: ScriptedDriver
-    calls: list[RewardParams]
-    end: str
-    progress: float
-
-    @property
-    def whole(self) -> bool:
-        return self.progress >= 100.0
-
-    @property
-    def seconds(self) -> float:
-        return len(self.calls) / CONTROL_HZ
-
-
-@dataclass(frozen=True)
 class Drive:
     """Of all drivers."""
 
@@ -246,10 +196,9 @@ class Drive:
     race: Race
     race_type: str
     trips: list[Trip]
-    actions: Actions | None = None
 
     def trip(self, driver: ScriptedDriver) -> Trip:
-        return next(trip for trip in self.trips if trip.driver.name == driver.name)
+        return trip_of(self.trips, driver)
 
     @property
     def start_fraction(self) -> float:
@@ -263,25 +212,13 @@ class Drive:
         return {track.reverse: track.waypoints for track in (self.track, self.track.reversed())}
 
 
-def each_race(races: Sequence[DriveConfig]) -> list[DriveConfig]:
-    """Distinct, the first worker's first."""
-    distinct: dict[tuple[object, ...], DriveConfig] = {}
-    for own in races:
-        driving = (own.train_start_position_offset, own.train_alternate_driving_direction)
-        race = (own.world_name, race_of(own), own.train_reverse_direction)
-        distinct.setdefault((race, driving), own)
-    return list(distinct.values())
-
-
 def drive(config: DriveConfig, actions: Actions | None = None) -> Drive:
     """Let all drivers drive; without `actions`, at any steering and speed.
 
     Raises:
         SettingsError: The track is missing, or the race does not fit.
     """
-    if (problem := config.untrainable) is not None:
-        remedy = "Choose the race to train for, as in DR_RACE_TYPE=TIME_TRIAL dr-reward ..."
-        raise SettingsError(str(problem), remedy=remedy)
+    require_trainable(config)
     track = load_world(config)
     race = load_race(config, track)
     fast = FAST
@@ -304,7 +241,7 @@ def drive(config: DriveConfig, actions: Actions | None = None) -> Drive:
         reverse=config.train_reverse_direction,
     )
     driven = track.reversed() if config.train_reverse_direction else track
-    return Drive(driven, config.world_name, race, config.race_type, trips, actions)
+    return Drive(driven, config.world_name, race, config.race_type, trips)
 
 
 def _trips(
@@ -324,7 +261,7 @@ def _trips(
         Navigator(driver, track.reversed() if turned else track)
         for driver, turned in zip(drivers, backward, strict=True)
     ]
-    calls: list[list[RewardParams]] = [[] for _ in drivers]
+    calls: list[list[Call]] = [[] for _ in drivers]
     max_steps = int(track.length_m / _SLOWEST_LAP_MPS * CONTROL_HZ)
     simulation = Simulation(
         track,
@@ -357,14 +294,15 @@ def _trips(
                 enough = len(calls[car]) >= driver.steps
                 if car not in trips and (result.done[car] or mishap or enough):
                     end, progress = Status(result.status[car]).label, float(result.progress[car])
-                    trips[car] = Trip(driver, calls[car].copy(), end, progress)
+                    made = calls[car].copy()
+                    trips[car] = Trip(driver, made, end, progress, len(made) / CONTROL_HZ)
     finally:
         simulation.close()
     return [trips[car] for car in range(len(drivers))]
 
 
-def _recorder(calls: list[RewardParams]) -> RewardFunction:
-    def record(params: RewardParams) -> float:
+def _recorder(calls: list[Call]) -> RewardFunction:
+    def record(params: Call) -> float:
         del params["waypoints"]
         calls.append(params)
         return 0.0

@@ -3,20 +3,15 @@
 import re
 import signal
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from drcli.base.errors import Problem, ProblemsError, SettingsError, refuse
-from drcli.base.installation import lazy_imports
 from drcli.config.presets import model_file
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import FILE_RULES, InputFile, local_file
-from drcli.model.keys import HYPERPARAMETERS_FILE, REWARD_FUNCTION_FILE
+from drcli.model.keys import REWARD_FUNCTION_FILE
 from drcli.records.job import WorkerExit
-
-with lazy_imports():
-    from drcli.model.files import hyperparameters
 
 
 def read_racers_file(settings: Settings, file: Path | None, directory: Path) -> InputFile:
@@ -43,16 +38,6 @@ def own_file(settings: Settings, name: str) -> InputFile | None:
         return local_file(settings.custom_files_dir, name)
     except ProblemsError:
         return None
-
-
-def discount_of(settings: Settings) -> float:
-    """Of the racer's hyperparameters, else the default."""
-    file = own_file(settings, HYPERPARAMETERS_FILE)
-    with suppress(ProblemsError):
-        if file is not None:
-            return hyperparameters.Hyperparameters.from_bytes(file.data).discount_factor
-    default: float = hyperparameters.Hyperparameters.model_fields["discount_factor"].default
-    return default
 
 
 def read_files(paths: Sequence[Path], directory: Path) -> list[InputFile]:

@@ -53,9 +53,9 @@ def try_inputs(
     return found
 
 
-def text_of(metadata: InputFile | None) -> str:
+def text_of(file: InputFile | None) -> str:
     """Without what cannot be read, which other checks tell."""
-    return "" if metadata is None else metadata.data.decode("utf-8", "replace")
+    return "" if file is None else file.data.decode("utf-8", "replace")
 
 
 def races_of(run: RunConfig) -> list[DriveConfig]:

@@ -20,6 +20,7 @@ from drcli.run.checkpoint_watch import LAST_LOOK_S, CheckpointWatch
 from drcli.run.command_process import CommandEnd, CommandProcess, Start
 from drcli.run.duty import Duty, RunningTraining
 from drcli.run.outcome import Ending, Outcome
+from drcli.run.timed_uploads import BEST, uploads_models
 
 _logger = get_logger(__name__)
 
@@ -29,13 +30,11 @@ PATIENCE_S = 2700.0
 
 _WHAT = {"upload": "upload of the best checkpoint", "import": "import into DeepRacer on AWS"}
 
-_IMPORT = "DR_IMPORT_MODEL_ON_COMPLETION"
-
 
 def wanted_work(job: Job) -> list[str]:
     settings, given = job.config.unattended, job.config.given
     wanted: list[EndWork] = []
-    if settings.upload_model_on_completion:
+    if uploads_models(settings):
         wanted.append("upload")
     if settings.import_model_on_completion and given.get(URL_SETTING):
         wanted.append("import")
@@ -53,17 +52,9 @@ class EndOfTraining(Duty):
 
     def start(self) -> None:
         """Say what will not work at the end."""
-        given = self.run.job.config.given
-        if not self.run.job.config.unattended.import_model_on_completion:
+        if "import" not in wanted_work(self.run.job):
             return
-        if not given.get(URL_SETTING):
-            if _IMPORT in given:
-                _logger.info(
-                    "%s: the import at the end is skipped, because %s is not set.",
-                    _IMPORT,
-                    URL_SETTING,
-                )
-        elif not secret_environment.all_secrets().get(PASSWORD_VARIABLE):
+        if not secret_environment.all_secrets().get(PASSWORD_VARIABLE):
             _logger.info(
                 "The import into DeepRacer on AWS at the end needs the password in the variable "
                 "%s of the environment, or `droa-login` less than an hour before.",
@@ -105,7 +96,7 @@ class EndOfTraining(Duty):
 
     def _command(self, name: str) -> tuple[str, ...]:
         if name == "upload":
-            return "upload-model", "-b", "-f", "--json"
+            return BEST
         prefix = self.run.job.config.model.prefix
         options = ("--model-prefix", prefix, "--model-name", import_name(prefix), "--best")
         return "droa-import-model", *options, "--once", "--json"

@@ -26,7 +26,10 @@ ACT_S = 120.0
 """The notice of EC2."""
 
 SAVE_S = 55.0
-"""Clouds may be a minute early."""
+"""Clouds may be a minute early: what a successor needs is saved first."""
+
+SPARE_S = 30.0
+"""Left over of a longer notice."""
 
 SHORTEST_S = 8.0
 MARGIN_S = 5.0
@@ -89,7 +92,9 @@ class InterruptionWatch(Duty):
         )
 
     def _interrupted(self, one: Announced, left_s: float | None) -> Outcome:
-        save_s = SAVE_S if left_s is None else min(SAVE_S, left_s - MARGIN_S)
+        save_s = SAVE_S
+        if left_s is not None:
+            save_s = min(max(SAVE_S, left_s - SPARE_S), left_s - MARGIN_S)
         return interrupted(
             f"Interrupted: {one.notice.text}",
             max(SHORTEST_S, save_s),

@@ -1,7 +1,8 @@
 """The end of a run: stops its workers, saves what is left, and records the outcome.
 
 The machine may vanish at any moment: first comes the outcome, then the newest checkpoint, which
-the trainer still uploads. The lease is renewed until the end.
+the trainer still uploads, the logs, and the work of the duties, the most important first. Each has
+what the earlier ones have left of the time. The lease is renewed until the end.
 """
 
 import logging
@@ -35,12 +36,12 @@ EXIT_S = 10.0
 LOOK_PATIENCE_S, LOGS_PATIENCE_S, RELEASE_PATIENCE_S = 2.0, 9.0, 2.0
 """A stopped process has 30 s."""
 
-HURRIED_EXIT_S, LAST_LOGS_S = 20.0, 20.0
-"""With 5 MB/s, the state of an optimizer takes 9 s."""
-
 RECORD_PATIENCE_S = 2.0
-EXIT_SHARE, LOGS_SHARE = 0.35, 0.3
-"""Of a limited time."""
+EXIT_SHARE, LOGS_SHARE, LAST_LINES_SHARE = 0.5, 0.5, 0.1
+"""Of a limited time that is left: so a worker or server that hangs does not take all of it."""
+
+LAST_LINES_S = 5.0
+"""For what the duties have logged."""
 
 
 class RunEnding:
@@ -91,6 +92,8 @@ class RunEnding:
         level = logging.ERROR if outcome.state == "failed" else logging.INFO
         _logger.log(level, "%s", f"{outcome.message} {outcome.remedy}".rstrip())
         if not lost and not self._silent:
+            if deadline_s is not None:
+                self._logs.send(ending.left_s(LOGS_SHARE), self._hurried)
             self._save(outcome, ending)
             outcome = self._schedule.with_results(outcome)
             ending = replace(ending, outcome=outcome)
@@ -104,21 +107,20 @@ class RunEnding:
     def _exit_s(self, outcome: Outcome) -> float:
         if outcome.save_within_s is None:
             return EXIT_S
-        return min(HURRIED_EXIT_S, EXIT_SHARE * outcome.save_within_s)
+        return EXIT_SHARE * outcome.save_within_s
 
     def _duties_end_s(self, deadline_s: float | None) -> float | None:
         if deadline_s is None:
             return None
         left_s = max(0.0, deadline_s - time.monotonic())
-        return deadline_s - min(LAST_LOGS_S, LOGS_SHARE * left_s) - RELEASE_PATIENCE_S
+        return deadline_s - min(LAST_LINES_S, LAST_LINES_SHARE * left_s) - RELEASE_PATIENCE_S
 
     def _logs_s(self, deadline_s: float | None) -> float:
         if self._silent:
             return 0.0
         if deadline_s is None:
             return LOGS_PATIENCE_S
-        left_s = deadline_s - time.monotonic() - RELEASE_PATIENCE_S
-        return min(LAST_LOGS_S, max(1.0, left_s))
+        return max(1.0, deadline_s - time.monotonic() - RELEASE_PATIENCE_S)
 
     def _save(self, outcome: Outcome, ending: Ending) -> None:
         text = f"{outcome.message} {outcome.remedy}".rstrip()

@@ -170,15 +170,28 @@ class LogUpload:
         }
         self._copies: list[LogCopy | EventFileCopies] = []
         self._ending = threading.Event()
+        self._due, self._sent = threading.Event(), threading.Event()
+        self._hurried = False
         self._deadline_s = math.inf
         self._thread = threading.Thread(target=self._run, name="log upload", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
 
+    def send(self, patience_s: float, given_up: Callable[[], bool] = lambda: False) -> None:
+        """Upload what is new now, the newest lines first, before the end."""
+        self._hurried = True
+        self._deadline_s = time.monotonic() + patience_s
+        self._sent.clear()
+        self._due.set()
+        while not (self._sent.wait(_CHECK_S) or self._is_over() or given_up()):
+            pass
+
     def finish(self, patience_s: float, given_up: Callable[[], bool] = lambda: False) -> None:
+        self._hurried = True
         self._deadline_s = time.monotonic() + patience_s
         self._ending.set()
+        self._due.set()
         while self._thread.is_alive() and not self._is_over() and not given_up():
             self._thread.join(_CHECK_S)
         left = sum(copy.left_bytes() for copy in self._copies)
@@ -193,9 +206,13 @@ class LogUpload:
             )
 
     def _run(self) -> None:
-        while not self._ending.wait(INTERVAL_S):
+        ends = False
+        while not ends:
+            self._due.wait(INTERVAL_S)
+            self._due.clear()
+            ends = self._ending.is_set()
             self._upload()
-        self._upload()
+            self._sent.set()
 
     def _upload(self) -> None:
         try:
@@ -210,7 +227,7 @@ class LogUpload:
                     )
                     self._copies.append(events)
             for copy in self._copies:
-                copy.update(self._is_over, hurried=self._ending.is_set())
+                copy.update(self._is_over, hurried=self._hurried)
         except DrError as error:
             _logger.warning("The logs could not be uploaded: %s", error)
         except OSError as error:

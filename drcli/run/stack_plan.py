@@ -1,7 +1,9 @@
 """Account, bucket and checked settings of a training on machines of Amazon."""
 
 import os
+import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli.base.errors import Problem, ProblemsError, SettingsError
@@ -11,10 +13,10 @@ from drcli.config import loading
 from drcli.config.settings import Settings
 from drcli.config.value_types import HOME_REGION
 from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
-from drcli.outside.aws.racer_files import environment
+from drcli.outside.aws.racer_files import environment, files_to_send
 
 with lazy_imports():
-    from drcli.checks import validate
+    from drcli.checks import stage_rules, validate
     from drcli.outside.aws import creation
 
 BUCKET_VARIABLE = "BUCKET"
@@ -61,22 +63,81 @@ def usual_bucket(settings: Settings) -> str:
     )
 
 
-def checked_settings(
-    folder: Path, account: Account, bucket: str, stack: str, before: Settings
-) -> tuple[Settings, list[Problem]]:
-    """The settings as the machine will have them, and warnings.
+@dataclass(frozen=True)
+class Checked:
+    """What the machine gets.
+
+    Attributes:
+        settings: As it will have them.
+        files: By path in its folder.
+        variables: Of its environment.
+    """
+
+    settings: Settings
+    files: dict[str, bytes]
+    variables: dict[str, str]
+    warnings: list[Problem]
+
+
+def check_settings(
+    folder: Path, account: Account, bucket: str, stack: str, before: Settings, shown: Path
+) -> Checked:
+    """Check as the machine will, with nothing but what it gets; messages name the folder `shown`.
 
     Raises:
         ProblemsError: Settings, files or reward function are wrong.
+        SettingsError: A file cannot be sent.
     """
     creation.check_bucket(account, bucket)
-    variables = environment(bucket, account.region, stack, before.upload_s3_bucket)
-    variables["DR_LOCAL_S3_PROFILE"] = account.profile or "default"
-    report = validate.validate(folder, environ={**os.environ, **variables}, here=False)
-    if not report.ok:
-        raise ProblemsError(list(report.errors))
-    warnings = [each for each in report.warnings if each.rule != "V-50"]  # of this machine
-    return _loaded(folder, variables), warnings
+    variables = environment(before, bucket, account.region, stack, os.environ)
+    profile = {"DR_LOCAL_S3_PROFILE": account.profile or "default"}
+    settings = _loaded(folder, variables | profile)
+    sent = _sent(settings)
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("DR_")}
+    with tempfile.TemporaryDirectory() as place:
+        for name, data in sent.items():
+            path = Path(place, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+        report = validate.validate(
+            Path(place), environ={**kept, **variables, **profile}, here=False
+        )
+        errors, warnings = (
+            [_in_folder(each, place, str(shown)) for each in found]
+            for found in (report.errors, report.warnings)
+        )
+    if errors:
+        raise ProblemsError(errors)
+    of_training = [each for each in warnings if each.rule != "V-50"]  # that is of this machine
+    return Checked(settings, sent, variables, of_training)
+
+
+def not_imported(settings: Settings) -> str:
+    """Why the machine imports no model into DeepRacer on AWS; empty if none is wanted."""
+    wanted = settings.import_model_on_completion
+    named = settings.droa_url or "DR_IMPORT_MODEL_ON_COMPLETION" in settings.sources
+    if not wanted or not named:
+        return ""
+    if not settings.droa_url:
+        return "DR_DROA_URL is empty."
+    return "a machine gets no password. `droa-import-model --best` does it from here."
+
+
+def _sent(settings: Settings) -> dict[str, bytes]:
+    stages = stage_rules.review_stages(settings, {}).stages
+    named = [Path(file.origin) for stage in stages for file in stage.files.values()]
+    if settings.curriculum_file:
+        named.append(stage_rules.curriculum_path(settings))
+    return files_to_send(
+        settings, [race for stage in stages for race in stage.settings.races], named
+    )
+
+
+def _in_folder(problem: Problem, place: str, shown: str) -> Problem:
+    file, message, remedy = (
+        text.replace(place, shown) for text in (problem.file, problem.message, problem.remedy)
+    )
+    return replace(problem, file=file, message=message, remedy=remedy)
 
 
 def _loaded(folder: Path, variables: Mapping[str, str]) -> Settings:

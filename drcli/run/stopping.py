@@ -28,7 +28,9 @@ from drcli.run.status import RunReport, inspect
 with lazy_imports():
     from drcli.run import tensorboard_server
 
-TRAINING_PATIENCE_S = 30.0
+TRAINING_PATIENCE_S = 60.0
+"""Workers, an upload of the model and logs."""
+
 KILLED_PATIENCE_S = 10.0
 EVALUATION_PATIENCE_S = 15.0
 

@@ -1,4 +1,4 @@
-"""Uploads a model by the clock, at new best checkpoints, and at interruptions.
+"""Uploads a model by the clock, at new best checkpoints, and at ends before its goal.
 
 Each upload is a command of its own, which cannot hold up the training; one runs at a time.
 """
@@ -12,6 +12,7 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.base.files import rewrite
 from drcli.base.log import get_logger
+from drcli.config.run_config import UnattendedConfig
 from drcli.metrics.event_file import FROM_HISTORY, PATTERN
 from drcli.model import keys
 from drcli.model.model_store import ModelStore
@@ -26,10 +27,11 @@ _logger = get_logger(__name__)
 BEST_EVERY_S = 300.0
 """At first, each evaluation is a new best."""
 
-MODELS_SHARE, ARCHIVE_SHARE = 0.6, 0.4
-"""Of the time left at an interruption; the rest is for logs and lease."""
+RUNNING_SHARE = 0.5
+"""Of the time left at an interruption, for an upload that runs then."""
 
-STOPPED_PATIENCE_S = 5.0
+STOPPED_PATIENCE_S, STOPPED_UPLOAD_S = 5.0, 30.0
+"""For an upload that runs when somebody stops the training, and for it with the last one."""
 
 
 @dataclass
@@ -45,17 +47,25 @@ class Upload:
     problem: str = ""
 
 
+BEST = ("upload-model", "-b", "-f", "--json")
+LAST = ("upload-model", "-f", "--json")
+
+
+def uploads_models(settings: UnattendedConfig) -> bool:
+    """Whether the target is to have the best model at every end."""
+    return bool(
+        settings.regular_upload or settings.upload_best_model or settings.upload_model_on_completion
+    )
+
+
 def wanted_uploads(job: Job) -> list[Upload]:
     settings = job.config.unattended
     found = []
-    command: tuple[str, ...]
     if settings.regular_upload:
         every_s = 60.0 * settings.regular_upload
-        command = ("upload-model", "-f", "--json")
-        found.append(Upload("last checkpoint", command, every_s))
+        found.append(Upload("last checkpoint", LAST, every_s))
     if settings.upload_best_model:
-        command = ("upload-model", "-b", "-f", "--json")
-        found.append(Upload("best checkpoint", command, None, best=True))
+        found.append(Upload("best checkpoint", BEST, None, best=True))
     if settings.regular_physical_model_upload:
         every_s = 60.0 * settings.regular_physical_model_upload
         command = ("upload-car-zip", "-f", "-L", "--only-numbered", "--json")
@@ -79,13 +89,15 @@ class TimedUploads(Duty):
         self._start = start
         self._clock = clock
         self._uploads = wanted_uploads(run.job)
+        self._at_end = uploads_models(run.job.config.unattended)
+        self._at_target = ""
         self._running: tuple[Upload, CommandProcess] | None = None
 
     def start(self) -> None:
         now_s = self._clock()
         for upload in self._uploads:
             upload.due_s = now_s + (upload.every_s or 0.0)
-        if self._uploads:
+        if self._uploads or self._at_end:
             self._watch.turn_on()
 
     def check(self) -> Outcome | None:
@@ -107,26 +119,36 @@ class TimedUploads(Duty):
         """Complete trainings: `drcli.run.end_of_training`."""
         hurried = ending.outcome.code == INTERRUPTED or ending.deadline_s is not None
         complete = ending.outcome.code == 0
-        models_until_s = self._clock() + ending.left_s(MODELS_SHARE)
+        until_s = self._clock() + STOPPED_UPLOAD_S
         if self._running is not None:
             upload, process = self._running
             self._running = None
-            patience_s = models_until_s - self._clock() if hurried else STOPPED_PATIENCE_S
+            patience_s = ending.left_s(RUNNING_SHARE) if hurried else STOPPED_PATIENCE_S
             if complete and not hurried:
                 patience_s = float("inf")
-            self._note(upload, process.wait(patience_s, lambda: ending.left_s() <= 0.0), ends=True)
-        if not hurried or complete or not self._uploads:
+            self._wait(upload, process, patience_s, ending)
+        if complete or not (self._uploads or self._at_end):
             return
         self._watch.look_last(ending.left_s(0.1))
-        for upload in self._uploads:
-            # The best comes after the last, so that the pointers at the target name the best.
-            within_s = models_until_s - self._clock()
-            if upload.command[0] != "upload-model":
-                within_s = ending.left_s(ARCHIVE_SHARE)
-            if within_s <= 0.0 or not self._is_new(upload):
-                continue
-            process = self._start(self.run.job, *upload.command)
-            self._note(upload, process.wait(within_s, lambda: ending.left_s() <= 0.0), ends=True)
+        score = self._watch.best or self._watch.last
+        if self._at_end and score is not None and score.name != self._at_target:
+            is_best = score is self._watch.best
+            name = "best checkpoint" if is_best else "last checkpoint"
+            left_s = ending.left_s() if hurried else until_s - self._clock()
+            self._upload_last(Upload(name, BEST if is_best else LAST, None), left_s, ending)
+        for upload in self._uploads if hurried else ():
+            if upload.command[0] != "upload-model" and self._is_new(upload):
+                self._upload_last(upload, ending.left_s(), ending)
+
+    def _upload_last(self, upload: Upload, within_s: float, ending: Ending) -> None:
+        if within_s > 0.0:
+            self._wait(upload, self._start(self.run.job, *upload.command), within_s, ending)
+
+    def _wait(
+        self, upload: Upload, process: CommandProcess, within_s: float, ending: Ending
+    ) -> None:
+        end = process.wait(within_s, lambda: ending.left_s() <= 0.0)
+        self._note(upload, end, ends=True)
 
     def after_release(self, ending: Ending) -> None:
         """`finish` is not called if the model was lost."""
@@ -146,6 +168,8 @@ class TimedUploads(Duty):
     def _note(self, upload: Upload, end: CommandEnd, *, ends: bool = False) -> None:
         if end.ok:
             upload.done = str(end.report.get("checkpoint", ""))
+            if upload.command[0] == "upload-model":
+                self._at_target = upload.done
             target = end.report.get("target") or next(iter(end.report.get("files", [])), "")
             size = end.report.get("copied_bytes", end.report.get("size_bytes", 0))
             text = f"Uploaded the {upload.name} {upload.done} to {target} in {end.seconds:.0f} s."

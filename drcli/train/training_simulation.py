@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from drcli.drive.build_race import (
 )
 from drcli.drive.driving import Driven, Driver, Plan, Racer, columns_of
 from drcli.drive.evaluator import fresh_starts
-from drcli.drive.reward_client import RewardProcess
 from drcli.live.step_snapshot import LiveObserver
 from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
@@ -39,6 +39,7 @@ from drcli.workers.cores import driving_threads, usable_cores
 from drcli.workers.reward_failures import RewardFailures
 from drsim.car.conditions import Realism
 from drsim.episode.episode_rules import EpisodeRules
+from drsim.episode.reward import RewardFunction, RewardHost
 from drsim.errors import RewardError
 from drsim.track.track import Track
 from drsim.track.worlds import directed
@@ -60,42 +61,48 @@ class HeldOutTracks:
         races: Sequence[DriveConfig],
         metadata: ModelMetadata,
         racer: Racer,
-        reward: RewardProcess,
+        reward: RewardFunction | RewardHost,
         *,
+        num_cars: int,
         num_threads: int,
         seed: int,
         start_seed: int,
+        job: Literal["training", "evaluation"] = "training",
         on_reward_error: Callable[[RewardError, int], float] | None = None,
         observer: LiveObserver | None = None,
     ) -> None:
         self._worlds = [race.world_name for race in races]
         self.name = self._worlds[0] if len(races) == 1 else f"{len(races)} tracks"
         self._start_seed = start_seed
-        self._tracks = _tracks_of(races)
+        self._tracks = tracks_of(races)
         self._simulation = build_simulation(
             races[0],
-            "training",
+            job,
             metadata,
             self._tracks,
-            num_cars=reward.cars,
+            num_cars=num_cars,
             reward=reward,
-            rules=_rules_on(self._tracks, racer),
+            rules=rules_on(self._tracks, racer),
             num_threads=num_threads,
             seed=seed,
             on_reward_error=on_reward_error,
         )
         self._driver = Driver(self._simulation, [racer], seed, observer=observer)
 
-    def evaluate(self, trials: int, should_stop: Callable[[], bool]) -> SecondEvaluation:
+    def evaluate(
+        self, trials: int, should_stop: Callable[[], bool], *, other_starts: int = 0
+    ) -> SecondEvaluation:
         """Drive with the present weights, each track at least once, from starts spread over laps.
 
-        Broken episodes count only if there are no others.
+        Another number of `other_starts` means other places. Broken episodes count only if there are
+        no others.
 
         Raises:
             StopRequested: `should_stop` returned True.
         """
         trials, count = max(trials, len(self._tracks)), len(self._tracks)
-        starts = [fresh_starts(track, trials, self._start_seed) for track in self._tracks]
+        seed = self._start_seed + CONFIRMATION_STRIDE * other_starts
+        starts = [fresh_starts(track, trials, seed) for track in self._tracks]
         plans = [replace(starts[k % count][k], track=k % count) for k in range(trials)]
         episodes = self._driver.driven(plans, should_stop)
         sound = [episode for episode in episodes if not episode.discarded] or episodes
@@ -113,11 +120,11 @@ def sentence_of(result: SecondEvaluation) -> str:
     )
 
 
-def _tracks_of(races: Sequence[DriveConfig]) -> list[Track]:
+def tracks_of(races: Sequence[DriveConfig]) -> list[Track]:
     return [directed(load_world(race), reverse=race.train_reverse_direction) for race in races]
 
 
-def _rules_on(tracks: Sequence[Track], racer: Racer) -> EpisodeRules:
+def rules_on(tracks: Sequence[Track], racer: Racer) -> EpisodeRules:
     return EpisodeRules(max_steps=max(longest_episode(track, racer.actions) for track in tracks))
 
 
@@ -169,6 +176,36 @@ MILD = Realism(
 """For half of a student's episodes, where the settings name nothing: evaluations drive the nominal
 car.
 """
+
+
+def is_nominal(realism: Realism) -> bool:
+    """Whether only the gray overlay of the car's camera may disturb."""
+    return realism == Realism(gray_overlay=realism.gray_overlay)
+
+
+def under(realism: Realism, plan: Plan, seed: int) -> Plan:
+    return replace(plan, conditions=realism.draw(plan.seed(seed)))
+
+
+def plan_of_phase(
+    mark: PhaseMark, plan: Plan, seed: int, realism: Realism, *, teacher: bool
+) -> Plan:
+    """An episode of a training with a teacher, which drives it as the second of two racers."""
+    random = np.random.Generator(np.random.Philox(key=[seed, plan.number]))
+    fraction, offset, angle, nominal = random.uniform(-1.0, 1.0, 4).tolist()
+    if is_nominal(realism):
+        is_mild = mark.name != "teacher" and nominal > 0.0
+        usual = MILD if is_mild else Realism()
+        plan = under(replace(usual, gray_overlay=realism.gray_overlay), plan, seed)
+    if mark.name == "ppo":
+        return plan
+    return replace(
+        plan,
+        start_fraction=0.5 + 0.5 * fraction,
+        offset_m=START_OFFSET_M * offset,
+        angle_deg=START_ANGLE_DEG * angle,
+        racer=int(teacher),
+    )
 
 
 class TrainingSimulation:
@@ -230,13 +267,12 @@ class TrainingSimulation:
         num_cars = -(-(race.train_lanes or episodes + self.trials) // divisor)
         folder = job.folder / f"sim-{worker}"
         reward = load_reward(model, folder, num_cars, stage, job.inputs)
-        tracks = _tracks_of(training_races(race))
+        tracks = tracks_of(training_races(race))
         self._track = tracks[0]
         self._choice = TrackChoice(len(tracks))
         threads = usable_cores(train) if joined else driving_threads(train)
         seed = job.seed + SEED_STRIDE * worker
         self._realism = realism_of(race, "training")
-        self._is_nominal = self._realism == Realism(gray_overlay=self._realism.gray_overlay)
         self._simulation = build_simulation(
             race,
             "training",
@@ -244,7 +280,7 @@ class TrainingSimulation:
             tracks,
             num_cars=num_cars,
             reward=reward,
-            rules=_rules_on(tracks, racer),
+            rules=rules_on(tracks, racer),
             num_threads=threads,
             seed=seed,
             on_reward_error=on_reward_error,
@@ -256,12 +292,13 @@ class TrainingSimulation:
         held_out = races_on(race, "DR_TRAIN_EVAL_WORLD") if evaluates else []
         self.held_out: HeldOutTracks | None = None
         if held_out:
-            laps = max(trials, len(held_out))
+            cars = -(-max(trials, len(held_out)) // divisor)
             self.held_out = HeldOutTracks(
                 held_out,
                 metadata,
                 racer,
-                load_reward(model, folder, -(-laps // divisor), stage, job.inputs),
+                load_reward(model, folder, cars, stage, job.inputs),
+                num_cars=cars,
                 num_threads=threads,
                 seed=seed,
                 start_seed=job.seed,
@@ -334,33 +371,22 @@ class TrainingSimulation:
         trial_plans = fresh_starts(self._track, trials, self._job.seed) if trials else []
         if self.ranges < 1.0:
             narrow = self._realism.scaled(self.ranges)
-            plans = [self._under(narrow, plan) for plan in plans]
+            plans = [under(narrow, plan, self._seed) for plan in plans]
         if self.phase is not None:
-            plans = [self._of_phase(self.phase, plan, iteration) for plan in plans]
-        if self.ranges < 1.0 or (self.phase is not None and self._is_nominal):
-            trial_plans = [self._under(self._realism, plan) for plan in trial_plans]
+            realism = self._realism.scaled(self.ranges)
+            plans = [
+                plan_of_phase(
+                    self.phase,
+                    plan,
+                    self._seed,
+                    realism,
+                    teacher=teacher_drives(self.phase, iteration, self.part.position(plan.number)),
+                )
+                for plan in plans
+            ]
+        if self.ranges < 1.0 or (self.phase is not None and is_nominal(self._realism)):
+            trial_plans = [under(self._realism, plan, self._seed) for plan in trial_plans]
         return plans + trial_plans
-
-    def _under(self, realism: Realism, plan: Plan) -> Plan:
-        return replace(plan, conditions=realism.draw(plan.seed(self._seed)))
-
-    def _of_phase(self, mark: PhaseMark, plan: Plan, iteration: int) -> Plan:
-        random = np.random.Generator(np.random.Philox(key=[self._seed, plan.number]))
-        fraction, offset, angle, nominal = random.uniform(-1.0, 1.0, 4).tolist()
-        if self._is_nominal:
-            is_mild = mark.name != "teacher" and nominal > 0.0
-            overlay = self._realism.scaled(self.ranges).gray_overlay
-            usual = MILD if is_mild else Realism()
-            plan = self._under(replace(usual, gray_overlay=overlay), plan)
-        if mark.name == "ppo":
-            return plan
-        return replace(
-            plan,
-            start_fraction=0.5 + 0.5 * fraction,
-            offset_m=START_OFFSET_M * offset,
-            angle_deg=START_ANGLE_DEG * angle,
-            racer=int(teacher_drives(mark, iteration, self.part.position(plan.number))),
-        )
 
     def confirmation_plans(self, number: int, count: int) -> list[Plan]:
         """Their numbers, and so their random numbers, are those of no evaluation."""

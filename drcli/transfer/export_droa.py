@@ -33,13 +33,17 @@ from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.transfer.export_forms import (
     CheckpointExport,
     ExportReport,
-    read_checkpoint_export,
+    checkpoint_export,
     report_of,
+    reward_function,
 )
 from drcli.transfer.export_model import (
     ExportTarget,
+    Prepare,
     Selection,
     pointer_items,
+    read_export_source,
+    unchanged,
     write_archive,
     write_items,
 )
@@ -76,29 +80,27 @@ _NOT_VERIFIED = (
 
 
 def read_droa_export(
-    settings: Settings, selection: Selection, world: str | None
+    settings: Settings, selection: Selection, world: str | None, prepare: Prepare = unchanged
 ) -> CheckpointExport:
     """All files in memory; `world` may end in `_cw` or `_ccw`. Raises DrError."""
-    exported = read_checkpoint_export(settings, selection)
-    prefix = exported.source.prefix
+    source = read_export_source(settings, selection)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    model = ModelStore(bucket, prefix)
-    items = {item.name: item for item in exported.items}
-    if keys.REWARD_FUNCTION_FILE not in items:
+    model = ModelStore(bucket, source.prefix)
+    if reward_function(settings, source.prefix) is None:
         raise SettingsError(
-            f"{exported.source.url} has no {keys.REWARD_FUNCTION_FILE}, which DeepRacer on AWS "
-            "asks for.",
+            f"{source.url} has no {keys.REWARD_FUNCTION_FILE}, which DeepRacer on AWS asks for.",
             remedy="Copy the reward function that the model was trained with to that place.",
         )
-    notes = list(exported.notes)
+    parameters, of_track = _parameters(settings, model, world)
+    exported = checkpoint_export(settings, prepare(source))
+    items = {item.name: item for item in exported.items}
+    notes = [*exported.notes, *of_track]
     design = exported.source.design
     metadata = design.files[keys.MODEL_METADATA_FILE]
-    parameters, of_track = _parameters(settings, model, world)
-    notes += of_track
     found = [
         Item(keys.MODEL_METADATA_FILE, metadata),
         Item(PARAMETERS_FILE, parameters),
-        Item(HYPERPARAMETERS, _hyperparameters(design.parameters)),
+        Item(HYPERPARAMETERS, droa_hyperparameters(design.parameters)),
     ]
     records, metric = _metrics(settings, model)
     if records:
@@ -173,7 +175,8 @@ def _route(settings: Settings, world: str) -> Direction | None:
     return "COUNTER_CLOCKWISE" if direction == "counterclockwise" else None
 
 
-def _hyperparameters(parameters: Hyperparameters) -> bytes:
+def droa_hyperparameters(parameters: Hyperparameters) -> bytes:
+    """Those that DeepRacer on AWS knows, in its words."""
     values = {key: getattr(parameters, key) for key in _KEYS}
     values["loss_type"] = _LOSSES.get(values["loss_type"], values["loss_type"])
     return json.dumps(values, indent=2).encode()

@@ -39,10 +39,12 @@ from drcli.records.scores import Score
 from drcli.transfer.export_model import (
     ExportSource,
     ExportTarget,
+    Prepare,
     Selection,
     pointer_items,
     read_export_source,
     reference_score,
+    unchanged,
     write_items,
 )
 from drcli.transfer.put_model import Progress
@@ -394,9 +396,15 @@ class ExportReport:
         ]
 
 
-def read_checkpoint_export(settings: Settings, selection: Selection) -> CheckpointExport:
+def read_checkpoint_export(
+    settings: Settings, selection: Selection, prepare: Prepare = unchanged
+) -> CheckpointExport:
     """Make the files in memory; DrError if the reference cannot use them."""
-    source = read_export_source(settings, selection)
+    return checkpoint_export(settings, prepare(read_export_source(settings, selection)))
+
+
+def checkpoint_export(settings: Settings, source: ExportSource) -> CheckpointExport:
+    """See `read_checkpoint_export`."""
     design, name = source.design, source.chosen.name
     written = encode_training_checkpoint(
         source.weights, source.origin, design.metadata, design.parameters
@@ -408,13 +416,13 @@ def read_checkpoint_export(settings: Settings, selection: Selection) -> Checkpoi
         Item(METADATA, design.files[keys.MODEL_METADATA_FILE]),
         Item(HYPERPARAMETERS, design.files[keys.HYPERPARAMETERS_FILE]),
     ]
-    reward = _reward_function(settings, source.prefix)
+    reward = reward_function(settings, source.prefix)
     if reward is not None:
         items.append(Item(keys.REWARD_FUNCTION_FILE, reward))
     network = design.metadata.neural_network
     verified = [text.format(variables=written.variables, network=network) for text in _VERIFIED]
     score = reference_score(source.chosen.score)
-    return CheckpointExport(source, items, score, written.notes, verified)
+    return CheckpointExport(source, items, score, [*source.notes, *written.notes], verified)
 
 
 def export_checkpoint(
@@ -448,7 +456,7 @@ def checkpoint_state(name: str) -> bytes:
     return f'model_checkpoint_path: "{name}"\nall_model_checkpoint_paths: "{name}"\n'.encode()
 
 
-def _reward_function(settings: Settings, prefix: str) -> bytes | None:
+def reward_function(settings: Settings, prefix: str) -> bytes | None:
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     places = [keys.reward_function(prefix)]
     if prefix == settings.model.prefix:

@@ -3,16 +3,18 @@
 import contextlib
 import shutil
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from drcli.base import errors
 from drcli.base.errors import SettingsError, shown
 from drcli.base.files import hand_out, make_folder, remedy_for, rewrite, safe_name
 from drcli.bucket.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.bucket.connect import COMMAND_PATIENCE_S, open_bucket
-from drcli.config.settings import Settings, catalogue
+from drcli.config.run_config import DriveConfig
+from drcli.config.settings import Settings
 from drcli.config.value_types import CheckpointChoice
 from drcli.convert.stored_checkpoint import load_checkpoint
 from drcli.model import keys
@@ -43,6 +45,12 @@ from drcli.transfer.transfer_buckets import (
 )
 
 _WORLD = "DR_WORLD_NAME"
+_DRIVEN = (
+    _WORLD,
+    "DR_TRAIN_WORLDS",
+    "DR_TRAIN_REVERSE_DIRECTION",
+    "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION",
+)
 
 _PICKS = 5
 """A training may delete the last checkpoint."""
@@ -61,6 +69,8 @@ class ExportSource:
     Attributes:
         weights: Safetensors.
         graph: The reference's frozen graph; None for ours.
+        driven: Settings of its training that say where it drove, by name.
+        notes: For the racer.
     """
 
     bucket: str
@@ -69,17 +79,45 @@ class ExportSource:
     design: Design
     weights: bytes
     origin: str
-    world: str | None = None
+    driven: Mapping[str, Any] = field(default_factory=dict)
     best: str | None = None
     graph: bytes | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def url(self) -> str:
         return f"s3://{self.bucket}/{self.prefix}"
 
+    def with_network(self, design: Design, weights: bytes, note: str) -> "ExportSource":
+        """With another network, which learned from this one."""
+        score = replace(self.chosen.score, avg_eval_metric=None, episodes=None)
+        chosen = replace(self.chosen, score=score)
+        return replace(
+            self, chosen=chosen, design=design, weights=weights, graph=None, notes=(note,)
+        )
+
     @property
     def file_name(self) -> str:
         return safe_name(self.prefix)
+
+    @property
+    def world(self) -> str | None:
+        world: str | None = self.driven.get(_WORLD)
+        return world
+
+    def race(self, settings: Settings) -> DriveConfig:
+        """That of the settings, where the model was trained."""
+        fields = DriveConfig.declared
+        changes = {fields[name].field: value for name, value in self.driven.items()}
+        return settings.race.replaced(**changes)
+
+
+Prepare = Callable[[ExportSource], ExportSource]
+"""What an export does to a model before; it may take minutes."""
+
+
+def unchanged(source: ExportSource) -> ExportSource:
+    return source
 
 
 def read_export_source(settings: Settings, selection: Selection) -> ExportSource:
@@ -120,7 +158,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
         _design(store, found.record),
         found.tensors,
         f"s3://{bucket.name}/{key}",
-        _world(store),
+        _driven(store),
         CheckpointStore(store).best_name(),
         bucket.get(graph) if has_graph else None,
     )
@@ -137,15 +175,16 @@ def _design(model: ModelStore, record: CheckpointRecord) -> Design:
         ) from e
 
 
-def _world(model: ModelStore) -> str | None:
+def _driven(model: ModelStore) -> Mapping[str, Any]:
     try:
         start = read_start(model)
     except (ObjectDamaged, ObjectNewer):
-        return None
+        return {}
     if start is None or start.settings is None:
-        return None
-    world = start.settings.get(_WORLD, catalogue()[_WORLD].default)
-    return world if isinstance(world, str) else None
+        return {}
+    fields = DriveConfig.declared
+    found = {name: start.settings.get(name, fields[name].default) for name in _DRIVEN}
+    return {n: value for n, value in found.items() if type(value) is type(fields[n].default)}
 
 
 # Writes an export so that nobody finds a part of it.

@@ -16,6 +16,7 @@ from drcli.config.run_config import TransferConfig
 from drcli.model import keys
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.scores import Scores
+from drcli.transfer import minio_folder
 from drcli.transfer.transfer_buckets import COPY_PATIENCE_S, parse_url, source_bucket
 
 # The files of a model to import: in a folder, file, archive or bucket.
@@ -117,19 +118,32 @@ def _in_bucket(ends: TransferConfig, source: str, *, local: bool) -> SourceFiles
 
 
 def files_in_folder(path: Path) -> SourceFiles:
-    """Without hidden folders and leftovers of programs.
+    """Without hidden folders and leftovers of programs; objects of MinIO count as files.
 
     Raises:
         OSError: It cannot be listed.
-        SettingsError: It has too many files for a model.
+        SettingsError: It has too many files for a model, or is itself an object.
     """
+    if (path / minio_folder.META).is_file():
+        raise SettingsError(
+            f"{path} is one object of MinIO.", remedy="Name the folder of its model instead."
+        )
     sizes: dict[str, int] = {}
+    objects = set()
 
     def refuse(error: OSError) -> None:
         raise error
 
     for parent, below, names in os.walk(path, onerror=refuse):
-        below[:] = sorted(name for name in below if not name.startswith("."))
+        if minio_folder.META in names:
+            below.clear()
+            name = Path(parent).relative_to(path).as_posix()
+            size = minio_folder.size_of(Path(parent))
+            if size is not None and not is_left_behind(name):
+                sizes[name] = size
+                objects.add(name)
+            continue
+        below[:] = sorted(name for name in below if name[0] != "." or _is_object(parent, name))
         for name in names:
             file = Path(parent, name)
             if file.is_file() and not is_left_behind(name):
@@ -138,7 +152,16 @@ def files_in_folder(path: Path) -> SourceFiles:
             raise SettingsError(
                 f"{path} has more than {MOST_FILES:,} files.", remedy="Name the folder of a model."
             )
-    return SourceFiles(str(path), sizes, lambda name: _content(path / name))
+
+    def read(name: str) -> bytes:
+        is_object = name in objects
+        return minio_folder.read(path / name) if is_object else _content(path / name)
+
+    return SourceFiles(str(path), sizes, read)
+
+
+def _is_object(parent: str, name: str) -> bool:
+    return Path(parent, name, minio_folder.META).is_file()
 
 
 def _is_archive(path: Path) -> bool:

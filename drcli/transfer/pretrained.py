@@ -94,7 +94,7 @@ def read_weights(
             chosen = checkpoints.choose(checkpoint).name
         found = load_checkpoint(model, chosen)
     except (ObjectMissing, ObjectDamaged, CheckpointGone) as e:
-        what = str(e)  # which says it all of one that is not there
+        what = str(e).removeprefix(f"{model.url}: ")  # the setting names the model
         if not isinstance(e, CheckpointGone):
             what = f"its {checkpoint} checkpoint cannot be used: {e} {checkpoints.summary}"
         other = "last" if checkpoint == "best" else "best"

@@ -163,10 +163,9 @@ class TrainingComparison:
     machine: Annotated[list[Difference], "Processor, cores and others."]
     files: Annotated[list[FileDifference], "Files that differ, except hyperparameters.json."]
 
-    def view(self) -> View:
-        both = (self.before, self.after)
-        titles = ["", *(f"{printable(each.model)} {each.id}" for each in both)]
-        rows = [
+    def result_rows(self) -> list[tuple[str, str, str]]:
+        """What it is, and both values, as texts."""
+        return [
             (
                 _RESULT_NAMES.get(each.name, each.name.replace("_", " ")),
                 _result(each.name, each.before, self.before.metric),
@@ -174,7 +173,10 @@ class TrainingComparison:
             )
             for each in self.results
         ]
-        sections = {
+
+    def sections(self) -> dict[str, list[Difference]]:
+        """By their headings."""
+        return {
             "Settings": self.settings,
             "Settings of other workers": self.worker_settings,
             "Hyperparameters": self.hyperparameters,
@@ -183,7 +185,12 @@ class TrainingComparison:
             "Versions": self.versions,
             "Machine": self.machine,
         }
-        yield Rows(titles, rows, left=titles)
+
+    def view(self) -> View:
+        both = (self.before, self.after)
+        titles = ["", *(f"{printable(each.model)} {each.id}" for each in both)]
+        sections = self.sections()
+        yield Rows(titles, self.result_rows(), left=titles)
         for title, changed in sections.items():
             yield changed and bold(title)
             yield [each.line() for each in changed]

@@ -24,6 +24,7 @@ from drcli.base.errors import (
     SettingsError,
     StorageError,
     TrainedElsewhere,
+    few,
     one_of,
     shown,
 )
@@ -32,6 +33,7 @@ from drcli.base.json_record import keys_of, plain
 from drcli.base.log import get_logger
 from drcli.config.editing import FilesChanged
 from drcli.model.files.data_file import as_written, dotted
+from drcli.web.page_words import for_page
 
 MOST_BYTES = 1 << 20
 LONG_BYTES = 2000
@@ -60,21 +62,20 @@ class BadRequest(Exception):
 def report(value: Any, status: int = 200) -> Response:
     """The JSON that the command prints with --json."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return JSONResponse(keys_of(value), status)
-    return JSONResponse(plain(value), status)
+        return JSONResponse(for_page(keys_of(value)), status)
+    return JSONResponse(for_page(plain(value)), status)
 
 
-def error_of(error: Exception) -> dict[str, Any]:
+def error_of(error: Exception) -> Any:
     """An unexpected error is logged."""
     if isinstance(error, DrError):
-        found: dict[str, Any] = {
-            "message": str(error),
-            "remedy": error.remedy,
-            "code": error.code,
-        }
+        found = {"message": str(error), "remedy": error.remedy, "code": error.code}
         if isinstance(error, ProblemsError):
-            found["problems"] = [placed(problem) for problem in error.problems]
-        return {"error": found}
+            said = [placed(problem) for problem in error.problems]
+            wrong = (each for each in said if each["severity"] == "error")
+            found["message"] = "\n".join(few(_with_place(each) for each in wrong))
+            found["problems"] = said
+        return for_page({"error": found})
     if isinstance(error, BadRequest):
         return {"error": {"message": str(error), "remedy": error.remedy, "code": 2}}
     if broken := import_error(error):
@@ -89,9 +90,17 @@ def error_of(error: Exception) -> dict[str, Any]:
     }
 
 
-def placed(problem: Problem) -> dict[str, Any]:
-    """With its place in parts, so that the page can lead there."""
-    return problem.as_json() | {"file": problem.file, "line": problem.line, "key": problem.key}
+def placed(problem: Problem) -> Any:
+    """With its place in parts, so that the page can lead there: to a setting by its name."""
+    said = problem.as_json() | {"file": problem.file, "line": problem.line, "key": problem.key}
+    if problem.key and problem.file.endswith(".env"):
+        said["where"] = ""
+    return for_page(said)
+
+
+def _with_place(problem: dict[str, Any]) -> str:
+    message = " ".join(problem["message"].split())
+    return f"{problem['where']}: {message}" if problem["where"] else message
 
 
 def status_of(error: Exception) -> int:

@@ -37,10 +37,6 @@ from drcli.web import (
     task_routes,
     track_routes,
 )
-from drcli.web import episode_routes as episode_topics
-from drcli.web import run_topics as log_topic
-from drcli.web import run_topics as machine_topic
-from drcli.web import track_routes as track_list_routes
 from drcli.web.hub import Hub
 from drcli.web.security import Guard
 from drcli.web.served_folder import ServedFolder
@@ -219,18 +215,18 @@ def page_routes() -> list[Route]:
 
 MOST_READING = 32
 PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
-    machine_topic.machine_routes,
+    run_topics.machine_routes,
     run_topics.routes,
     model_routes.routes,
     race_routes.routes,
     task_routes.routes,
     stream_route.routes,
     live_topics.routes,
-    log_topic.log_routes,
-    episode_topics.topics,
+    run_topics.log_routes,
+    episode_routes.topics,
     track_routes.routes,
     settings_routes.routes,
-    track_list_routes.track_list_routes,
+    track_routes.track_list_routes,
     file_routes.action_space_routes,
     file_routes.routes,
     reward_routes.routes,

@@ -21,7 +21,7 @@ from drcli.run.seen_in_bucket import SeenRun, distant_run, read_lap_lines, seen_
 from drcli.view.playback.player_handle import PlayerHandle, facts_of
 from drcli.view.playback.stored_traces import models_with_traces, stored_traces
 from drcli.web.answers import BadRequest, answers
-from drcli.web.hub import Polled, Publish
+from drcli.web.hub import Read
 from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Rows, Snapshot, Value
 
@@ -178,17 +178,6 @@ LAPS_S = 2.0
 
 ELSEWHERE_S = 4.0
 
-_RUN = re.compile(r"(?:episodes|elsewhere):(\d{1,2})")
-
-_LAPS = re.compile(r"laps:(\d{1,2}):(\d{1,3})")
-
-
-def _numbers(pattern: re.Pattern[str], topic: str) -> list[int]:
-    found = pattern.fullmatch(topic)
-    if found is None:
-        raise ValueError(topic)
-    return [int(text) for text in found.groups()]
-
 
 def _away(run: SeenRun) -> StorageError:
     return StorageError(
@@ -241,27 +230,17 @@ class LapReader:
 
 
 def topics(folder: ServedFolder) -> Sequence[BaseRoute]:
-    def look_at(run_id: int) -> Callable[[], SeenRun]:
-        return lambda: seen_run(folder.settings(), run_id)
+    def look_at(run: str) -> Callable[[], SeenRun]:
+        return lambda: seen_run(folder.settings(), int(run))
 
-    def open_episodes(topic: str, publish: Publish) -> Polled:
-        (run_id,) = _numbers(_RUN, topic)
-        return Polled(topic, publish, EpisodeRows(topic, look_at(run_id)).read, EPISODES_S)
+    def laps(topic: str, run: str, worker: str) -> Read:
+        return LapReader(topic, look_at(run), int(worker)).read
 
-    def open_laps(topic: str, publish: Publish) -> Polled:
-        run_id, worker = _numbers(_LAPS, topic)
-        return Polled(topic, publish, LapReader(topic, look_at(run_id), worker).read, LAPS_S)
+    def elsewhere(topic: str, run: str) -> Read:
+        return lambda: Snapshot.of(topic, distant_run(look_at(run)()))  # null says that nobody does
 
-    def open_elsewhere(topic: str, publish: Publish) -> Polled:
-        (run_id,) = _numbers(_RUN, topic)
-        look = look_at(run_id)
-
-        def read() -> Value:
-            return Snapshot.of(topic, distant_run(look()))
-
-        return Polled(topic, publish, read, ELSEWHERE_S)
-
-    folder.hub.add_kind("episodes", open_episodes)
-    folder.hub.add_kind("laps", open_laps)
-    folder.hub.add_kind("elsewhere", open_elsewhere)
+    poll, number = folder.hub.poll, r"(\d{1,2})"
+    poll(f"episodes:{number}", EPISODES_S, lambda topic, run: EpisodeRows(topic, look_at(run)).read)
+    poll(rf"laps:{number}:(\d{{1,3}})", LAPS_S, laps)
+    poll(f"elsewhere:{number}", ELSEWHERE_S, elsewhere)
     return []

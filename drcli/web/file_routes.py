@@ -18,7 +18,7 @@ from drcli.model.files.action_choice import grid
 from drcli.model.files.action_space import MANY_ACTIONS, USUAL
 from drcli.model.files.custom_files import InputFile
 from drcli.model.files.data_file import read_json_object
-from drcli.model.files.hyperparameters import KEYS, OWN_KEYS, TEXTS, Hyperparameters
+from drcli.model.files.hyperparameters import KEYS, TEXTS, Hyperparameters
 from drcli.model.files.model_metadata import (
     RULES,
     ModelMetadata,
@@ -32,6 +32,18 @@ from drcli.web.own_files import OwnFile, Save, base_of, own_file, save_own_file,
 from drcli.web.served_folder import ServedFolder
 
 NO_EFFECT = ("term_cond_avg_score",)
+USUAL_KEYS = (
+    *("batch_size", "num_epochs", "lr", "beta_entropy", "discount_factor", "loss_type"),
+    *("num_episodes_between_training", "exploration_type", "training_method"),
+)
+"""The others are folded."""
+
+NETWORK_WORDS = {
+    "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW": "shallow, of the reference",
+    "DEEP_CONVOLUTIONAL_NETWORK": "middle, of the reference",
+    "DEEP_CONVOLUTIONAL_NETWORK_DEEP": "deep, of the reference",
+    "COMPACT_CONVOLUTIONAL_NETWORK": "compact: learns fastest",
+}
 
 
 def _content(file: OwnFile) -> dict[str, Any]:
@@ -56,23 +68,36 @@ def _keys() -> list[dict[str, Any]]:
     properties = Hyperparameters.model_json_schema()["properties"]
     found = []
     for key in KEYS:
-        text = TEXTS[key]
+        text, limits, shipped = TEXTS[key], _limits(properties[key]), shipped_value(key)
+        algorithms = [each.name for each in ALGORITHMS.values() if each.reads(key)]
+        said = [
+            text.meaning,
+            _limits_text(limits),
+            f"Shipped: {shipped}." if shipped else "",
+            "No effect." if key in NO_EFFECT else "",
+        ]
+        more = {"Higher" if text.lower else "Effect": text.higher, "Lower": text.lower}
         found.append(
             {
                 "key": key,
-                **_limits(properties[key]),
-                "meaning": text.meaning,
-                "higher": text.higher,
-                "lower": text.lower,
-                "advice": text.advice,
-                "shipped": shipped_value(key),
-                "left_out": value_if_left_out(key),
-                "beyond": key in OWN_KEYS,
-                "algorithms": [each.name for each in ALGORITHMS.values() if each.reads(key)],
-                "effect": key not in NO_EFFECT,
+                "kind": limits["kind"],
+                "choices": ["true", "false"] if limits["kind"] == "flag" else limits["choices"],
+                "help": " ".join(filter(None, said)),
+                "effects": [(name, each) for name, each in more.items() if each]
+                + [("Advice", text.advice)] * bool(text.advice),
+                "left_out": f"left out: {value_if_left_out(key)}",
+                "algorithms": algorithms,
+                "usual": key in USUAL_KEYS or key.startswith(tuple(f"{a}_" for a in algorithms)),
             }
         )
     return found
+
+
+def _limits_text(limits: dict[str, Any]) -> str:
+    low, high = limits["low"], limits["high"]
+    if low is None:
+        return ""
+    return f"{low:g} or more." if high is None else f"From {low:g} to {high:g}."
 
 
 def _text(file: OwnFile, changes: dict[str, Any]) -> bytes:
@@ -191,7 +216,8 @@ def action_space_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "lidars": LIDARS,
             "algorithms": list(ALGORITHMS),
             "words": {name: each.words for name, each in ALGORITHMS.items()}
-            | {name: each.words for name, each in SENSORS.items()},
+            | {name: each.words for name, each in SENSORS.items()}
+            | NETWORK_WORDS,
             "old_names": [name for name, sensor in SENSORS.items() if sensor.alias_of],
             "networks": get_args(Network),
             "limits": USUAL,

@@ -5,9 +5,10 @@ queue: a slow reader misses values and never delays others.
 """
 
 import asyncio
+import re
 from collections.abc import Callable, Set
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 from drcli.base.installation import lazy_imports
 from drcli.web.topics import Marker, Message, Snapshot, Value, text_message
@@ -35,6 +36,9 @@ class Source(Protocol):
 
 Publish = Callable[[Value], None]
 """Any thread may call it."""
+
+Read = Callable[[], Any]
+"""A `Value`, or plain data for a `Snapshot`; None: nothing new."""
 
 OpenSource = Callable[[str, Publish], Source]
 """ValueError: there is no such topic."""
@@ -75,6 +79,23 @@ class Hub:
     def add_kind(self, kind: str, open_source: OpenSource) -> None:
         """Declare topics that are `kind`, or begin with it and a colon."""
         self._kinds[kind] = open_source
+
+    def poll(self, pattern: str, period_s: float, reader: Callable[..., Read]) -> None:
+        """Declare topics that are read again and again.
+
+        `reader` gets the topic and the groups of the pattern, and raises ValueError if there is no
+        such topic.
+        """
+
+        def open_polled(topic: str, publish: Publish) -> Polled:
+            found = re.fullmatch(pattern, topic, re.ASCII)
+            if found is None:
+                raise ValueError(topic)
+            return Polled(topic, publish, reader(topic, *found.groups()), period_s)
+
+        kind = re.match(r"\w+", pattern)
+        assert kind is not None
+        self.add_kind(kind[0], open_polled)
 
     def run_in(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -190,9 +211,7 @@ class Stored:
 class Polled:
     """Reads in a thread, and publishes what it finds, errors as `{"error": …}`."""
 
-    def __init__(
-        self, topic: str, publish: Publish, read: Callable[[], Value | None], period_s: float
-    ) -> None:
+    def __init__(self, topic: str, publish: Publish, read: Read, period_s: float) -> None:
         self._topic, self._publish, self._read = topic, publish, read
         self._period_s = period_s
         self._task: asyncio.Task[None] | None = None
@@ -211,7 +230,8 @@ class Polled:
             try:
                 value = await asyncio.to_thread(self._read)
             except Exception as error:
-                value = Snapshot.of(self._topic, answers.error_of(error))
+                value = answers.error_of(error)
             if value is not None:
-                self._publish(value)
+                is_value = hasattr(value, "message")
+                self._publish(value if is_value else Snapshot.of(self._topic, value))
             await asyncio.sleep(self._period_s)

@@ -20,10 +20,10 @@ from drcli.live.live_feed import WorkerKey
 from drcli.live.live_record import LIVE_VIEWS, MOST_CAR, LiveMessage, LiveView
 from drcli.records.run_record import RunRecord
 from drcli.web.answers import BadRequest, Body, accepts
-from drcli.web.hub import Polled, Publish
+from drcli.web.hub import Publish
 from drcli.web.served_folder import ServedFolder
 from drcli.web.shared_feed import SharedFeed
-from drcli.web.topics import Marker, Message, Picture, Snapshot, Value
+from drcli.web.topics import Marker, Message, Picture, Snapshot
 
 WORKERS_S = 1.0
 WORKER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -143,16 +143,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     """`POST /api/live/car`."""
     views = LiveViews(folder.live)
 
-    def open_workers(topic: str, publish: Publish) -> Polled:
-        if topic != "workers":
-            raise ValueError(topic)
-
-        def read() -> Value:
-            return Snapshot.of(topic, present(folder))
-
-        return Polled(topic, publish, read, WORKERS_S)
-
-    folder.hub.add_kind("workers", open_workers)
+    folder.hub.poll("workers", WORKERS_S, lambda _: lambda: present(folder))
     folder.hub.add_kind("live", views.open)
 
     def choose(_: Request, body: ChosenCar) -> Any:

@@ -6,7 +6,6 @@ import shutil
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from difflib import unified_diff
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -21,8 +20,6 @@ from drcli.base.errors import DiskFull, DrError, SettingsError, WorkerDied
 from drcli.base.files import safe_name
 from drcli.base.processes import is_alive
 from drcli.config.editing import set_values
-from drcli.config.settings import catalogue
-from drcli.config.track_names import built_in, own
 from drcli.config.value_types import CheckpointChoice, parse_checkpoint
 from drcli.model.files.custom_files import FILE_RULES
 from drcli.model.model_store import ModelStore
@@ -31,13 +28,12 @@ from drcli.run import stopping
 from drcli.run.evaluation import STOPPED
 from drcli.run.increment import Increment, Overrides, make_increment, plan_increment
 from drcli.run.read_logs import text_tail
-from drcli.transfer.model_removal import plan_removal
 from drcli.transfer.record_training import files_of
-from drcli.transfer.training_list import entry_of
 from drcli.web import model_work, start_routes
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers, error_of, known, status_of
 from drcli.web.download_folder import DownloadFolder
-from drcli.web.model_reader import ModelReader, Prefix, prefix_of
+from drcli.web.model_questions import question
+from drcli.web.model_reader import ModelReader, Prefix
 from drcli.web.own_files import own_file, save_own_file
 from drcli.web.subprocess_work import WorkFailed, in_subprocess
 from drcli.web.tasks import Progress
@@ -95,7 +91,7 @@ class Film(OfModel):
     stamp: Text
     episode: Annotated[str, Field(pattern="^(best|all|[0-9]{1,6})$")] = "best"
     size: Literal["640x480", "1280x720"] = "640x480"
-    ghosts: Annotated[int, Field(ge=0, le=4)] = 0
+    ghosts: Annotated[int, Field(ge=0, le=4, strict=False)] = 0
     explain: bool = False
     download: bool = False
 
@@ -260,54 +256,11 @@ def action_routes(at: Actions) -> Sequence[BaseRoute]:
             set_values(at.directory, world)
         return increment
 
-    def clone_plan(request: Request) -> Any:
-        prefix = prefix_of(request)
-        settings, bucket = reader.open(prefix)
-        record = reader.record(prefix)
-        texts = files_of(ModelStore(bucket, prefix))
-        own = {name: own_file(settings, name).text for name in FILE_RULES}
-        return {
-            "files": [
-                {"name": name, "diff": changed_lines(own[name], texts[name])}
-                for name in FILE_RULES
-                if name in texts
-            ],
-            "world": None if record is None else entry_of(record, exists=True).world,
-            "folder_world": settings.world_name,
-        }
-
-    def removal(request: Request) -> Any:
-        return plan_removal(folder.settings(), [prefix_of(request)], dry_run=True).report
-
-    def choices(request: Request) -> Any:
-        return evaluation_choices(reader, prefix_of(request))
-
     return [
         *(task.route(name, at) for name, task in TASKS.items()),
         Route("/api/model/clone", accepts(clone), methods=["POST"]),
-        Route("/api/model/clone-plan", answers(clone_plan)),
-        Route("/api/model/removal", answers(removal)),
-        Route("/api/model/choices", answers(choices)),
+        Route("/api/model/question", answers(lambda request: question(reader, request))),
     ]
-
-
-def evaluation_choices(reader: ModelReader, prefix: str) -> dict[str, Any]:
-    """What it can be, and what the settings say."""
-    settings = reader.settings_of(prefix)
-    record = reader.record(prefix)
-    return {
-        "worlds": sorted({*built_in(), *own(settings.tracks_folder)}),
-        "race_types": list(catalogue()["DR_RACE_TYPE"].choices or ()),
-        "world": settings.world_name,
-        "trained_on": "" if record is None else record.world,
-        "race_type": settings.race_type,
-        "laps": settings.eval_number_of_trials,
-        "continuous": settings.eval_is_continuous,
-        "reverse": settings.eval_reverse_direction,
-        "checkpoint": settings.eval_checkpoint,
-        "video": settings.eval_save_mp4,
-        "opponent": settings.eval_opp_s3_model_prefix,
-    }
 
 
 def stop_training_of(reader: ModelReader, prefix: str) -> Any:
@@ -351,12 +304,6 @@ def clone_model(reader: ModelReader, body: Clone) -> Increment:
     overrides = Overrides(body.checkpoint, description=body.description or None)
     planned = plan_increment(settings, prefix=body.to, overrides=overrides)
     return make_increment(planned, settings.storage)
-
-
-def changed_lines(before: str, after: str) -> list[str]:
-    """A unified difference without its head; empty where only spaces at ends of lines differ."""
-    old, new = ([line.rstrip() for line in text.strip().splitlines()] for text in (before, after))
-    return list(unified_diff(old, new, n=2, lineterm=""))[2:]
 
 
 def _driven(reader: ModelReader, prefix: str, began: dict[str, Any]) -> dict[str, Any]:

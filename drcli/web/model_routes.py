@@ -1,9 +1,10 @@
 """Everything about models."""
 
+import json
 import math
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,8 +15,8 @@ from starlette.responses import FileResponse
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.files import safe_name
+from drcli.base.json_record import keys_of
 from drcli.bucket.bucket import ObjectDamaged, ObjectMissing
-from drcli.config.editing import raised
 from drcli.model import keys, lease
 from drcli.model.checkpoint_list import list_checkpoints
 from drcli.model.growing_file import read_all_metrics
@@ -35,14 +36,14 @@ from drcli.transfer.record_training import files_of
 from drcli.transfer.report_place import report_file, report_folder
 from drcli.transfer.training_details import compare, compared
 from drcli.transfer.training_list import TrainingEntry, entry_of, settings_of
-from drcli.transfer.transfer_buckets import UNDEFINED
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import DownloadFolder, ObjectCopies
-from drcli.web.hub import Polled, Publish
+from drcli.web.evaluation_words import shown_evaluations
+from drcli.web.hub import Read
 from drcli.web.model_action_routes import Actions, action_routes, import_routes
+from drcli.web.model_questions import checkpoint_options
 from drcli.web.model_reader import ModelReader, checked, prefix_of
 from drcli.web.served_folder import ServedFolder
-from drcli.web.topics import Snapshot
 
 # Topic `models`, and topic `model:PREFIX` about changes of one.
 
@@ -66,17 +67,13 @@ _GROUPS = {
 
 
 def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
-    def open_models(topic: str, publish: Publish) -> Polled:
-        return Polled(topic, publish, lambda: Snapshot.of(topic, all_models(reader)), MODELS_S)
-
-    def open_model(topic: str, publish: Publish) -> Polled:
-        prefix = topic.partition(":")[2]
+    def of_model(topic: str, prefix: str) -> Read:
         if not keys.is_valid_prefix(prefix):
             raise ValueError(topic)
-        return Polled(topic, publish, lambda: Snapshot.of(topic, changes(reader, prefix)), MODEL_S)
+        return lambda: changes(reader, prefix)
 
-    reader.folder.hub.add_kind("models", open_models)
-    reader.folder.hub.add_kind("model", open_model)
+    reader.folder.hub.poll("models", MODELS_S, lambda _: lambda: all_models(reader))
+    reader.folder.hub.poll("model:(.+)", MODEL_S, of_model)
 
     def family(request: Request) -> Any:
         known = reader.known()
@@ -329,6 +326,16 @@ def _mean(values: Sequence[float]) -> float | None:
 # The page of one model.
 
 
+def text_of(value: Any) -> str:
+    if value in (None, ""):
+        return "(not set)"
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _rows(values: Mapping[str, Any]) -> list[list[str]]:
+    return [[name, text_of(value)] for name, value in values.items()]
+
+
 class NewNote(Body):
     text: Text
 
@@ -344,7 +351,6 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
         listed = next((m for m in reader.models()[0].models if m.prefix == prefix), None)
         record = reader.record(prefix)
         trainings = [r for r in reader.known().records if r.prefix == prefix]
-        upload = settings.upload_s3_bucket
         return {
             "model": listed,
             "bucket": bucket.name,
@@ -353,15 +359,13 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
             else entry_of(record, exists=record.id in reader.known().existing),
             "trainings": len(trainings),
             "current": prefix == settings.model_prefix,
-            "next_name": raised(prefix, prefix)[1],
-            "upload_bucket": "" if upload in ("", UNDEFINED) else upload,
-            "upload_to": settings.upload_s3_prefix if prefix == settings.model_prefix else prefix,
         }
 
     def checkpoints(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
-        return list_checkpoints(ModelStore.of(settings.model, bucket, prefix))
+        listed = list_checkpoints(ModelStore.of(settings.model, bucket, prefix))
+        return keys_of(listed) | {"options": checkpoint_options(listed)}
 
     def curve(request: Request) -> Any:
         prefix = prefix_of(request)
@@ -371,18 +375,20 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     def evaluations(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
-        return list_evaluations(settings.model, ModelStore(bucket, prefix))
+        return shown_evaluations(list_evaluations(settings.model, ModelStore(bucket, prefix)))
 
     def files(request: Request) -> Any:
         prefix = prefix_of(request)
         _, bucket = reader.open(prefix)
         record = reader.record(prefix)
+        newest = None if record is None else record.newest
+        settings = {} if record is None else settings_of(record)
+        own = set(newest.settings or ()) if newest is not None else set()
         return {
             "files": files_of(ModelStore(bucket, prefix)),
-            "settings": {} if record is None else settings_of(record),
-            "given": [] if record is None else sorted(record.newest.settings or ()),
-            "versions": {} if record is None else record.newest.versions,
-            "machine": {} if record is None else record.newest.machine,
+            "given": _rows({name: each for name, each in settings.items() if name in own}),
+            "defaults": _rows({name: each for name, each in settings.items() if name not in own}),
+            "machine": [] if newest is None else _rows({**newest.machine, **newest.versions}),
             "parent": "" if record is None or record.parent is None else record.parent.prefix,
         }
 
@@ -391,7 +397,12 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
         bucket = reader.bucket(reader.folder.settings())
         other = checked(request.query_params.get("other"), "other model")
         mine = prefix_of(request)
-        return compare(compared(bucket, known, other), compared(bucket, known, mine))
+        found = compare(compared(bucket, known, other), compared(bucket, known, mine))
+        sections = {
+            title: [[each.name, text_of(each.before), text_of(each.after)] for each in changed]
+            for title, changed in found.sections().items()
+        }
+        return {"files": found.files, "results": found.result_rows(), "sections": sections}
 
     def notes(request: Request) -> Any:
         prefix = prefix_of(request)

@@ -30,6 +30,7 @@ from drcli.races.stored_race import (
     submission_id,
 )
 from drcli.records.run_record import running_evaluations
+from drcli.web.race_fields import KINDS
 from drcli.web.served_folder import ServedFolder
 
 # What a race drives now, and drove last.
@@ -135,12 +136,13 @@ class RaceReader:
         settings = self.folder.settings()
         return settings, self.folder.bucket(settings)
 
-    def races(self) -> RaceList:
+    def races(self) -> dict[str, Any]:
         settings = self.folder.settings()
-        bucket = open_running_bucket(settings.storage)
-        if bucket is None:
-            return RaceList(settings.bucket, [])
-        return list_races(bucket, objects=self._objects_of(settings), now_s=self.clock())
+        bucket, found = open_running_bucket(settings.storage), RaceList(settings.bucket, [])
+        if bucket is not None:
+            found = list_races(bucket, objects=self._objects_of(settings), now_s=self.clock())
+        races = [plain(each) | {"kind": KINDS.get(each.race_type, "")} for each in found.races]
+        return keys_of(found) | {"races": races}
 
     def report(self, race: str) -> RaceReport:
         """SettingsError if there is no such race."""

@@ -10,6 +10,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import SettingsError
+from drcli.base.report import counted
 from drcli.bucket.connect import open_running_bucket
 from drcli.config.race_types import RaceKind
 from drcli.model import race_keys
@@ -37,10 +38,11 @@ from drcli.races.stored_race import is_race_id, race_id, read_rules
 from drcli.tracks.track_list import list_tracks
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import ObjectCopies
-from drcli.web.hub import Polled, Publish
+from drcli.web.hub import Read
+from drcli.web.model_questions import dialog, field
+from drcli.web.race_fields import form_of, of_a_form
 from drcli.web.race_reader import RaceReader, words_of_rules
 from drcli.web.served_folder import ServedFolder
-from drcli.web.topics import Snapshot
 
 MOST_SENSORS = 20
 Amount = Annotated[float, Field(ge=-1e15, le=1e15)]
@@ -121,38 +123,31 @@ LOG_BYTES = 20_000
 def routes(folder: ServedFolder, clock: Callable[[], float] = time.time) -> Sequence[BaseRoute]:
     reader = RaceReader(folder, clock)
 
-    def open_races(topic: str, publish: Publish) -> Polled:
-        if topic != "races":
-            raise ValueError(topic)
-        return Polled(topic, publish, lambda: Snapshot.of(topic, reader.races()), RACES_S)
-
-    def open_one(topic: str, publish: Publish) -> Polled:
-        race = topic.partition(":")[2]
+    def of_race(topic: str, race: str) -> Read:
         if not is_race_id(race):
             raise ValueError(topic)
-        return Polled(topic, publish, lambda: Snapshot.of(topic, reader.view(race)), RACE_S)
+        return lambda: reader.view(race)
 
-    folder.hub.add_kind("races", open_races)
-    folder.hub.add_kind("race", open_one)
+    folder.hub.poll("races", RACES_S, lambda _: reader.races)
+    folder.hub.poll("race:(.+)", RACE_S, of_race)
     return [*_list_routes(reader), *_race_routes(reader), *_file_routes(reader)]
 
 
 def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
     def form(_: Request) -> Any:
         settings = reader.folder.settings()
-        memory = reader.folder.directory / "data" / "cache" / "tracks.json"
-        tracks = [track.name for track in list_tracks(settings.tracks_folder, memory).tracks]
+        usual = RaceForm(
+            name="",
+            world=settings.world_name,
+            max_laps=3,
+            off_track_penalty_s=settings.eval_off_track_penalty,
+            collision_penalty_s=settings.eval_collision_penalty,
+        )
         return {
             "folder": str(reader.folder.directory),
-            "tracks": tracks,
-            "sensors": list(RACE_SENSORS),
-            "world": settings.world_name,
-            "off_track_penalty_s": settings.eval_off_track_penalty,
-            "collision_penalty_s": settings.eval_collision_penalty,
-            "obstacles": settings.oa_number_of_obstacles,
-            "bots": settings.h2b_number_of_bot_cars,
             "racer": settings.racer_name,
             "model": settings.model_prefix,
+            "fields": _fields(reader, usual.model_dump()),
         }
 
     def check(_: Request, body: RaceForm) -> Any:
@@ -178,9 +173,9 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
     return [
         Route("/api/races", answers(lambda _: reader.races())),
-        Route("/api/races", accepts(create), methods=["POST"]),
+        Route("/api/races", accepts(of_a_form(create)), methods=["POST"]),
         Route("/api/races/form", answers(form)),
-        Route("/api/races/check", accepts(check), methods=["POST"]),
+        Route("/api/races/check", accepts(of_a_form(check)), methods=["POST"]),
         Route("/api/races/models", answers(models)),
     ]
 
@@ -203,7 +198,7 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             change(reader, race, body)
             return {"race": reader.view(race)}
 
-        return accepts(handle, change.__annotations__["body"])
+        return accepts(of_a_form(handle), change.__annotations__["body"])
 
     def run(request: Request, body: Run) -> Any:
         race = race_of(request)
@@ -224,13 +219,14 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
     return [
         Route("/api/race/{race}", answers(lambda request: reader.view(race_of(request)))),
         Route("/api/race/{race}", answers(delete), methods=["DELETE"]),
-        Route("/api/race/{race}/submit", accepts(submit), methods=["POST"]),
+        Route("/api/race/{race}/submit", accepts(of_a_form(submit)), methods=["POST"]),
         Route("/api/race/{race}/run", accepts(run), methods=["POST"]),
         *(
             Route(f"/api/race/{{race}}/{name}", changed(change), methods=["POST"])
             for name, change in _CHANGES.items()
         ),
         Route("/api/race/{race}/rules", answers(lambda request: _rules(reader, request))),
+        Route("/api/race/{race}/question", answers(lambda request: _question(reader, request))),
     ]
 
 
@@ -279,13 +275,71 @@ _CHANGES: dict[str, Callable[[RaceReader, str, Any], None]] = {
 def _rules(reader: RaceReader, request: Request) -> Any:
     rules = read_rules(_bucket_of(reader), race_of(request))
     conditions = settings_of_rules(reader.folder.settings(), rules)
-    objects = {
-        "obstacles": conditions.oa_number_of_obstacles
-        if rules.race_type == "OBJECT_AVOIDANCE"
-        else None,
-        "bots": conditions.h2b_number_of_bot_cars if rules.race_type == "HEAD_TO_BOT" else None,
+    wish = options_of(rules)
+    values = {
+        **vars(wish),
+        "opens": wish.opens_at,
+        "closes": wish.closes_at,
+        "obstacles": conditions.oa_number_of_obstacles,
+        "bots": conditions.h2b_number_of_bot_cars,
     }
-    return {"wish": options_of(rules), **objects}
+    fields = _fields(reader, values)
+    for each in fields:
+        if each["only"] and rules.race_type not in each["only"] and each["kind"] == "whole":
+            each["value"] = None
+    return {"fields": fields}
+
+
+def _fields(reader: RaceReader, values: dict[str, Any]) -> list[dict[str, Any]]:
+    settings = reader.folder.settings()
+    memory = reader.folder.directory / "data" / "cache" / "tracks.json"
+    tracks = [track.name for track in list_tracks(settings.tracks_folder, memory).tracks]
+    worlds = tracks if values["world"] in tracks else [values["world"], *tracks]
+    more = {
+        "world": {"options": worlds},
+        "sensors": {"options": list(RACE_SENSORS)},
+        "obstacles": {"empty": str(settings.oa_number_of_obstacles)},
+        "bots": {"empty": str(settings.h2b_number_of_bot_cars)},
+    }
+    return form_of(values, more)
+
+
+def _question(reader: RaceReader, request: Request) -> dict[str, Any]:
+    """What the page asks before the queue is driven, the race opened, or its page saved."""
+    report = reader.report(race_of(request))
+    match request.query_params.get("about"):
+        case "run":
+            count = len(report.queue)
+            waiting = "1 run waits" if count == 1 else f"{count:,} runs wait"
+            return dialog(
+                "Drive the queue",
+                "Drive it",
+                field("video", "Videos", "", options=_VIDEOS),
+                intro=f"{waiting} in the queue. This machine drives one after the other in the "
+                "background, also when this page is closed.",
+            )
+        case "open":
+            closes = field("closes", "Closes", "", more={"type": "datetime-local"})
+            closes["help"] = "Empty: when somebody closes it."
+            return dialog("Take submissions from now on", "Open it", closes)
+        case "page":
+            films = sum(bool(row.video) for row in report.leaderboard)
+            label = f"With {counted(films, 'video')} of the leaderboard (a few MB each)"
+            without = "" if films else " There are no videos on the leaderboard."
+            return dialog(
+                "Save this race as one HTML file",
+                "Save",
+                field("videos", label, False) if films else None,
+                intro=f"It needs no network and has no scripts.{without}",
+            )
+    raise BadRequest("The questions are about run, open and page.")
+
+
+_VIDEOS = [
+    ("", "If the video encoder is installed"),
+    ("yes", "Yes; refuse without the encoder"),
+    ("no", "No, which is faster"),
+]
 
 
 def _file_routes(reader: RaceReader) -> Sequence[BaseRoute]:

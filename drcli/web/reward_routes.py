@@ -140,7 +140,7 @@ class RewardChecks:
             self._end_process()
             raise installation_error() or WorkerDied(
                 "The check of the reward function did not end.",
-                remedy="Change the function, or try `dr-reward check` in a terminal.",
+                remedy="Change the function; then it is checked again.",
             )
         self._wait_idle()
         answer: dict[str, Any] = json.loads(line)

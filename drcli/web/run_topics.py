@@ -5,7 +5,6 @@ import io
 import math
 import os
 import platform
-import re
 import shutil
 import subprocess
 import threading
@@ -29,12 +28,14 @@ from drcli.records.run_record import RunRecord, log_file, run_folder
 from drcli.run.seen_in_bucket import seen_run
 from drcli.run.status import RunReport, inspect
 from drcli.web.answers import answers
-from drcli.web.hub import Polled, Publish
+from drcli.web.hub import Read
 from drcli.web.served_folder import ServedFolder
-from drcli.web.topics import Marker, Message, Rows, Snapshot, Value, text_message
+from drcli.web.topics import Marker, Message, Rows, text_message
 
 RUN_S = 1.0
 NEW_S = 0.8
+_OF_RUN = r"(?::(\d{0,2}))?"
+"""Without a number, that of run.env."""
 
 
 class RunReader:
@@ -73,42 +74,30 @@ def without_history(report: RunReport) -> dict[str, Any]:
     return {name: getattr(report, name) for name in kept} | {"dead": report.dead}
 
 
-def _run_id(topic: str) -> int | None:
-    """None for that of run.env."""
-    text = topic.partition(":")[2]
-    number = int(text) if text else None
-    if number is not None and not 0 <= number <= 99:
-        raise ValueError(topic)
-    return number
-
-
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     """`GET /api/folder`."""
     readers: dict[int | None, RunReader] = {}
 
-    def reader_of(topic: str) -> RunReader:
-        run_id = _run_id(topic)
+    def reader_of(run: str | None) -> RunReader:
+        run_id = int(run) if run else None
         return readers.setdefault(run_id, RunReader(folder, run_id))
 
-    def open_run(topic: str, publish: Publish) -> Polled:
-        reader = reader_of(topic)
-        return Polled(
-            topic, publish, lambda: Snapshot.of(topic, without_history(reader.report())), RUN_S
-        )
+    def run(_: str, run_id: str | None) -> Read:
+        reader = reader_of(run_id)
+        return lambda: without_history(reader.report())
 
-    def open_iterations(topic: str, publish: Publish) -> Polled:
-        reader = reader_of(topic)
-        rows = Rows(topic)
+    def iterations(topic: str, run_id: str | None) -> Read:
+        reader, rows = reader_of(run_id), Rows(topic)
 
-        def read() -> Value:
+        def read() -> Rows:
             if not reader.report().unreachable:  # else the page keeps its curves
                 rows.update(reader.history())
             return rows
 
-        return Polled(topic, publish, read, RUN_S)
+        return read
 
-    folder.hub.add_kind("run", open_run)
-    folder.hub.add_kind("iterations", open_iterations)
+    folder.hub.poll(f"run{_OF_RUN}", RUN_S, run)
+    folder.hub.poll(f"iterations{_OF_RUN}", RUN_S, iterations)
 
     def about(_: Request) -> Any:
         settings = folder.settings()
@@ -136,7 +125,7 @@ KEPT_LINES = 300
 
 MOST_BYTES = 1 << 16
 LONGEST_LINE = 1_000
-_TOPIC = re.compile(r"log:(\d{1,2}):(supervisor|trainer|evaluation|(?:sim|reward)-\d{1,3})")
+_TOPIC = r"log:(\d{1,2}):(supervisor|trainer|evaluation|(?:sim|reward)-\d{1,3})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,22 +210,18 @@ class LogReader:
 
 
 def log_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    def open_log(topic: str, publish: Publish) -> Polled:
-        found = _TOPIC.fullmatch(topic)
-        if found is None:
-            raise ValueError(topic)
-        run_id, name = int(found[1]), found[2]
+    def log(topic: str, run_id: str, name: str) -> Read:
         reader = LogReader(topic)
 
-        def read() -> Value:
-            record = RunRecord.read(run_folder(folder.directory, run_id))
+        def read() -> LogLines:
+            record = RunRecord.read(run_folder(folder.directory, int(run_id)))
             prefix = record.prefix if record is not None else folder.settings().model_prefix
             path = log_file(folder.directory, prefix, name)
             return reader.read(path, _missing(name))
 
-        return Polled(topic, publish, read, LOG_S)
+        return read
 
-    folder.hub.add_kind("log", open_log)
+    folder.hub.poll(_TOPIC, LOG_S, log)
     return []
 
 
@@ -367,12 +352,5 @@ def _number(text: str, factor: float = 1.0) -> float | None:
 
 def machine_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     processor = ProcessorMeter()
-
-    def open_machine(topic: str, publish: Publish) -> Polled:
-        def read() -> Snapshot:
-            return Snapshot.of(topic, look(folder.directory, processor))
-
-        return Polled(topic, publish, read, MACHINE_S)
-
-    folder.hub.add_kind("machine", open_machine)
+    folder.hub.poll("machine", MACHINE_S, lambda _: lambda: look(folder.directory, processor))
     return []

@@ -1,7 +1,7 @@
 """Forms of run.env and system.env, and a new working folder."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +38,49 @@ from drcli.web.served_folder import ServedFolder
 
 
 SYSTEM = "system.env"
+STEPS = {
+    "model": {
+        "DR_LOCAL_S3_MODEL_PREFIX": "Name of the model",
+        "DR_MODEL_DESCRIPTION": "Description",
+        "DR_LOCAL_S3_PRETRAINED": "Begin with the weights of another model",
+        "DR_LOCAL_S3_PRETRAINED_PREFIX": "That model",
+        "DR_LOCAL_S3_PRETRAINED_CHECKPOINT": "Its checkpoint",
+    },
+    "race": {
+        "DR_WORLD_NAME": "Name of the track",
+        "DR_TRAIN_WORLDS": "Further tracks that are trained",
+        "DR_TRAIN_EVAL_WORLD": "Tracks for evaluation only",
+        "DR_RACE_TYPE": "Race type",
+        "DR_TRAIN_REVERSE_DIRECTION": "Against the direction of the track",
+        "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION": "Turn round after every episode",
+        "DR_TRAIN_CHANGE_START_POSITION": "Start each episode further along the track",
+        "DR_OA_NUMBER_OF_OBSTACLES": "Number of boxes",
+        "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES": "Least distance between boxes, m",
+        "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS": "Move the boxes in each episode",
+        "DR_OA_IS_OBSTACLE_BOT_CAR": "Parked cars instead of boxes",
+        "DR_OA_OBJECT_POSITIONS": "Fixed positions",
+        "DR_H2B_NUMBER_OF_BOT_CARS": "Number of bots",
+        "DR_H2B_BOT_CAR_SPEED": "Speed of the bots, m/s",
+        "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS": "Least distance between bots, m",
+        "DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS": "Put bots elsewhere in each episode",
+        "DR_H2B_IS_LANE_CHANGE": "Bots change lanes",
+        "DR_H2B_LOWER_LANE_CHANGE_TIME": "Least time between lane changes, s",
+        "DR_H2B_UPPER_LANE_CHANGE_TIME": "Greatest time between lane changes, s",
+    },
+    "stop": {
+        "DR_TRAIN_MAX_MINUTES": "Minutes",
+        "DR_TRAIN_MAX_ITERATIONS": "Iterations",
+        "DR_TRAIN_MAX_EPISODES": "Training episodes",
+        "DR_TRAIN_MAX_STEPS": "Steps",
+        "DR_TRAIN_STOP_PROGRESS": "Mean progress of evaluations, %",
+        "DR_TRAIN_STOP_EVALUATIONS": "For so many evaluations in a row",
+        "DR_TRAIN_STOP_LAP_TIME": "Mean lap time of evaluations, s",
+        "DR_MAX_COST": "Cost, USD",
+        "DR_SPOT_PRICE": "Price of this machine, USD per hour",
+        "DR_TRAIN_EVAL_LAPS": "Evaluation laps per checkpoint",
+    },
+}
+"""The settings in the steps of a new training, as the page calls them."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +134,7 @@ def form_of(directory: Path) -> dict[str, Any]:
         "directory": str(directory),
         "run_file": files.run_file,
         "versions": files.versions,
+        "steps": STEPS,
         "groups": [{"title": title, "settings": fields} for title, fields in groups.items()],
         "problems": [placed(problem) for problem in shown_problems(check.problems)],
     }
@@ -107,6 +151,9 @@ def is_secret(name: str, text: str) -> bool:
     return hidden(name, "x") == HIDDEN or hidden(name, text) != text
 
 
+_YES, _NO = ("true", "1", "yes", "on", "t", "y"), ("false", "0", "no", "off", "f", "n")
+
+
 def _field(
     name: str, setting: Setting, files: FolderFiles, layers: Layers, settings: Settings | None
 ) -> dict[str, Any]:
@@ -117,26 +164,63 @@ def _field(
         value = setting.text(getattr(settings, setting.field))
     written = None if place is None else place.value
     secret = is_secret(name, value) or is_secret(name, written or "")
+    control, start = _control(setting, value if written is None else written)
     return {
         "name": name,
-        "kind": setting.kind,
-        "choices": setting.choices,
-        "low": setting.low,
-        "high": setting.high,
+        "kind": control,
+        "choices": _choices(setting, control),
         "meaning": setting.meaning,
-        "expected": setting.expected,
         "default": setting.default_text,
-        "effect": setting.effect,
-        "reason": setting.reason,
+        "help": _help(setting, control, secret=secret),
+        "origin": " ".join(_origin(name, entry, value, written or "", secret=secret)),
+        "start": "" if secret else start,
         "value": hidden(name, value),
         "written": None if written is None else hidden(name, written),
         "set": bool(value),
         "secret": secret,
-        "source": "default" if entry is None else str(entry.place),
         "file": files.run_file if setting.file == "run.env" else SYSTEM,
-        "place": None if place is None else str(place.place),
+        "place": None if place is None else place.place.file,
         "environment": entry is not None and entry.place.file == "environment",
     }
+
+
+def _control(setting: Setting, text: str) -> tuple[str, str]:
+    """What shows a text, and what it begins with. A value such as $NAME is shown as text."""
+    words = {word.casefold(): word for word in setting.choices or ()}
+    if setting.kind == "flag" and (not text or text.casefold() in (*_YES, *_NO)):
+        return "flag", str(text.casefold() in _YES)
+    if setting.kind == "choice" and (not text or text.casefold() in words):
+        return "choice", words.get(text.casefold(), text)
+    return ("number" if setting.kind in ("whole", "number") else "text"), text
+
+
+def _choices(setting: Setting, control: str) -> Sequence[Any]:
+    flags = [("True", "Yes (True)"), ("False", "No (False)")]
+    return flags if control == "flag" else setting.choices or ()
+
+
+def _help(setting: Setting, control: str, *, secret: bool) -> str:
+    said = [setting.meaning if setting.meaning[-1:] in ".!?" else f"{setting.meaning}."]
+    if control not in ("flag", "choice") and setting.kind != "text":
+        said.append(f"Allowed: {setting.expected}.")
+    if setting.default_text and not secret:
+        said.append(f"Default: {setting.default_text}.")
+    if setting.effect != "used":
+        said.append(f"No effect here: {setting.reason}.")
+    return " ".join(said)
+
+
+def _origin(
+    name: str, entry: Entry | None, value: str, written: str, *, secret: bool
+) -> Iterator[str]:
+    yield "Not set, so the default counts." if entry is None else f"From {entry.place.file}."
+    if "$" in written and not secret:
+        yield f"Filled in: {value or 'empty'}."
+    if entry is not None and entry.place.file == "environment":
+        yield (
+            "The environment of the console sets it and overrides the files; "
+            f"`unset {name}` and `dr console restart` take that back."
+        )
 
 
 def written_values(directory: Path, names: list[str]) -> dict[str, str | None]:

@@ -95,14 +95,22 @@ class Spot:
         stacks.check_name(body.stack)
         creation.check_options(options)
         progress("Checks settings, files and reward function.")
-        loaded, warnings = stack_plan.checked_settings(
-            directory, ours, options.bucket, body.stack, before
+        checked = stack_plan.check_settings(
+            directory, ours, options.bucket, body.stack, before, directory
         )
         progress("Prepares what the machine installs.")
         source = racer_files.find_source("")
         progress(f"Asks Amazon for quotas and prices in {ours.region}.")
-        plan = creation.prepare(ours, loaded, options, source)
-        return ours, plan, [*map(str, warnings), *plan.notes]
+        plan = creation.prepare(
+            ours,
+            checked.settings,
+            options,
+            source,
+            checked.files,
+            checked.variables,
+            stack_plan.not_imported(before),
+        )
+        return ours, plan, [*map(str, checked.warnings), *plan.notes]
 
 
 def _plan(at: Spot, body: PlanStack, progress: Progress) -> Any:

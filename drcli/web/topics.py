@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from drcli.base.json_record import plain
+from drcli.web.page_words import for_page
 
 Marker = Any
 """What a client has got; only the topic's value reads it."""
@@ -34,7 +35,7 @@ class Snapshot:
 
     @staticmethod
     def of(topic: str, value: Any) -> "Snapshot":
-        return Snapshot(topic, text_message(topic, plain(value)))
+        return Snapshot(topic, text_message(topic, for_page(plain(value))))
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
         return (None if since == self.text else self.text), self.text

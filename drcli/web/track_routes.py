@@ -47,7 +47,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         except drsim_errors.TrackError as error:
             raise SettingsError(
                 str(error),
-                remedy="`dr-tracks` lists the tracks; `dr-tracks fetch NAME` brings one.",
+                remedy="`dr-tracks list` shows those that there are.",
             ) from error
         return {
             "name": track.name,

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -77,8 +78,16 @@ class ViewerReport:
     started: Annotated[bool, "Whether this command has started it."]
 
 
-def start_viewer(directory: Path, config: WebConfig, *, again: bool = False) -> ViewerReport:
+def start_viewer(
+    directory: Path,
+    config: WebConfig,
+    *,
+    again: bool = False,
+    environ: Mapping[str, str] | None = None,
+) -> ViewerReport:
     """Start the console of a folder; `again` first ends one that runs.
+
+    `environ` is what it reads settings with, if not our own environment.
 
     Raises:
         NotAvailable: The extra `web` is not installed.
@@ -104,21 +113,26 @@ def start_viewer(directory: Path, config: WebConfig, *, again: bool = False) -> 
         if moves and config.is_chosen:
             with _bound(config, usual) as bound:  # before the old one ends, which may stay the only
                 stop_viewer(directory)
-                return _start(directory, config, bound)
+                return _start(directory, config, bound, environ)
         stop_viewer(directory)
         if before is not None and not config.is_chosen:
             # Threads of a killed process may live a moment longer than it, and keep its port.
             wait_until(lambda: not _answers(before.host, before.port), patience_s=PORT_S)
         with _bound(config, usual) as bound:
-            return _start(directory, config, bound)
+            return _start(directory, config, bound, environ)
 
 
-def _start(directory: Path, config: WebConfig, bound: socket.socket) -> ViewerReport:
+def _start(
+    directory: Path,
+    config: WebConfig,
+    bound: socket.socket,
+    environ: Mapping[str, str] | None,
+) -> ViewerReport:
     port = int(bound.getsockname()[1])
     token = _own_token(directory) if config.asks_token else ""
     log = log_path(directory)
     log.parent.mkdir(parents=True, exist_ok=True)
-    environment, _ = secret_environment.split(os.environ)
+    environment, _ = secret_environment.split(os.environ if environ is None else environ)
     secrets = secret_environment.all_secrets()
     with log.open("ab") as file:
         process = subprocess.Popen(

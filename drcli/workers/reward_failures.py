@@ -4,6 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import RecordError
@@ -14,7 +15,9 @@ from drcli.model import keys
 from drcli.model.model_store import ModelStore
 from drcli.records.reward import MOST_ERRORS, RewardCounts, RewardErrorEntry, RewardErrorRecord
 from drcli.workers.print_limit import reward_logger
-from drsim.errors import RewardError
+
+if TYPE_CHECKING:
+    from drsim.errors import RewardError
 
 _logger = get_logger(__name__)
 
@@ -36,6 +39,26 @@ _PACKAGES = {
     "yaml": "pyyaml",
 }
 """Where the name of the module is another."""
+
+
+_RETURNED = "it returned "
+_RETURNS = (
+    (
+        ("None",),
+        "Write a `return` with a number on every path, as in `return float(reward)`: a path "
+        "without `return` gives None.",
+    ),
+    (
+        ("'", '"', "b'", 'b"'),
+        "Return the number instead of a text: without quotes, or as `return float(reward)`.",
+    ),
+    (
+        ("array(", "[", "(", "{"),
+        "Return one number of these, as in `return float(rewards[0])` or `float(sum(rewards))`; a "
+        "comma after `return reward` makes a tuple.",
+    ),
+)
+"""What helps against values that begin like this."""
 
 
 class RewardErrorsExceeded(SettingsError):
@@ -88,7 +111,7 @@ class RewardFailures:
         newest = self.record.newest
         self.record = replace(self.record, newest=replace(newest, calls=newest.calls + made))
 
-    def handle(self, error: RewardError, calls: int) -> float:
+    def handle(self, error: "RewardError", calls: int) -> float:
         """The reward of a failed step, or 0 if its episode is broken.
 
         Raises:
@@ -125,7 +148,7 @@ class RewardFailures:
             self._bucket.put(self._key, self.record.encode())
             self._saved_s = now_s
 
-    def _note(self, error: RewardError, *, failed: int = 0, discarded: int = 0) -> None:
+    def _note(self, error: "RewardError", *, failed: int = 0, discarded: int = 0) -> None:
         iteration = max(0, self.record.iteration)
         entry = RewardErrorEntry(
             kind=error.kind,
@@ -148,20 +171,20 @@ class RewardFailures:
             reward_logger.warning("The reward function %s: %s", what, message_of(error))
 
 
-def message_of(error: RewardError) -> str:
+def message_of(error: "RewardError") -> str:
     """Without the path of our copy of the file."""
     return _without_path(str(error), error)
 
 
-def file_of(error: RewardError) -> str:
+def file_of(error: "RewardError") -> str:
     return keys.REWARD_FUNCTION_FILE if error.file is None else error.file.name
 
 
-def _without_path(text: str, error: RewardError) -> str:
+def _without_path(text: str, error: "RewardError") -> str:
     return text if error.file is None else text.replace(str(error.file), error.file.name)
 
 
-def reward_failure(error: RewardError) -> SettingsError:
+def reward_failure(error: "RewardError") -> SettingsError:
     """The failure of a reward function for the person who runs a command."""
     text, cure = message_of(error), _cure(error)
     return SettingsError(
@@ -181,10 +204,13 @@ def cure_of(reason: str, missing: str) -> str:
             "After the last waypoint comes the first: write `waypoints[i % len(waypoints)]` where "
             "an index may pass the end."
         )
+    if reason.startswith(_RETURNED):
+        value = reason.removeprefix(_RETURNED)
+        return next((cure for begins, cure in _RETURNS if value.startswith(begins)), "")
     return ""
 
 
-def _cure(error: RewardError) -> str:
+def _cure(error: "RewardError") -> str:
     cause = error.__cause__
     known = cure_of(error.reason, (isinstance(cause, ImportError) and cause.name) or "")
     return known or f"Correct {file_of(error)}."

@@ -2,8 +2,10 @@
 
 import os
 import stat
+import sys
 import tempfile
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -39,6 +41,19 @@ def kernel(function: F) -> F:
         return _compiled(function, cache=True)
     except (OSError, RuntimeError):
         return _compiled(function, cache=False)
+
+
+def _load_array_functions() -> None:
+    """Numba loads scipy's algebra, which takes 0.25 s, only to know whether it is there: it is."""
+    algebra, modules = "scipy.linalg.cython_blas", cast(dict[str, Any], sys.modules)
+    if algebra in modules:
+        return
+    modules[algebra] = None  # as if it was not installed
+    try:
+        functions: Any = import_module("numba.np.arraymath")
+    finally:
+        del modules[algebra]
+    functions._HAVE_BLAS = True
 
 
 def get_ready() -> None:
@@ -101,3 +116,6 @@ def _use_temporary_folder() -> None:
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or others_write:
         raise PermissionError(f"{folder} is not this user's own")
     _numba_config.CACHE_DIR = str(folder)
+
+
+_load_array_functions()

@@ -221,3 +221,14 @@ def names_used(node: ast.stmt) -> set[str]:
 
 def is_stored(name: ast.Name) -> bool:
     return isinstance(name.ctx, ast.Store)
+
+
+def test_numba_knows_that_scipy_is_there_without_loading_its_algebra():
+    asks = (
+        "from drsim.jit import get_ready; get_ready(); import sys; from numba.np import arraymath"
+    )
+    told = "print(arraymath._HAVE_BLAS, 'scipy.linalg' in sys.modules)"
+
+    done = subprocess.run([sys.executable, "-c", f"{asks}; {told}"], capture_output=True, text=True)
+
+    assert done.stdout == "True False\n", done.stderr

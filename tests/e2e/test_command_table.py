@@ -228,6 +228,8 @@ AFTERWARDS = [
     Call("start-tournament", "has no race in pairs", 3),
     Call("start-tournament nothing --json", "There is no race nothing", 3),
     Call("droa list --json", "DR_DROA_URL", 3),
+    Call("droa races --json", "DR_DROA_URL", 3),
+    Call("droa submit ID RACE --json", "DR_DROA_URL", 3),
     Call("droa-login --json", "DR_DROA_URL", 3),
     Call("droa-logout --json", "DR_DROA_URL", 3),
     Call("droa-list-models --json", "DR_DROA_URL", 3),

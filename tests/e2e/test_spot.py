@@ -156,11 +156,16 @@ def amazon(tmp_path: Path) -> Iterator[Amazon]:
     made.server.stop()
 
 
-def until(condition: Callable[[], object], what: str, program: "subprocess.Popen[str]") -> None:
+def until(
+    condition: Callable[[], object],
+    what: str,
+    program: "subprocess.Popen[bytes]",
+    machine: FakeMachine,
+) -> None:
     end = time.monotonic() + PATIENCE_S
     while not condition():
         if program.poll() is not None:
-            said = program.communicate()[0]
+            said = machine.journal.read_text()
             pytest.fail(f"{what}: the training ended with {program.returncode}: {said}")
         assert time.monotonic() < end, what
         time.sleep(0.5)
@@ -197,18 +202,20 @@ def test_a_training_survives_its_machine_and_leaves_nothing_behind(amazon, tmp_p
         wheels = [call for call in first.calls if call.startswith("pip") and ".whl" in call]
         assert len(wheels) == 1
         record = f"{MODEL}/model/1_Step"
-        until(lambda: amazon.objects(bucket, record), "no first iteration", program)
+        until(lambda: amazon.objects(bucket, record), "no first iteration", program, first)
         notice = {"action": "terminate", "time": "2030-01-01T00:00:00Z"}
         first.metadata.describe({"spot/instance-action": json.dumps(notice)})
-        said, _ = program.communicate(timeout=PATIENCE_S)
-        assert program.returncode == 75, said
+        code = program.wait(PATIENCE_S)
+        assert code == 75, first.journal.read_text()
         assert not first.after_service(75)
+        uploaded = "upload/reinvent_base/first-model/model/deepracer_checkpoints.json"
+        assert amazon.objects(bucket, uploaded), first.journal.read_text()
         assert amazon.spot("list")["stacks"][1]["machines"][0]["said"] == "interrupted"
 
         assert second.boot().returncode == 0
         program = second.service()
-        said, _ = program.communicate(timeout=PATIENCE_S)
-        assert program.returncode == 0, said
+        code = program.wait(PATIENCE_S)
+        assert code == 0, second.journal.read_text()
         assert not second.after_service(0)
     finally:
         first.close()
@@ -220,6 +227,11 @@ def test_a_training_survives_its_machine_and_leaves_nothing_behind(amazon, tmp_p
     records = json.loads(history["Body"].read())
     records = records if isinstance(records, list) else records["iterations"]
     assert [each["iteration"] for each in records] == list(range(12))
+    best = [
+        json.loads(amazon.client("s3").get_object(Bucket=bucket, Key=key)["Body"].read())
+        for key in (uploaded, f"{MODEL}/model/deepracer_checkpoints.json")
+    ]
+    assert best[0]["last_checkpoint"]["name"] == best[1]["best_checkpoint"]["name"]
     report = {each["stack"]: each for each in amazon.spot("list")["stacks"]}["run"]
     assert report["state"] == "finished"
     assert {each["said"] for each in report["machines"]} == {"interrupted", "finished"}

@@ -61,6 +61,9 @@ class FakeDroa:
         import_polls: How often an import is asked about before it is finished.
         pack_polls: How often a model is asked for before it is packed.
         page_size: Models on a page of the list.
+        races: Races by id, as the interface shows them.
+        submissions: What was submitted to each race, the newest last.
+        race_polls: How often a submission is asked about before it was driven.
     """
 
     objects: dict[str, bytes] = field(default_factory=dict)
@@ -83,6 +86,9 @@ class FakeDroa:
     page_size: int = 2
     env_js: str = ""
     logs_finished: bool = True
+    races: dict[str, dict[str, Any]] = field(default_factory=dict)
+    submissions: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    race_polls: int = 2
 
     def __post_init__(self) -> None:
         self._tokens: dict[str, str] = {}
@@ -134,6 +140,23 @@ class FakeDroa:
             **values,
         }
         return model_id
+
+    def add_race(self, name: str, **values: Any) -> str:
+        """Put a race on the site; its id."""
+        race_id = f"race{len(self.races):011}"
+        now = datetime.now(UTC)
+        self.races[race_id] = {
+            "leaderboardId": race_id,
+            "name": name,
+            "openTime": (now - timedelta(days=1)).isoformat(),
+            "closeTime": (now + timedelta(days=1)).isoformat(),
+            "trackConfig": {"trackId": "reinvent_base", "trackDirection": "COUNTER_CLOCKWISE"},
+            "raceType": "TIME_TRIAL",
+            "maxSubmissionsPerUser": 3,
+            **values,
+        }
+        self.submissions[race_id] = []
+        return race_id
 
     def expire_keys(self) -> None:
         """End all keys that were issued so far."""
@@ -315,6 +338,11 @@ class FakeDroa:
             return self._list(values.get("token", ""))
         if (method, path) == ("POST", "/importmodel"):
             return self._import(json.loads(body))
+        if path == "/leaderboards":
+            return _json(200, {"leaderboards": list(self.races.values())})
+        race = re.fullmatch(r"/leaderboards/([A-Za-z0-9]{15})/submissions", path)
+        if race is not None and race[1] in self.races:
+            return self._submissions(method, race[1], body)
         found = re.fullmatch(r"/models/([A-Za-z0-9]{15})(/getasset)?", path)
         if found is None or found[1] not in self.models:
             return _json(404, {"message": "The requested resource does not exist."})
@@ -337,6 +365,31 @@ class FakeDroa:
         following = start + self.page_size
         more = {"token": f"page=/{following}"} if following < len(listed) else {}
         return _json(200, {"models": page, **more})
+
+    def _submissions(self, method: str, race_id: str, body: bytes) -> Answer:
+        race, made = self.races[race_id], self.submissions[race_id]
+        if method == "POST":
+            model = self.models.get(json.loads(body)["modelId"])
+            if model is None:
+                return _json(404, {"message": "The requested resource does not exist."})
+            if model["status"] != "READY":
+                return _json(400, {"message": "Model is not in a submittable state."})
+            if datetime.fromisoformat(race["closeTime"]) < datetime.now(UTC):
+                return _json(400, {"message": "The leaderboard is not accepting submissions."})
+            if len(made) >= race["maxSubmissionsPerUser"]:
+                return _json(400, {"message": "Max number of submissions has been reached."})
+            one = {"modelId": model["modelId"], "modelName": model["name"], "status": "QUEUED"}
+            made.append({**one, "submissionNumber": len(made) + 1, "polls": self.race_polls})
+            model["status"] = "QUEUED"
+            return _json(200, {"submissionId": f"submission{len(made):05}"})
+        if made and made[-1]["status"] == "QUEUED":
+            newest = made[-1]
+            newest["polls"] -= 1
+            if newest["polls"] < 0:
+                self.models[newest["modelId"]]["status"] = "READY"
+                stats = {"bestLapTime": 9_950, "completedLapCount": 3, "resetCount": 1}
+                newest |= {"status": "COMPLETED", "rankingScore": 31_250, "stats": stats}
+        return _json(200, {"submissions": list(reversed(made))})
 
     def _advance(self, model: dict[str, Any]) -> None:
         """Let an import go on."""

@@ -3,6 +3,7 @@
 import configparser
 import json
 import os
+import shlex
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -21,6 +22,7 @@ PROGRAMS = {
     "id": "exit 1",
     "chown": 'echo "chown $*" >> "$CALLS"',
     "systemctl": 'echo "systemctl $*" >> "$CALLS"',
+    "journalctl": 'cat "$DRCLI_SPOT_ROOT/journal" 2>/dev/null',
     "python3": 'mkdir -p "$3/bin"; cp "$FAKE_PYTHON" "$3/bin/python"',
 }
 """What the boot program calls, as shell scripts that write down how they were called."""
@@ -119,25 +121,30 @@ class FakeMachine:
         found.read_string(self.file(f"/etc/systemd/system/{name}"))
         return found
 
-    def service(self, **variables: str) -> "subprocess.Popen[str]":
+    def service(self, **variables: str) -> "subprocess.Popen[bytes]":
         """Start the training as systemd would; end it with `after_service`."""
         unit = self.unit("drcli-training.service")["Service"]
         program = f"{self.root}{unit['ExecStart']}".split()
-        lines = self.file(unit["EnvironmentFile"]).splitlines()
-        given = dict(line.split("=", 1) for line in lines)
-        return subprocess.Popen(
-            program,
-            cwd=f"{self.root}{unit['WorkingDirectory']}",
-            env={**self.environment, **given, **variables},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        given = dict(word.split("=", 1) for word in shlex.split(self.file(unit["EnvironmentFile"])))
+        assert unit["StandardOutput"] == "journal+console"
+        with self.journal.open("w") as journal:
+            return subprocess.Popen(
+                program,
+                cwd=f"{self.root}{unit['WorkingDirectory']}",
+                env={**self.environment, **given, **variables},
+                stdout=journal,
+                stderr=subprocess.STDOUT,
+            )
 
-    def after_service(self, code: int) -> bool:
+    @property
+    def journal(self) -> Path:
+        """What the training has printed since its last start."""
+        return self.root / "journal"
+
+    def after_service(self, code: int, **variables: str) -> bool:
         """What systemd does after an end; whether it would start the service again."""
         how, status = ("killed", "KILL") if code < 0 else ("exited", str(code))
-        done = self.boot("ended", EXIT_CODE=how, EXIT_STATUS=status)
+        done = self.boot("ended", EXIT_CODE=how, EXIT_STATUS=status, **variables)
         assert done.returncode == 0, done.stdout + done.stderr
         unit = self.unit("drcli-training.service")
         condition = unit["Unit"]["ConditionPathExists"].removeprefix("!")

@@ -85,7 +85,7 @@ class Home:
         options = {"video": False, **options}
         return run_queue(self.settings, self.bucket, RACE, **options)
 
-    def drive(self, plan: EvaluationPlan) -> EvaluationReport:
+    def drive(self, plan: EvaluationPlan, *_: object) -> EvaluationReport:
         """Stands for the worker process of an evaluation."""
         self.driven.append(plan)
         config = plan.job.config

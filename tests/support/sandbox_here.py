@@ -9,7 +9,9 @@ from typing import ClassVar, TextIO
 
 import pytest
 
+from drcli.base.errors import ProblemsError
 from drcli.config.run_config import DriveConfig
+from drcli.rewards.course import Course
 from drcli.rewards.sandbox import sandbox_process
 from drcli.rewards.sandbox.run_sandbox import SandboxRequest, SandboxResult
 from drcli.rewards.sandbox.sandbox_process import Calls, calls_of, try_function
@@ -63,6 +65,7 @@ class SandboxHere:
     options: ClassVar[dict[str, float]] = {}
 
     def __init__(self, request: SandboxRequest, content: bytes | None, _directory: Path) -> None:
+        self.course: Course | None = None
         self._request = replace(request, **self.options)
         self._content = content
 
@@ -75,7 +78,11 @@ class SandboxHere:
     def result(self, _given_up: Event | None = None) -> SandboxResult:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sandbox_process, "drive", driven_once)
-            calls = calls_of(self._request)
+            try:
+                calls = calls_of(self._request)
+            except ProblemsError as error:
+                return SandboxResult(problems=[*error.problems])
+        self.course = calls.course
         if self._content is None:
             return SandboxResult(problems=calls.problems)
         with TemporaryDirectory() as scratch:

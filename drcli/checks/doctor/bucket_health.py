@@ -19,7 +19,7 @@ from drcli.bucket.connect import open_bucket, open_upload_bucket
 from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import AccessRefused, Attempt, explain
 from drcli.checks.doctor.findings import Finding
-from drcli.checks.start_rules import LARGEST_SKEW_S
+from drcli.checks.start_rules import LARGEST_SKEW_S, review_minio_folder
 from drcli.config.run_config import StorageConfig
 from drcli.config.settings import Settings
 from drcli.model import keys, lease
@@ -304,6 +304,13 @@ def examine_upload_bucket(settings: Settings, end_s: float) -> Iterator[Finding]
     bucket = open_upload_bucket(settings.transfer.upload, patience_s=PATIENCE_S)
     folders = [keys.folder(settings.upload_s3_prefix)]
     yield from _examine("upload bucket", bucket, folders, "DR_UPLOAD_S3_BUCKET", end_s)
+
+
+def examine_minio_folder(settings: Settings) -> Iterator[Finding]:
+    with suppress(StorageError):  # told of the bucket itself
+        bucket = open_bucket(settings.storage, patience_s=PATIENCE_S)
+        for each in review_minio_folder(settings, bucket):
+            yield Finding("MinIO", "warning", each.message, each.remedy)
 
 
 def outermost(folders: Iterable[str]) -> list[str]:

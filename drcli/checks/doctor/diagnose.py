@@ -7,7 +7,11 @@ from pathlib import Path
 
 from drcli.base.errors import Problem, ProblemsError, of_severity
 from drcli.base.files import read_json
-from drcli.checks.doctor.bucket_health import examine_bucket, examine_upload_bucket
+from drcli.checks.doctor.bucket_health import (
+    examine_bucket,
+    examine_minio_folder,
+    examine_upload_bucket,
+)
 from drcli.checks.doctor.findings import DoctorReport, Examination, Finding, Probe
 from drcli.checks.doctor.leftovers import examine_runs, examine_server
 from drcli.checks.doctor.libraries import (
@@ -28,6 +32,7 @@ from drcli.checks.doctor.surroundings import (
     examine_limits,
     examine_memory,
     examine_place,
+    examine_shell,
 )
 from drcli.checks.machine_rules import review_access
 from drcli.checks.start_rules import start_problems
@@ -115,6 +120,7 @@ def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:
         Probe("limits", examine_limits),
         Probe("reward", examine_confinement),
         Probe("locale", lambda: examine_language(os.environ)),
+        Probe("shell", lambda: examine_shell(directory, os.environ)),
         Probe("runs", lambda: examine_runs(directory)),
     ]
     if storage is not None:
@@ -145,4 +151,5 @@ def _buckets(settings: Settings, end_s: float) -> list[Probe]:
     return [
         Probe("bucket", lambda: examine_bucket(settings, end_s)),
         Probe("upload bucket", lambda: examine_upload_bucket(settings, end_s)),
+        Probe("MinIO", lambda: examine_minio_folder(settings)),
     ]

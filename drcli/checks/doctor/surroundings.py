@@ -20,6 +20,7 @@ from drcli.checks.doctor.findings import Finding, State, shown_bytes
 from drcli.checks.machine_rules import LEAST_DISK_BYTES, TRAINER_BYTES, WORKER_BYTES
 from drcli.clouds.providers.microsoft import AZURE_ASSET_TAG
 from drcli.clouds.registry import CLOUDS
+from drcli.config.adoption import winning_functions
 from drcli.drive.reward_access import freedoms_told
 
 LEAST_OPEN_FILES = 512
@@ -99,6 +100,15 @@ def examine_confinement() -> Iterator[Finding]:
     left = set(FREEDOMS) - offered()
     text = freedoms_told(left) or "reads no keys, opens no sockets, sends no signals to others"
     yield Finding("reward", "ok", text, facts={"free": sorted(left)})
+
+
+def examine_shell(directory: Path, environ: Mapping[str, str]) -> Iterator[Finding]:
+    found = [*winning_functions(directory, environ)]
+    for each in found:
+        facts = {"file": each.file, "line": each.line}
+        yield Finding("shell", "warning", str(each), each.remedy, facts)
+    if not found:
+        yield Finding("shell", "ok", "no functions of DeepRacer-for-Cloud", facts={"file": ""})
 
 
 def examine_limits(root: Path = _ROOT) -> list[Finding]:

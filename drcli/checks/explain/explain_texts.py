@@ -35,7 +35,7 @@ GLOSSARY: Mapping[str, str] = {
     "collapse": "A sudden loss of what was learned: the reward falls and does not recover.",
     "COMPACT_CONVOLUTIONAL_NETWORK": "drcli's own small network, the shipped default, which learns "
     "four times as fast. The physical car takes it; DeepRacer on AWS and DeepRacer-for-Cloud do "
-    "not know it.",
+    "not know it: for them, `dr-export droa --distill` lets the shallow network learn from it.",
     "convergence": "The curves level off: more training hardly changes the model any more. A model "
     "has converged well when training and evaluation both complete their laps.",
     "critic": "The part of the network that predicts how much reward will still come. The policy "
@@ -50,7 +50,8 @@ GLOSSARY: Mapping[str, str] = {
     "(`discount_factor`).",
     "distillation": "The second phase of a training with a teacher: a student with a camera learns "
     "to do what the teacher would do, wherever the student drives (DAgger). See "
-    "`training_method`.",
+    "`training_method`. In `dr-export droa --distill`, a network that every league takes learns "
+    "from a trained model in the same way.",
     "domain randomisation": "Varying light, grip, delay and more while training, so that the model "
     "also works where the world is a little different, such as on the real track.",
     "entropy": "How undecided the policy is. High: it acts at random. Low: it is sure. It should "

@@ -5,13 +5,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, wraps
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Concatenate, Literal, ParamSpec, get_args
 
 import typer
 
 from drcli.base import errors
-from drcli.base.errors import SettingsError
+from drcli.base.errors import SettingsError, StorageError
 from drcli.base.files import refuse_existing
 from drcli.base.installation import lazy_imports
 from drcli.base.report import View, bold, second, table
@@ -29,11 +30,11 @@ from drcli.cli.working_folder import settings
 from drcli.config import secret_environment
 from drcli.config.settings import Settings
 from drcli.config.value_types import CheckpointChoice
+from drcli.convert.droa_rules import INDEX, POINTER
 from drcli.model import keys
 from drcli.model.checkpoint_choice import ModelCheckpoints
 from drcli.model.model_store import ModelStore
 from drcli.outside.droa.droa_package import Files, read_package
-from drcli.outside.droa.droa_rules import INDEX, POINTER
 from drcli.outside.droa.droa_session import DroaSession
 from drcli.outside.droa.droa_site import (
     PASSWORD_VARIABLE,
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 with lazy_imports():
     from drcli.model import checkpoint_list
     from drcli.model.files import params_yaml
-    from drcli.outside.droa import droa_api, droa_download, droa_import, droa_metrics
+    from drcli.outside.droa import droa_api, droa_download, droa_import, droa_metrics, droa_races
     from drcli.tracks import track_list
     from drcli.transfer import export_droa, export_model, transfer_buckets
 
@@ -276,7 +277,7 @@ def _route(settings: Settings, data: bytes) -> "params_yaml.Direction | None":
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Import models into DeepRacer on AWS, and manage them there.\n\n"
+    help="Import models into DeepRacer on AWS, manage them there, and submit them to races.\n\n"
     "The names `droa-login`, `droa-list-models` and so on work too.\n\n"
     "Example: dr-droa list",
 )
@@ -435,6 +436,83 @@ def droa_import_model(
     if not dry_run:
         of_it = (f"dr-droa show {report.model_id}", "show it")
         terminal.suggest([of_it, ("dr-droa list", "list your models there")])
+
+
+@app.command("races")
+@connected
+def droa_races_list(connection: Connection) -> None:
+    """List the races at DeepRacer on AWS, those that take submissions first.
+
+    Example: dr-droa races
+    """
+    show(droa_races.list_races(connection.droa()))
+
+
+@app.command("submit")
+@connected
+def droa_submit(
+    connection: Connection,
+    model: _Model,
+    race: Annotated[
+        str, typer.Argument(metavar="RACE", help="Id of the race, or its name if only one has it.")
+    ],
+    every: Annotated[
+        float | None,
+        typer.Option(
+            "--every", metavar="MINUTES", min=1.0, help="Submit it again after so many minutes."
+        ),
+    ] = None,
+    times: Annotated[
+        int | None,
+        typer.Option(
+            "--times", metavar="N", min=1, help="At most so often; with --every, else once."
+        ),
+    ] = None,
+    no_wait: Annotated[
+        bool, typer.Option("--no-wait", help="Do not wait until it was driven there.")
+    ] = False,
+) -> None:
+    """Submit a model to a race of DeepRacer on AWS, once or again and again, and show its time.
+
+    Each submission drives anew, so a model may do better the next time. With --every it goes on
+    until the race closes, or allows no more submissions; a failed call is tried again then. Imports
+    of models: dr-droa import.
+
+    Example: dr-droa submit my-model "Summer race" --every 30 --times 5
+    """
+    if times is not None and every is None:
+        raise typer.BadParameter("--times needs --every.")
+    droa = connection.droa()
+    chosen = droa.find(model)
+    entered = droa_races.find_race(droa, race)
+    droa_races.refuse_closed(droa, entered)
+    if every is not None and (no_wait or entered.is_live):
+        raise typer.BadParameter(
+            "--every waits for each submission, which neither --no-wait nor a live race allows."
+        )
+    for turn in count(1):
+        began_s = time.monotonic()
+        try:
+            if turn > 1:
+                chosen = droa.model(chosen.model_id)
+                entered = droa_races.find_race(droa, entered.race_id)
+            if not entered.is_open:
+                terminal.say(f"The race {entered.name} takes no more submissions.")
+                return
+            waiting = None if no_wait else terminal.waiting
+            report = droa_races.submit(droa, entered, chosen, waiting)
+        except StorageError as error:
+            if turn == 1 or turn == times:
+                raise
+            terminal.warn(f"{error} {error.remedy}")
+        else:
+            show(report)
+            if every is not None and report.number >= entered.most_submissions:
+                terminal.say(f"That was the last submission that {entered.name} allows you.")
+                return
+        if every is None or turn == times:
+            return
+        droa.pause(max(0.0, every * 60.0 - (time.monotonic() - began_s)))
 
 
 @app.command("download")

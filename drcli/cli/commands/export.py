@@ -30,10 +30,11 @@ if TYPE_CHECKING:
     from drcli.config.settings import Settings
     from drcli.convert.policy_file import Form
     from drcli.transfer.export_car import CarExport
-    from drcli.transfer.export_model import ExportSource, Selection
+    from drcli.transfer.export_model import ExportSource, Prepare, Selection
 
 with lazy_imports():
     from drcli.checks import compare_on_drive
+    from drcli.train import distillation
     from drcli.transfer import export_car as transfer_export_car
     from drcli.transfer import export_droa, export_forms, export_model, upload
 
@@ -311,6 +312,46 @@ _Local = Annotated[
 ]
 
 
+Distil = Annotated[
+    bool,
+    typer.Option(
+        "--distill", help="Give it a network that every league takes, which learns from the model."
+    ),
+]
+Seed = Annotated[
+    int | None,
+    typer.Option("--seed", metavar="S", min=0, max=2**32 - 1, help="Seed of --distill."),
+]
+
+
+def _preparation(loaded: "Settings", distill: bool, seed: int | None) -> "Prepare":
+    if not distill:
+        if seed is not None:
+            raise typer.BadParameter("--seed is for --distill.")
+        return export_model.unchanged
+    return partial(_distilled, loaded, seed or 0)
+
+
+def _distilled(loaded: "Settings", seed: int, source: "ExportSource") -> "ExportSource":
+    """The model with a network of the reference's; nothing is written."""
+    design = source.design
+    if not distillation.is_needed(design):
+        network = design.metadata.neural_network
+        terminal.say(f"--distill is not needed: every league takes {network}.")
+        return source
+    terminal.say("The new network learns, which takes some minutes. Ctrl-C ends it.")
+    made = distillation.distil(
+        source.race(loaded),
+        loaded.run.train,
+        design,
+        source.weights,
+        source.chosen.name,
+        seed=seed,
+        say=terminal.say,
+    )
+    return source.with_network(made.design, made.weights, str(made))
+
+
 @app.command("tf-checkpoint")
 def tf_checkpoint(
     out: Annotated[
@@ -325,6 +366,8 @@ def tf_checkpoint(
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
     local: _Local = False,
+    distill: Distil = False,
+    seed: Seed = None,
     force: Replace = False,
 ) -> None:
     """Write a TensorFlow checkpoint, from which the reference simulator evaluates and trains on.
@@ -339,7 +382,9 @@ def tf_checkpoint(
     source = chosen.prefix or loaded.model_prefix
     place = out or f"{safe_name(source)}-tf-checkpoint"
     target = export_model.export_target(loaded, place, source, local=local, force=force)
-    exported = export_forms.read_checkpoint_export(loaded, chosen)
+    exported = export_forms.read_checkpoint_export(
+        loaded, chosen, _preparation(loaded, distill, seed)
+    )
     report = export_forms.export_checkpoint(
         exported, target, partial(terminal.progress, unit="bytes")
     )
@@ -362,6 +407,8 @@ def droa(
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
     local: _Local = False,
+    distill: Distil = False,
+    seed: Seed = None,
     force: Replace = False,
 ) -> None:
     """Write the folder and the archive that DeepRacer on AWS imports.
@@ -383,7 +430,9 @@ def droa(
             archive = target.folder.with_name(f"{target.folder.name}.tar.gz")
     if archive is not None:
         refuse_existing(archive, force=force)
-    exported = export_droa.read_droa_export(loaded, chosen, world)
+    exported = export_droa.read_droa_export(
+        loaded, chosen, world, _preparation(loaded, distill, seed)
+    )
     report = export_droa.export_droa(
         exported, target, archive, partial(terminal.progress, unit="bytes")
     )

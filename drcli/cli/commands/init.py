@@ -1,6 +1,7 @@
 """`dr init`."""
 
 import os
+import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.base.errors import BadValue, ProblemsError, one_of, shown
+from drcli.base.errors import BadValue, ProblemsError, SettingsError, one_of, shown
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
 from drcli.cli import completion, prompts, terminal
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 with lazy_imports():
     from drcli.checks import compatibility_rules
-    from drcli.config import new_folder, presets, settings, track_names
+    from drcli.config import adoption, new_folder, presets, settings, track_names
     from drcli.model import keys
     from drcli.model.files import hyperparameters, model_metadata
     from drcli.transfer import ready_made as transfer_ready_made
@@ -139,6 +140,12 @@ def init(
             "one.",
         ),
     ] = None,
+    adopt: Annotated[
+        bool,
+        typer.Option(
+            "--adopt", help="In a folder of DeepRacer-for-Cloud: replace its bin/activate.sh."
+        ),
+    ] = False,
     force: Annotated[bool, force_option("Do not ask; replaced files are kept as .bak.")] = False,
     processor: Annotated[str | None, typer.Option("-a", hidden=True)] = None,
     style: Annotated[str | None, typer.Option("-s", hidden=True)] = None,
@@ -149,7 +156,8 @@ def init(
     On a terminal it asks for every value that is not given as an option; otherwise it uses the
     shipped values. No file is replaced unless you agree. `dr config preset` explains the presets.
     With --model, the bucket gets a trained model too, which can be evaluated, trained on, exported
-    and sent to the car at once.
+    and sent to the car at once. --adopt writes nothing but bin/activate.sh, and asks about lines of
+    ~/.profile (`dr docs from-drfc`).
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
@@ -160,6 +168,11 @@ def init(
     if processor or style or mount:
         terminal.say("-a, -s and -m have no effect: they choose docker images and containers.")
     given = (world, race_type, prefix, workers, cloud, bucket, endpoint, profile)
+    if adopt:
+        if any((*given, experiment, curriculum, preset, model, example, teacher is not None)):
+            raise typer.BadParameter("--adopt writes no settings; leave the other options out.")
+        _adopt(Path(folder or current_folder()).absolute(), force=force)
+        return
     pairs = zip(OPTIONS, given, strict=False)  # all but the experiment
     values = {name: str(value) for name, value in pairs if value is not None}
     tracks = Path(folder or current_folder()) / "tracks"
@@ -226,6 +239,58 @@ def init(
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     after = _AFTER_FILES if ready_made is None else _AFTER_MODEL
     terminal.suggest([*steps, *after], elsewhere=True)
+
+
+def _adopt(folder: Path, *, force: bool) -> None:
+    if not (folder / "run.env").is_file():
+        raise SettingsError(
+            f"{folder} has no run.env, so it is not a folder of DeepRacer-for-Cloud.",
+            remedy="Change to that folder, or create a new one with `dr init`.",
+        )
+    plan = adoption.plan_adoption(folder)
+    if plan.clashes and not adoption.is_reference(folder / new_folder.ACTIVATE) and not force:
+        there = f"{folder} has a {new_folder.ACTIVATE} that is not DeepRacer-for-Cloud's."
+        prompts.agree(f"{there} Replace it, and keep what it was as .bak?", yes=False)
+    report = new_folder.write(plan)
+    lines = adoption.login_lines(Path("~").expanduser())
+    mended = None
+    if lines and _may_mend(lines, force=force):
+        mended = new_folder.write(adoption.plan_logins(folder, lines))
+    elif lines:
+        told = "; ".join(f"{line} (source {line.script})" for line in lines)
+        terminal.warn(
+            f"New shells still load the functions of DeepRacer-for-Cloud: {told}. "
+            "`dr-init --adopt --yes` changes that."
+        )
+    pairs = [] if mended is None else [(mended, name) for name in mended.written]
+    places = [(report, name) for name in report.written] + pairs
+    for written, name in places:
+        terminal.say(f"{Path(written.folder, name)} sets up the dr-* programs now.")
+    kept = [(each, name) for each in (report, mended) if each is not None for name in each.backups]
+    for each, name in kept:
+        old, new = (shlex.quote(str(Path(each.folder, n))) for n in (name, _unkept(name)))
+        terminal.say(f"To undo this: mv {old} {new}")
+    if not places:
+        terminal.say(f"{folder} is adopted already; nothing was changed.")
+    terminal.emit(report, None)
+    here = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go to the folder")]
+    activate = ("source bin/activate.sh", "also in shells that are open")
+    steps = [*here, activate, ("dr-config check", "check everything")]
+    if (folder / "data/minio").is_dir():
+        steps.append(("dr-list-models", "see whether models lie in data/minio"))
+    terminal.suggest(steps, elsewhere=True)
+
+
+def _may_mend(lines: Sequence["adoption.LoginLine"], *, force: bool) -> bool:
+    if force or not prompts.may_ask():
+        return force
+    told = " and ".join(map(str, lines))
+    question = f"{told}: each new shell loads DeepRacer-for-Cloud's functions. Load this instead"
+    return prompts.ask(question, "yes", ("yes", "no")) == "yes"
+
+
+def _unkept(backup: str) -> str:
+    return re.sub(r"\.bak\d*$", "", backup)
 
 
 def _say_where_it_goes(plan: "new_folder.FolderPlan") -> None:

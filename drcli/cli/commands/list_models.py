@@ -12,7 +12,7 @@ from drcli.cli.working_folder import settings
 
 with lazy_imports():
     from drcli.model import model_list
-    from drcli.transfer import transfer_buckets
+    from drcli.transfer import minio_folder, transfer_buckets
 
 
 _Pattern = Annotated[
@@ -32,11 +32,16 @@ def list_models(
 
     Example: dr-list-models "team/*"
     """
-    bucket = transfer_buckets.bucket_to_look_at(settings().transfer, upload=upload)
+    loaded = settings()
+    bucket = transfer_buckets.bucket_to_look_at(loaded.transfer, upload=upload)
     with terminal.waiting(f"Reading s3://{bucket.name} ..."):
         found = model_list.list_models(bucket, pattern)
     terminal.warn(*(sentence for model in found.models for sentence in model.damaged))
     show(found)
+    if not upload:
+        unread = minio_folder.unread_models(loaded.storage, loaded.directory, bucket)
+        if unread:
+            terminal.warn(" ".join(minio_folder.told_unread(unread, bucket)))
 
 
 def list_aws_models(pattern: _Pattern = "") -> None:

@@ -500,6 +500,7 @@ def delete(race: Race, force: Force = False, dry_run: DryRun = False) -> None:
 def drive(race: str, *, quiet: bool, video: bool | None, limit: int) -> None:
     """Drive a queue here, or in the background."""
     loaded = settings()
+    terminal.say(f"Opening the queue of {race} ...")
     bucket, found = found_race(loaded, race)
     bring_tracks(race_queue.race_conditions(loaded, bucket, found))
     if quiet:

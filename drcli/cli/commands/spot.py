@@ -16,7 +16,9 @@ from drcli.base.errors import Absent, NotAvailable, SettingsError, StorageError
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted
 from drcli.cli import prompts, terminal
+from drcli.cli.commands import viewer
 from drcli.cli.commands.spot_watch import watch
+from drcli.cli.commands.status import show_status
 from drcli.cli.options import DryRun, text_only
 from drcli.cli.show import show
 from drcli.cli.spot_options import Profile, Region, StackName, Yes, account
@@ -36,12 +38,15 @@ from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_templa
 from drcli.run import stack_plan
 
 if TYPE_CHECKING:
+    from drcli.config.settings import Settings
     from drcli.outside.aws.aws_account import Account
     from drcli.outside.aws.creation import Market
 
 with lazy_imports():
+    from drcli.config import loading
     from drcli.outside.aws import creation, machines, stack_end, stack_logs, stack_report
     from drcli.outside.aws import prices as aws_prices
+    from drcli.run import track_fetch
     from drcli.transfer import copy_custom_files
 
 
@@ -229,14 +234,25 @@ def create(
         )
         creation.check_options(stack_options)
         with terminal.waiting("Checking settings, files and reward function ..."):
-            loaded, warnings = stack_plan.checked_settings(
-                folder, ours, stack_options.bucket, stack, before
+            checked = stack_plan.check_settings(
+                folder, ours, stack_options.bucket, stack, before, files or folder
             )
-        terminal.warn(*map(str, warnings))
+        terminal.warn(*map(str, checked.warnings))
+        loaded = checked.settings
+        if missing := track_fetch.missing_tracks(loaded):
+            terminal.say(f"The machine downloads tracks of the community: {', '.join(missing)}.")
         with terminal.waiting("Preparing what the machine installs ..."):
             source = find_source(install)
         with terminal.waiting(f"Asking Amazon for quotas and prices in {ours.region} ..."):
-            plan = creation.prepare(ours, loaded, stack_options, source)
+            plan = creation.prepare(
+                ours,
+                loaded,
+                stack_options,
+                source,
+                checked.files,
+                checked.variables,
+                stack_plan.not_imported(before),
+            )
         if show_template:
             terminal.write(json.dumps(plan.template, indent=2) + "\n")
             return
@@ -252,14 +268,17 @@ def create(
         with terminal.waiting(f"Making the stack {stack} ..."):
             report = creation.carry_out(ours, plan)
     show(report)
-    terminal.suggest(
-        [
-            ("dr-spot list", "see how it is"),
-            (f"dr-spot logs {stack}", "read its log"),
-            (f"dr-spot stop {stack}", "stop it, and remove the machine"),
-        ],
-        options={"--region": region, "--profile": profile},
-    )
+    terminal.suggest(_next(stack), options={"--region": region, "--profile": profile})
+
+
+def _next(stack: str) -> list[tuple[str, str]]:
+    return [
+        (f"dr-spot status {stack} -f", "watch the training"),
+        (f"dr-spot console {stack}", "watch it on a page"),
+        ("dr-spot list", "see the machine and what it costs"),
+        (f"dr-spot logs {stack}", "read its log"),
+        (f"dr-spot stop {stack}", "stop it, and remove the machine"),
+    ]
 
 
 @contextmanager
@@ -276,7 +295,8 @@ def _folder(files: Path | None) -> Iterator[Path]:
 # `dr-spot list`, `prices`, `cost`, `logs`, `ssh`, access and subscriptions.
 
 
-_EVERY = "all"
+_EVERY, _CONSOLE = "all", "console"
+_WAITS = "`dr-spot list` shows what the stack waits for."
 
 
 @app.command("list")
@@ -388,7 +408,11 @@ def logs(
     stack: StackName,
     name: Annotated[
         str,
-        typer.Argument(metavar="[LOG]", help="Part of a log's name; without it all are listed."),
+        typer.Argument(
+            metavar="[LOG]",
+            help="Part of a log's name; without it all are listed. console: what the machine has "
+            "printed.",
+        ),
     ] = "",
     lines: Annotated[
         int, typer.Option("-n", "--lines", metavar="N", min=1, help="Show the last N lines.")
@@ -398,20 +422,95 @@ def logs(
 ) -> None:
     """Show logs of a stack's machines from the bucket: of the training, and of the boot.
 
-    Without a name it lists them, and shows the end of the newest one.
+    Without a name it lists them, and shows the end of the newest one. `console` asks Amazon what
+    the newest machine has printed, where it could not reach the bucket.
 
     Example: dr-spot logs my-run trainer -n 100
     """
     ours = account(region, profile)
     found = need_stack(ours, stack, "training")
-    chosen = stack_logs.list_logs(ours, found, name)
-    newest = max(chosen, key=lambda info: info.modified)
-    if not name:
-        for info in chosen:
-            terminal.say(f"{info.modified:%Y-%m-%d %H:%M} {info.size_bytes:>12,} {info.key}")
-    terminal.say(f"== {newest.key}")
-    last = stack_logs.read_log(ours, found, newest.key, lines)
+    if name == _CONSOLE:
+        there = _machines(ours, found)
+        if not there:
+            raise Absent(f"{stack} has had no machine.", remedy=_WAITS)
+        terminal.say(f"== {there[-1]}")
+        last = stack_logs.read_console(ours, there[-1], lines)
+    else:
+        chosen = stack_logs.list_logs(ours, found, name)
+        newest = max(chosen, key=lambda info: info.modified)
+        if not name:
+            for info in chosen:
+                terminal.say(f"{info.modified:%Y-%m-%d %H:%M} {info.size_bytes:>12,} {info.key}")
+        terminal.say(f"== {newest.key}")
+        last = stack_logs.read_log(ours, found, newest.key, lines)
     terminal.write("".join(f"{line}\n" for line in last))
+
+
+@app.command()
+def status(
+    stack: StackName,
+    follow: Annotated[
+        bool, typer.Option("-f", "--follow", help="Show the live display until it ends.")
+    ] = False,
+    verbose: Annotated[
+        bool, typer.Option("-v", "--verbose", help="With -f: more numbers.")
+    ] = False,
+    region: Region = None,
+    profile: Profile = None,
+) -> None:
+    """Show the training of a stack as `dr-status` does, from any folder.
+
+    Exits 5 when a worker has died.
+
+    Example: dr-spot status my-run -f
+    """
+    ours = account(region, profile)
+    terminal.say(str(stack_report.report_on(ours, need_stack(ours, stack), with_cost=False)))
+    loaded, _ = _seen_from_here(region, profile, stack)
+    options = {"--region": region, "--profile": profile}
+    commands = _next(stack)[1:]
+    show_status(loaded, follow=follow, verbose=verbose, commands=commands, options=options)
+
+
+@app.command()
+def console(
+    stack: StackName,
+    port: viewer.Port = None,
+    program: viewer.Program = "",
+    browser: viewer.Browser = True,
+    region: Region = None,
+    profile: Profile = None,
+) -> None:
+    """Open the console, a web page on this machine, with the training of a stack.
+
+    Works from any folder, and shows the bucket of the stack. It runs in the background; `dr-console
+    stop` in the folder data/spot/STACK ends it.
+
+    Example: dr-spot console my-run
+    """
+    more = {} if port is None else {"DR_WEBVIEWER_PORT": str(port)}
+    loaded, environ = _seen_from_here(region, profile, stack, more)
+    report = viewer.started_console(loaded, environ=environ)
+    viewer.show_console(report, browser, program)
+
+
+def _seen_from_here(
+    region: str | None, profile: str | None, stack: str, more: dict[str, str] | None = None
+) -> "tuple[Settings, dict[str, str]]":
+    """The settings of a stack's machine, and the environment to read them with."""
+    ours = account(region, profile)
+    found = need_stack(ours, stack, "training")
+    folder = working_folder() / "data" / "spot" / stack
+    environ = stack_logs.fetch_folder(ours, found, folder, os.environ) | (more or {})
+    return loading.load_settings(folder, environ=environ), environ
+
+
+def _machines(ours: "Account", found: stacks.Stack) -> "list[machines.Machine]":
+    """Also where the bucket, which knows more about them, cannot be read."""
+    marks = []
+    with suppress(StorageError):
+        marks = read_marks(ours.bucket(found.bucket), found.name)
+    return machines.machines_of(ours, found, marks)
 
 
 @app.command()
@@ -425,15 +524,9 @@ def ssh(stack: StackName, region: Region = None, profile: Profile = None) -> Non
     """
     ours = account(region, profile)
     found = need_stack(ours, stack, "training")
-    marks = []
-    with suppress(StorageError):
-        marks = read_marks(ours.bucket(found.bucket), stack)
-    there = [each for each in machines.machines_of(ours, found, marks) if each.state == "running"]
+    there = [each for each in _machines(ours, found) if each.state == "running"]
     if not there:
-        raise Absent(
-            f"No machine of {stack} is running.",
-            remedy="`dr-spot list` shows what the stack waits for.",
-        )
+        raise Absent(f"No machine of {stack} is running.", remedy=_WAITS)
     command = ["aws", "ssm", "start-session", "--target", there[-1].instance]
     command += ["--region", ours.region]
     command += ["--profile", ours.profile] if ours.profile else []

@@ -1,7 +1,8 @@
 """`dr status` and `dr summary`."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +11,9 @@ from drcli.base.installation import lazy_imports
 from drcli.cli import follow_training, terminal, training_display
 from drcli.cli.show import show
 from drcli.cli.working_folder import settings
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
 
 with lazy_imports():
     from drcli.run import status as run_status
@@ -47,7 +51,24 @@ def status(
 
     Example: dr-status --json
     """
-    loaded = settings()
+    show_status(settings(), follow=follow, verbose=verbose)
+
+
+def show_status(
+    loaded: "Settings",
+    *,
+    follow: bool,
+    verbose: bool,
+    commands: list[tuple[str, str]] | None = None,
+    options: Mapping[str, str | None] | None = None,
+) -> None:
+    """Show the training of these settings.
+
+    `commands` are what to do next, with these `options`, if not the usual ones.
+
+    Raises:
+        WorkerDied: A worker is dead.
+    """
     config = loaded.run
     report = run_status.inspect(config, anywhere=True)
     if follow and not follow_training.is_over(report):
@@ -58,8 +79,9 @@ def status(
     report = replace(report, notes=run_status.notes_of_run(config, report))
     terminal.warn(*report.damaged)
     terminal.emit(report, training_display.run(report))
-    commands = training_display.next_commands(report)
-    terminal.suggest(commands, model=report.prefix, usual=loaded.model_prefix)
+    if commands is None:
+        commands = training_display.next_commands(report)
+    terminal.suggest(commands, model=report.prefix, usual=loaded.model_prefix, options=options)
     if report.state == "lost" or report.dead:
         raise WorkerDied(
             report.message or f"Dead: {', '.join(report.dead)}.",

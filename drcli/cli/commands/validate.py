@@ -1,7 +1,7 @@
 """`dr validate` and `dr update`."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -23,6 +23,15 @@ def validate(
             "--console-compatible", help="Also apply the limits of the DeepRacer console."
         ),
     ] = False,
+    destination: Annotated[
+        Literal["droa", "car", "drfc"] | None,
+        typer.Option(
+            "--for",
+            metavar="WHERE",
+            help="Also check that the trained model can go to DeepRacer on AWS (droa), the "
+            "physical car (car) or DeepRacer-for-Cloud (drfc).",
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Exit 0 even with errors.")] = False,
 ) -> None:
     """Check settings, your three files, the bucket and this machine.
@@ -31,11 +40,13 @@ def validate(
     nothing, but starts the local S3 server if it is not running. Exits 3 when a training could not
     start.
 
-    Example: dr-validate --console-compatible
+    Example: dr-validate --for droa
     """
     folder = working_folder()
     with terminal.waiting(f"Checking {folder} ..."):
-        report = checks_validate.validate(folder, console_compatible=console_compatible)
+        report = checks_validate.validate(
+            folder, console_compatible=console_compatible, destination=destination or ""
+        )
     show(report)
     if not report.ok and not force:
         raise typer.Exit(SettingsError.code)

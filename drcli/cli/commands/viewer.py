@@ -1,5 +1,6 @@
 """Commands of viewer and console."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
@@ -229,7 +230,11 @@ def view_stream(
 
 
 def _start(port: int | None, *, again: bool = False, browser: bool, program: str) -> None:
-    report = _started(settings_or_defaults(), port, again=again)
+    show_console(_started(settings_or_defaults(), port, again=again), browser, program)
+
+
+def show_console(report: "ViewerReport", browser: bool, program: str) -> None:
+    """Print the address of the console, and open it as the options say."""
     url = report.url or ""
     terminal.emit(report, url, folded=False)
     if report.needs_token:
@@ -243,8 +248,20 @@ def _start(port: int | None, *, again: bool = False, browser: bool, program: str
 def _started(loaded: "Settings", port: int | None = None, *, again: bool = False) -> "ViewerReport":
     if port is not None:
         loaded = settings_or_defaults({"DR_WEBVIEWER_PORT": str(port)})
+    return started_console(loaded, again=again)
+
+
+def started_console(
+    loaded: "Settings", *, again: bool = False, environ: Mapping[str, str] | None = None
+) -> "ViewerReport":
+    """Start the console of these settings if it does not run.
+
+    `environ` is what it reads them with, if not the environment.
+    """
     with terminal.waiting("Starting the console ..."):
-        report = viewer_process.start_viewer(loaded.directory, loaded.web, again=again)
+        report = viewer_process.start_viewer(
+            loaded.directory, loaded.web, again=again, environ=environ
+        )
     _warn_of_old(report, loaded.web)
     return report
 

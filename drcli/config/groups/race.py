@@ -223,6 +223,8 @@ class EvaluationSettings(Group, title="Evaluation"):
 
 
 _OVERLAY = "nothing shows it"
+LONGEST_GAP_M = 100
+"""The longest lap of the community's tracks has 89.2 m."""
 
 
 class ObstacleSettings(Group, title="Obstacles"):
@@ -235,7 +237,7 @@ class ObstacleSettings(Group, title="Obstacles"):
         "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES",
         2.0,
         "Minimum distance between two obstacles, metres.",
-        low=0,
+        between=(0, LONGEST_GAP_M),
     )
     oa_randomize_obstacle_locations: bool = setting(
         "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS", False, "Move the obstacles in each episode."
@@ -277,7 +279,7 @@ class BotSettings(Group, title="Bot cars"):
         "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS",
         2.0,
         "Minimum distance between two bots, metres.",
-        low=0,
+        between=(0, LONGEST_GAP_M),
     )
     h2b_randomize_bot_car_locations: bool = setting(
         "DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS", False, "Move the bots' starts in each episode."

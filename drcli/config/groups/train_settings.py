@@ -388,7 +388,10 @@ class InterruptionSettings(Group, title="Interruptions"):
 
 class TimedWorkSettings(Group, title="Uploads during and after a training"):
     regular_upload: int = setting(
-        "DR_REGULAR_UPLOAD", 0, "Minutes between uploads of the model; 0 never.", low=0
+        "DR_REGULAR_UPLOAD",
+        0,
+        "Minutes between uploads of the last checkpoint, with the best one at the end; 0 never.",
+        low=0,
     )
     regular_physical_model_upload: int = setting(
         "DR_REGULAR_PHYSICAL_MODEL_UPLOAD",
@@ -402,7 +405,7 @@ class TimedWorkSettings(Group, title="Uploads during and after a training"):
     upload_model_on_completion: bool = setting(
         "DR_UPLOAD_MODEL_ON_COMPLETION",
         False,
-        "Upload the best checkpoint when the training is complete.",
+        "Upload the best checkpoint when the training ends or is interrupted.",
     )
     import_model_on_completion: bool = setting(
         "DR_IMPORT_MODEL_ON_COMPLETION",

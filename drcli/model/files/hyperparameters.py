@@ -57,6 +57,7 @@ CONSOLE_LR = 1e-3
 CONSOLE_EPISODES = 100
 """At most, for `lr` and `num_episodes_between_training`. Source: the console's limits."""
 
+LEAST_DISCOUNT = 0.5
 FEW_ITERATIONS = 100
 """A lower `term_cond_max_episodes` probably means episodes."""
 
@@ -600,6 +601,9 @@ def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
             "and the physical car drives with a single frame only",
             "Write 1 for a model that is to drive on other simulators.",
         )
+    if v.discount_factor < LEAST_DISCOUNT:
+        what = "plans less than two steps (0.13 s) ahead: what comes later counts for nothing"
+        yield "discount_factor", what, "Write 0.9 to 0.999."
     if v.discount_factor >= 1.0:
         yield ("discount_factor", "looks ahead without end; 0.999 is usual", "Write 0.999 or less.")
 

@@ -30,7 +30,9 @@ ROOT = os.environ.get("DRCLI_SPOT_ROOT", "")
 HOME, USER = "/opt/drcli", "drcli"
 RACER, PYTHON = HOME + "/racer", HOME + "/venv/bin/python"
 LEAVING = "/run/drcli/leaving"
-FAILURES = "/var/lib/drcli/failures"
+FAILURES = "/run/drcli/failures"
+"""In memory: a full disk must not keep failures from being counted."""
+
 LOG = "/var/log/drcli-boot.log"
 UNITS = "/etc/systemd/system/"
 TORCH = "https://download.pytorch.org/whl/cpu"
@@ -46,8 +48,10 @@ FINAL = {
 }
 """Exit codes that forbid another start, with the reported state."""
 INTERRUPTED, ELSEWHERE, LOST = 75, 9, 8
+SOON_AGAIN = (INTERRUPTED, ELSEWHERE, LOST)
 END_WORK_FAILED = 10
 MOST_FAILURES, FAILURE_WINDOW_S = 5, 3600.0
+READ_LINES, SHOWN_LINES, SHOWN_LETTERS = 60, 3, 1500
 BOOT_ATTEMPTS, BOOT_PAUSE_S = 3, 60.0
 LAST_MINUTES = 5
 """Before the machine's end, for stopping the training."""
@@ -64,6 +68,7 @@ WorkingDirectory={racer}
 EnvironmentFile={home}/environment
 ExecStart={home}/venv/bin/dr-start-training --resume-or-start --foreground
 ExecStopPost=+/usr/bin/python3 {home}/boot.py ended
+StandardOutput=journal+console
 Restart=always
 RestartForceExitStatus=75
 RestartSec=20
@@ -107,13 +112,20 @@ def pause(seconds: float) -> None:
     time.sleep(float(os.environ.get("DRCLI_SPOT_PAUSE_S", seconds)))
 
 
+unwritten: list[str] = []
+"""Lines of the log for which the disk had no room."""
+
+
 def log(text: str) -> None:
     line = time.strftime("%Y-%m-%dT%H:%M:%SZ ", time.gmtime()) + text
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
-    at(LOG).parent.mkdir(parents=True, exist_ok=True)
-    with at(LOG).open("a") as file:
-        file.write(line + "\n")
+    try:
+        at(LOG).parent.mkdir(parents=True, exist_ok=True)
+        with at(LOG).open("a") as file:
+            file.write(line + "\n")
+    except OSError:  # the disk is full
+        unwritten.append(line + "\n")
 
 
 def run(*command: str) -> None:
@@ -263,7 +275,9 @@ class Machine:
         self.put(f"spot/{self.stack}/machines/{self.id}.json", data)
 
     def put_log(self) -> None:
-        self.put(f"spot/{self.stack}/logs/{self.id}-boot.log", at(LOG).read_bytes())
+        data = at(LOG).read_bytes() if at(LOG).is_file() else b""
+        data += "".join(unwritten).encode()
+        self.put(f"spot/{self.stack}/logs/{self.id}-boot.log", data)
 
     def tell(self, subject: str, text: str) -> None:
         """Send a message to the topic; ignores failures."""
@@ -361,8 +375,15 @@ def install(machine: Machine, plan: dict[str, Any]) -> None:
         variables["MY_SNS_TOPIC"] = machine.topic
     if machine.price and "DR_SPOT_PRICE" not in plan["given"]:
         variables["DR_SPOT_PRICE"] = f"{machine.price:.4f}"
-    write(f"{HOME}/environment", "".join(f"{k}={v}\n" for k, v in variables.items()))
+    write(f"{HOME}/environment", "".join(f"{k}={quoted(v)}\n" for k, v in variables.items()))
     run("chown", "-R", f"{USER}:{USER}", str(at(RACER)))
+
+
+def quoted(value: str) -> str:
+    """As both systemd and a shell read it."""
+    if re.fullmatch(r"[\w@%+=:,./-]*", value):
+        return value
+    return '"' + re.sub(r'(["\\$`])', r"\\\1", value) + '"'
 
 
 def start_service(machine: Machine) -> None:
@@ -409,28 +430,76 @@ def start() -> int:
 def ended() -> int:
     how, status = os.environ.get("EXIT_CODE", "exited"), os.environ.get("EXIT_STATUS", "0")
     code = int(status) if how == "exited" and status.isdigit() else 1
-    machine = Machine()
-    plan = read_plan(machine)
     said = f"The training ended with code {status}."
+    if how != "exited":
+        memory = os.environ.get("SERVICE_RESULT") == "oom-kill"
+        why = " because the memory of the machine ran out" if memory else ""
+        said = f"The training was ended by signal {status}{why}."
     if code == END_WORK_FAILED:
         said = f"{said} {failed_end_work()}"
+    elif code not in (0, 143):
+        said = f"{said} {last_words(only_errors=code in SOON_AGAIN)}".rstrip()
+    log(said)
+    machine = Machine()
+    try:
+        answer(machine, code, said)
+    except BootFailed as error:
+        log(str(error))
+    return 0
+
+
+def answer(machine: Machine, code: int, said: str) -> None:
+    """Give the machine back, or let the training start again."""
+    continues = True
+    try:
+        continues = read_plan(machine)["continues"]
+    except BootFailed as error:
+        log(f"the plan cannot be read: {error}")
     if code in FINAL:
-        machine.leave(FINAL[code], said)
-    elif code == INTERRUPTED and (why := machine.going()):
-        if not plan["continues"]:
+        leave_or_retry(machine, FINAL[code], said)
+        return
+    if code == INTERRUPTED and (why := machine.going()):
+        if not continues:
             machine.leave("interrupted", f"{said} Reason: {why}. It is not continued elsewhere.")
-        else:
-            write(LEAVING, why)  # otherwise this machine would take the model back
-            machine.mark("interrupted", f"{said} Reason: {why}.")
-    elif code in (INTERRUPTED, ELSEWHERE, LOST):
+            return
+        write(LEAVING, why)  # otherwise this machine would take the model back
+        machine.mark("interrupted", f"{said} Reason: {why}.")
+    elif code in SOON_AGAIN:
         machine.mark("waiting", f"{said} It is started again.")
     else:
         recent = failures()
         if len(recent) >= MOST_FAILURES:
-            machine.leave("failed", f"{said} It failed {len(recent)} times within an hour.")
-        else:
-            machine.mark("restarting", f"{said} It is started again.")
-    return 0
+            said = f"{said} It failed {len(recent)} times within an hour."
+            leave_or_retry(machine, "failed", said)
+            return
+        machine.mark("restarting", f"{said} It is started again.")
+    machine.put_log()
+
+
+def leave_or_retry(machine: Machine, state: str, text: str) -> None:
+    """If Amazon cannot be reached, the next end of the service tries again."""
+    try:
+        machine.leave(state, text)
+    except BootFailed:
+        at(LEAVING).unlink(missing_ok=True)
+        raise
+
+
+def last_words(*, only_errors: bool) -> str:
+    """What the training has printed last: its errors and remedies, or else its last lines."""
+    command = ["journalctl", "--quiet", "--no-pager", "--output=cat", f"--lines={READ_LINES}"]
+    command += [f"_SYSTEMD_INVOCATION_ID={os.environ.get('INVOCATION_ID', '')}"]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=30)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        log(f"the last lines of the training cannot be read: {error}")
+        return ""
+    lines = [line.strip() for line in done.stdout.decode(errors="replace").splitlines()]
+    lines = [line for line in lines if line]
+    errors = [k for k, line in enumerate(lines) if line.startswith("Error: ")]
+    if errors:
+        return " ".join(lines[errors[0] :])[:SHOWN_LETTERS]
+    return "" if only_errors else " ".join(lines[-SHOWN_LINES:])[-SHOWN_LETTERS:]
 
 
 def failed_end_work() -> str:

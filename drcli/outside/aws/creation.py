@@ -30,12 +30,7 @@ from drcli.outside.aws.instance_types import (
 )
 from drcli.outside.aws.machine_marks import file_key, install_key, stack_folder
 from drcli.outside.aws.prices import current_prices, on_demand_prices
-from drcli.outside.aws.racer_files import (
-    InstallSource,
-    environment,
-    files_to_send,
-    torch_requirement,
-)
+from drcli.outside.aws.racer_files import InstallSource, torch_requirement
 from drcli.outside.aws.stacks import (
     BUCKET_TAG,
     ENDS_TAG,
@@ -53,6 +48,7 @@ from drcli.outside.aws.training_template import (
     run_folders,
     training_template,
 )
+from drcli.transfer.transfer_buckets import refuse_overlap
 
 with lazy_imports():
     from botocore import exceptions as boto
@@ -292,6 +288,7 @@ class StackPlan:
         resumes: Checkpoint; empty for a new model.
         ends: Unix seconds; 0 for never.
         install: What the machine reads first.
+        not_imported: Why the model is not imported although that is asked for; empty if not.
     """
 
     options: StackOptions
@@ -306,6 +303,7 @@ class StackPlan:
     template: Any
     install: Mapping[str, Any]
     files: Mapping[str, bytes]
+    not_imported: str
 
 
 @dataclass(frozen=True)
@@ -354,6 +352,12 @@ class Planned(_NewStack):
     ]
     installs: Annotated[str, "What the machine installs."]
     files: Annotated[tuple[str, ...], "Names of the files that the machine gets."]
+    uploads_to: Annotated[
+        str, "Where the best model is after every end and interruption, an s3:// address."
+    ]
+    not_imported: Annotated[
+        str, "Why it is not imported into DeepRacer on AWS although the settings ask for it."
+    ]
 
     @staticmethod
     def of(plan: StackPlan, region: str) -> "Planned":
@@ -375,6 +379,8 @@ class Planned(_NewStack):
             money.total,
             plan.source.shown,
             tuple(sorted(plan.files)),
+            f"s3://{plan.settings.upload_s3_bucket}/{plan.settings.upload_s3_prefix}",
+            plan.not_imported,
         )
 
     def view(self) -> View:
@@ -395,15 +401,27 @@ class Planned(_NewStack):
             f"{self.stack}: trains {model} on {_KINDS[self.market]} in {self.region}.",
             f"Types: {', '.join(self.types)}; zones: {', '.join(self.zones)}; "
             f"installs {self.installs}.",
+            f"The best model is in {self.uploads_to} after every end and every interruption.",
+            self.not_imported
+            and f"It is not imported into DeepRacer on AWS, as DR_IMPORT_MODEL_ON_COMPLETION asks: "
+            f"{self.not_imported}",
             price,
             end,
         ]
 
 
 def prepare(
-    account: Account, settings: Settings, options: StackOptions, source: InstallSource
+    account: Account,
+    settings: Settings,
+    options: StackOptions,
+    source: InstallSource,
+    files: Mapping[str, bytes],
+    variables: Mapping[str, str],
+    not_imported: str = "",
 ) -> StackPlan:
     """Check everything, and estimate the cost; changes nothing.
+
+    `files` and `variables` are what the machine gets; `not_imported` as in the plan.
 
     Raises:
         DrError: The training cannot start.
@@ -412,6 +430,13 @@ def prepare(
     refuse_existing(account, options.stack)
     bucket = check_bucket(account, options.bucket)
     resumes, notes = model_state(bucket, settings.model_prefix)
+    place = account.bucket(settings.upload_s3_bucket)
+    refuse_overlap(
+        (bucket, settings.model_prefix),
+        (place, settings.upload_s3_prefix),
+        flag="DR_UPLOAD_S3_PREFIX",
+        may_write=False,
+    )
     named = bool(options.types)
     names = options.types or default_types(options.processor)
     network = find_network(account, options.subnets)
@@ -448,7 +473,6 @@ def prepare(
             f"{len(types)} types make a template that is too large for CloudFormation.",
             remedy="Name fewer types with --type.",
         )
-    files = files_to_send(settings)
     return StackPlan(
         options,
         settings,
@@ -460,8 +484,9 @@ def prepare(
         ends,
         tuple(notes),
         template,
-        _install(account, settings, options, source, files, ordinary),
+        _install(settings, source, files, variables, ordinary),
         files,
+        not_imported,
     )
 
 
@@ -545,15 +570,13 @@ def _places(account: Account, settings: Settings, options: StackOptions) -> Plac
 
 
 def _install(
-    account: Account,
     settings: Settings,
-    options: StackOptions,
     source: InstallSource,
     files: Mapping[str, bytes],
+    variables: Mapping[str, str],
     ordinary: Mapping[str, float],
 ) -> dict[str, Any]:
     priced = "DR_SPOT_PRICE" in settings.sources or "DR_SPOT_PRICE" in settings.extra
-    upload = settings.upload_s3_bucket
     return {
         "source": source.requirement,
         "wheel": source.wheel,
@@ -561,7 +584,7 @@ def _install(
         "torch": torch_requirement(),
         "packages": list(source.packages),
         "files": sorted(files),
-        "environment": environment(options.bucket, account.region, options.stack, upload),
+        "environment": dict(variables),
         "given": ["DR_SPOT_PRICE"] if priced else [],
         "on_demand_usd": dict(ordinary),
         "continues": settings.continue_on_spot_interruption,

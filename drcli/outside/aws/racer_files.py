@@ -6,14 +6,19 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 
 import drcli
 from drcli.base.errors import SettingsError
+from drcli.base.files import find_files
+from drcli.config import activation, secret_environment
+from drcli.config.run_config import DriveConfig
 from drcli.config.settings import Settings
-from drcli.config.track_names import ROUTE_FILES, races_with_lists
+from drcli.config.track_names import ROUTE_FILES, own_route_file, races_with_lists
+from drcli.model.files.custom_files import FILE_RULES
 
 OTS_FOLDER = "custom-files"
 """Of deepracer-on-the-spot, with all files of a user."""
@@ -21,6 +26,8 @@ OTS_FOLDER = "custom-files"
 MOST_TRACK_BYTES = 20_000_000
 
 _WORKER_FILE = re.compile(r"worker-\d+\.env")
+_REFERENCE = re.compile(r"\$\{?([A-Za-z_]\w*)")
+_OF_THE_MACHINE = {"HOME", "PATH"}
 
 
 def lay_out(source: Path, folder: Path) -> None:
@@ -37,10 +44,11 @@ def lay_out(source: Path, folder: Path) -> None:
     try:
         (folder / "custom_files").mkdir()
         for path in sorted(source.iterdir()):
-            if path.suffix == ".env" and path.is_file():
-                shutil.copyfile(path, folder / path.name)
-            elif path.is_file():
-                shutil.copyfile(path, folder / "custom_files" / path.name)
+            beside = path.suffix in (".env", ".yaml", ".yml", *ROUTE_FILES)
+            if path.is_file():
+                shutil.copyfile(path, (folder if beside else folder / "custom_files") / path.name)
+        if (source / "tracks").is_dir():
+            shutil.copytree(source / "tracks", folder / "tracks")
     except OSError as error:
         raise SettingsError(
             f"{error.filename or source}: cannot be copied ({error.strerror or error}).",
@@ -48,9 +56,22 @@ def lay_out(source: Path, folder: Path) -> None:
         ) from error
 
 
-def environment(bucket: str, region: str, stack: str, upload_bucket: str) -> dict[str, str]:
-    """Variables of a training; they override its files."""
+def environment(
+    settings: Settings, bucket: str, region: str, stack: str, variables: Mapping[str, str]
+) -> dict[str, str]:
+    """Variables of a training there; they override its files.
+
+    `variables` are those of this shell. Of these, the machine gets settings and what settings
+    refer to with `$NAME`, but no passwords: everybody who can read the bucket could read them.
+    """
+    plain, _ = secret_environment.split(activation.chosen(variables))
+    texts = b"".join(_read(path) for path in _settings_files(settings).values()).decode(
+        "utf-8", "replace"
+    )
+    referred = set(_REFERENCE.findall(texts)) - _OF_THE_MACHINE
+    set_here = {name for name, place in settings.sources.items() if place.file == "environment"}
     found = {
+        **{name: plain[name] for name in sorted(referred | set_here) if name in plain},
         "DR_CLOUD": "aws",
         "DR_LOCAL_S3_BUCKET": bucket,
         # The role of the machine: this profile need not exist.
@@ -64,48 +85,87 @@ def environment(bucket: str, region: str, stack: str, upload_bucket: str) -> dic
         "MY_BUCKET": bucket,
         "DEEPRACER_REGION": region,
         "STACK_NAME": stack,
+        # As in deepracer-on-the-spot, whatever the settings say.
+        "DR_UPLOAD_MODEL_ON_COMPLETION": "True",
+        # It needs a password, which a machine does not get.
+        "DR_IMPORT_MODEL_ON_COMPLETION": "False",
     }
-    if upload_bucket in ("not-defined", ""):
+    if settings.upload_s3_bucket in ("not-defined", "", bucket):
         found["DR_UPLOAD_S3_BUCKET"] = bucket
+    if settings.tracks_dir is not None:
+        found["DR_TRACKS_DIR"] = "tracks"
+    if settings.tracks_fetch != "never":
+        found["DR_TRACKS_FETCH"] = "always"
     return found
 
 
-def files_to_send(settings: Settings) -> dict[str, bytes]:
-    """Settings and route files, by relative path.
+def files_to_send(
+    settings: Settings, races: Sequence[DriveConfig] = (), further: Iterable[Path] = ()
+) -> dict[str, bytes]:
+    """Settings, the racer's three files, and route files, by path in the machine's folder.
+
+    `races` and `further` are those of the stages of its curriculum: their tracks, and its files.
 
     Raises:
-        SettingsError: A file is unreadable, or the tracks are too large.
+        SettingsError: A file is unreadable or outside of the folder, or the tracks are too large.
     """
-    folder = settings.directory
-    places = [folder]
-    if settings.experiment_name:
-        places.append(folder / "experiments" / settings.experiment_name)
-    paths: dict[str, Path] = {}
-    for place in places:
-        for path in sorted(place.glob("*.env")) if place.is_dir() else []:
-            if path.name in ("run.env", "system.env") or _WORKER_FILE.fullmatch(path.name):
-                paths[path.relative_to(folder).as_posix()] = path
-    worlds = {race.world_name for race in races_with_lists(settings.races)}
+    folder, own = settings.directory, settings.custom_files.folder
+    paths = _settings_files(settings)
+    for path in (*(own / name for name in FILE_RULES), *further):
+        if path.is_file():
+            paths[_below(path, folder)] = path
     tracks = settings.tracks_folder
-    for path in sorted(tracks.iterdir()) if tracks.is_dir() else []:
-        if path.suffix in ROUTE_FILES and {path.stem, path.name} & worlds:
-            paths[f"tracks/{path.name}"] = path
-    found = {}
-    for name, path in paths.items():
-        try:
-            found[name] = path.read_bytes()
-        except OSError as error:
-            raise SettingsError(
-                f"{path}: cannot be read ({error.strerror or error}).",
-                remedy="Check the permissions of the file.",
-            ) from error
-    size = sum(len(data) for name, data in found.items() if name.startswith("tracks/"))
+    driven = races_with_lists([*settings.races, *races])
+    worlds = {race.world_name for race in driven}
+    routes = [
+        path
+        for path in (sorted(tracks.iterdir()) if tracks.is_dir() else ())
+        if path.suffix in ROUTE_FILES and {path.stem, path.name} & worlds
+    ]
+    routes += [path for path in map(own_route_file, driven) if path is not None]
+    for path in routes:
+        inside = path.parent != tracks and path.is_relative_to(folder)
+        paths[_below(path, folder) if inside else f"tracks/{path.name}"] = path
+    found = {name: _read(path) for name, path in paths.items()}
+    size = sum(len(found[name]) for name, path in paths.items() if path in routes)
     if size > MOST_TRACK_BYTES:
         raise SettingsError(
             f"{tracks}: the tracks of this training take {size / 1e6:.0f} MB.",
             remedy=f"Use route files with less than {MOST_TRACK_BYTES / 1e6:.0f} MB together.",
         )
     return found
+
+
+def _settings_files(settings: Settings) -> dict[str, Path]:
+    folder = settings.directory
+    places = [folder]
+    if settings.experiment_name:
+        places.append(folder / "experiments" / settings.experiment_name)
+    return {
+        path.relative_to(folder).as_posix(): path
+        for place in places
+        for path in sorted(find_files(place, "*.env"))
+        if path.name in ("run.env", "system.env") or _WORKER_FILE.fullmatch(path.name)
+    }
+
+
+def _below(path: Path, folder: Path) -> str:
+    if not path.is_relative_to(folder):
+        raise SettingsError(
+            f"{path} is outside of {folder}, so the machine would not have it.",
+            remedy="Move the file into the folder of run.env.",
+        )
+    return path.relative_to(folder).as_posix()
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise SettingsError(
+            f"{path}: cannot be read ({error.strerror or error}).",
+            remedy="Check the permissions of the file.",
+        ) from error
 
 
 # Where a machine installs drcli from.
@@ -145,7 +205,7 @@ def find_source(wanted: str) -> InstallSource:
             return _built(checkout)
         return InstallSource(f"drcli=={drcli.__version__}")
     if wanted.endswith(".whl"):
-        return _read(Path(wanted))
+        return _read_wheel(Path(wanted))
     if wanted.startswith("git+"):
         return InstallSource(wanted, packages=(*PACKAGES, "git"))
     if wanted.startswith("-") or any(letter.isspace() for letter in wanted):
@@ -165,7 +225,7 @@ def torch_requirement() -> str:
     return next((line for line in exact if line.startswith("torch==")), "torch")
 
 
-def _read(path: Path) -> InstallSource:
+def _read_wheel(path: Path) -> InstallSource:
     try:
         return InstallSource("", path.name, path.read_bytes())
     except OSError as error:
@@ -198,7 +258,7 @@ def _built(checkout: Path) -> InstallSource:
                 continue
             wheels = sorted(Path(folder).glob("*.whl"))
             if done.returncode == 0 and wheels:
-                return _read(wheels[0])
+                return _read_wheel(wheels[0])
             lines = done.stdout.decode(errors="replace").strip().splitlines()
             said = lines[-1] if lines else f"code {done.returncode}"
     raise SettingsError(

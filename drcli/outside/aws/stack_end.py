@@ -24,8 +24,8 @@ with lazy_imports():
     from botocore import exceptions as boto
 
 STOP_COMMAND = (
-    "cd /opt/drcli/racer && exec runuser -u drcli -- "
-    "env $(cat /opt/drcli/environment) /opt/drcli/venv/bin/dr-stop-training"
+    "cd /opt/drcli/racer && set -a && . /opt/drcli/environment && "
+    "exec runuser -u drcli -- /opt/drcli/venv/bin/dr-stop-training"
 )
 """Run as root by Systems Manager."""
 

@@ -1,11 +1,24 @@
-"""Logs of a stack's machines: of trainings and boots in the bucket."""
+"""What is seen of a stack's training from here: logs, and the folder of its machine."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from drcli.base.errors import Absent
-from drcli.bucket.bucket import ObjectInfo
+from drcli.base.files import make_folder, write_private
+from drcli.base.installation import lazy_imports
+from drcli.bucket.bucket import ObjectInfo, ObjectMissing
+from drcli.bucket.s3_errors import error_code
+from drcli.config import secret_environment
 from drcli.model import keys
 from drcli.outside.aws.aws_account import Account
-from drcli.outside.aws.machine_marks import log_folder
+from drcli.outside.aws.machine_marks import file_key, install_key, log_folder
+from drcli.outside.aws.machines import Machine
 from drcli.outside.aws.stacks import Stack
+
+with lazy_imports():
+    from botocore import exceptions as boto
 
 
 def list_logs(account: Account, stack: Stack, part: str = "") -> list[ObjectInfo]:
@@ -23,7 +36,7 @@ def list_logs(account: Account, stack: Stack, part: str = "") -> list[ObjectInfo
         raise Absent(
             f"{stack.name} has no log{f' {part}' if part else ''} in the bucket yet.",
             remedy="A machine writes its first log a few minutes after its start; `dr-spot list` "
-            "shows how it is.",
+            f"shows how it is, `dr-spot logs {stack.name} console` what it has printed.",
         )
     return chosen
 
@@ -32,3 +45,70 @@ def read_log(account: Account, stack: Stack, key: str, lines: int) -> list[str]:
     """The last lines of a log, without their ends."""
     text = account.bucket(stack.bucket).get(key).decode(errors="replace")
     return text.splitlines()[-lines:]
+
+
+def read_console(account: Account, machine: Machine, lines: int) -> list[str]:
+    """The last lines that a machine has printed, which Amazon keeps for an hour after its end.
+
+    Raises:
+        Absent: Amazon does not know the machine any more, or has nothing yet.
+        StorageError: Amazon does not answer or refuses.
+    """
+    asked: dict[str, Any] = {"InstanceId": machine.instance, "Latest": True}
+    text = ""
+    unknown = "InvalidInstanceID.NotFound"
+    with account.trying("read what the machine has printed", unless=(unknown,)):
+        try:
+            answer = account.client("ec2").get_console_output(**asked)
+        except boto.ClientError as error:
+            if error_code(error) != "UnsupportedOperation":
+                raise
+            # Older types of machines: what they had printed a few minutes ago.
+            del asked["Latest"]
+            answer = account.client("ec2").get_console_output(**asked)
+        text = answer.get("Output") or ""
+    if not text.strip():
+        raise Absent(
+            f"Amazon has nothing that {machine.instance} has printed.",
+            remedy="It comes a minute after the start of a machine, and goes an hour after its "
+            "end.",
+        )
+    return text.splitlines()[-lines:]
+
+
+def fetch_folder(
+    account: Account, stack: Stack, folder: Path, environ: Mapping[str, str]
+) -> dict[str, str]:
+    """Write the files of the machine into a folder, to read its training from here.
+
+    Returns:
+        The environment that its settings are to be read with: of `environ` all but other
+        settings, and the bucket of the stack.
+    """
+    bucket = account.bucket(stack.bucket)
+    install: dict[str, Any] = {"files": [], "environment": {}}
+    try:
+        install = json.loads(bucket.get(install_key(stack.name)))
+        files = {name: bucket.get(file_key(stack.name, name)) for name in install["files"]}
+    except ObjectMissing:
+        files = {}
+    for name, data in {"run.env": b"", **files}.items():
+        make_folder((folder / name).parent)
+        write_private(folder / name, data)
+    kept = {
+        name: value
+        for name, value in environ.items()
+        if not name.startswith("DR_") or secret_environment.is_secret(name, value)
+    }
+    given = dict(install["environment"])
+    for name in ("AWS_DEFAULT_REGION", "DR_LOCAL_S3_PROFILE"):
+        given.pop(name, None)
+    return {
+        **kept,
+        **given,
+        "DR_CLOUD": "aws",
+        "DR_AWS_APP_REGION": account.region,
+        "DR_LOCAL_S3_BUCKET": stack.bucket,
+        "DR_LOCAL_S3_MODEL_PREFIX": stack.model,
+        "DR_LOCAL_S3_PROFILE": account.profile or "default",
+    }

@@ -123,7 +123,7 @@ class Droa:
         return self.session.site.place
 
     def models(self) -> list[RemoteModel]:
-        found = [read_model(item, self.place) for page in self._pages() for item in page]
+        found = [read_model(item, self.place) for item in self._listed("/models", "models")]
         return sorted(found, key=lambda model: model.created_at, reverse=True)
 
     def model(self, model_id: str) -> RemoteModel:
@@ -178,14 +178,31 @@ class Droa:
         url, status = answer.get("url"), answer.get("status")
         return Asset(url if isinstance(url, str) else "", str(status or ""))
 
-    def _pages(self) -> Iterator[list[Any]]:
+    def leaderboards(self) -> list[Mapping[str, Any]]:
+        """Its races, with the keys of the interface."""
+        return self._objects("/leaderboards", "leaderboards")
+
+    def submissions(self, race_id: str) -> list[Mapping[str, Any]]:
+        """Those of this user to a race, with the keys of the interface."""
+        return self._objects(f"/leaderboards/{race_id}/submissions", "submissions")
+
+    def submit(self, race_id: str, model_id: str) -> None:
+        """Let a model drive in a race, when those before it are done."""
+        body = {"modelId": model_id}
+        self._call("POST", f"/leaderboards/{race_id}/submissions", body=body)
+
+    def _objects(self, path: str, key: str) -> list[Mapping[str, Any]]:
+        return [item for item in self._listed(path, key) if isinstance(item, dict)]
+
+    def _listed(self, path: str, key: str) -> Iterator[Any]:
+        """The items of all pages."""
         token = ""
         for _ in range(_MOST_PAGES):
-            answer = self._call("GET", "/models", query={"token": token} if token else {})
-            items = answer.get("models")
+            answer = self._call("GET", path, query={"token": token} if token else {})
+            items = answer.get(key)
             if not isinstance(items, list):
-                raise self._unexpected("an answer without models")
-            yield items
+                raise self._unexpected(f"an answer without {key}")
+            yield from items
             following = answer.get("token")
             if not isinstance(following, str) or not following or following == token:
                 return

@@ -14,9 +14,9 @@ from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageErro
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted, size_text
 from drcli.bucket.s3_errors import error_code
+from drcli.convert.droa_rules import check_description, check_name, package_problems
 from drcli.outside.droa.droa_api import Droa, RemoteModel, text_at
 from drcli.outside.droa.droa_package import is_wanted
-from drcli.outside.droa.droa_rules import check_description, check_name, package_problems
 from drcli.outside.droa.droa_session import DroaSession, aws_client, aws_failure
 from drcli.outside.web_request import polls
 

@@ -6,13 +6,9 @@ from pathlib import Path
 from drcli.base.archive import read_packed, unpack_archive
 from drcli.base.errors import SettingsError, shown
 from drcli.base.files import is_left_behind
+from drcli.convert.droa_rules import MOST_BYTES
 
 Files = dict[str, bytes]
-MOST_BYTES = 1024**3
-"""Source: deepracer-on-aws."""
-
-MOST_FILES = 1_000
-"""The importer reads one page of a list."""
 
 _SKIPPED_ENDS = (".gz", ".zip")
 

@@ -30,6 +30,7 @@ from drcli.config import secret_environment
 from drcli.config.run_config import DriveConfig
 from drcli.model.keys import REWARD_FUNCTION_FILE
 from drcli.records.job import LOG_ENCODING, PROCESS_TUNING
+from drcli.rewards.course import Course
 from drcli.rewards.source import source_line, stuck_place
 
 # The sandbox's request and result, as JSON files.
@@ -57,8 +58,7 @@ REMEDIES: dict[FailureKind, str] = {
     "signature": "Write `def reward_function(params):` with a `return` on every path.",
     "undefined": "Correct the name, or give it a value before that line.",
     "raises": "Correct that line: a training ends where it fails.",
-    "type": "Return a number on every path, as in `return float(reward)`: a path without `return` "
-    "gives None.",
+    "type": "Return a number on every path, as in `return float(reward)`.",
     "range": "Return a finite number between -100000 and 100000; guard divisions and logarithms.",
     "endless": "Look for a loop that does not end, or an operation that takes too long: a call may "
     "take 5 s.",
@@ -67,7 +67,7 @@ REMEDIES: dict[FailureKind, str] = {
     "replaces": "Give your own function another name.",
 }
 
-_REQUEST_FILE, _RESULT_FILE = "request.json", "result.json"
+_REQUEST_FILE, _COURSE_FILE, _RESULT_FILE = "request.json", "course.json", "result.json"
 
 
 @dataclass(frozen=True)
@@ -80,22 +80,27 @@ class SandboxRequest:
         repeated: Sequences that are called again.
         races: Their samples come first.
         drives: Drives them too.
+        drive: Drives this race, and tells its course.
         metadata: model_metadata.json, for the actions.
+        hyperparameters: Their file, whose discount is asked for.
     """
 
     name: str
     sequences: list[list[dict[str, Any]]] = field(default_factory=list)
-    waypoints: list[list[list[float]]] = field(default_factory=list)
+    waypoints: list[list[tuple[float, float]]] = field(default_factory=list)
     repeated: SafeInt = 0
     races: list[DriveConfig] | None = None
     drives: bool = False
+    drive: DriveConfig | None = None
     metadata: str = ""
+    hyperparameters: str | None = None
     call_s: Seconds = 5.0
     load_s: Seconds = 60.0
 
     def encode(self) -> bytes:
         """One line."""
-        return json.dumps(vars(self), default=json_default).encode()
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        return json.dumps(given, default=json_default).encode()
 
     @staticmethod
     def decode(data: bytes) -> "SandboxRequest":
@@ -209,6 +214,7 @@ class SandboxResult(JsonRecord):
         problems: Worlds and races that cannot be loaded.
         values: The samples last; None if it failed or was not made.
         returned: Calls by type.
+        discount: Weight of a reward that comes one step later.
         counted: Samples, or all without samples.
         random: Differs when the same calls are repeated.
         memory: Differs with another order of episodes.
@@ -222,6 +228,7 @@ class SandboxResult(JsonRecord):
     values: list[list[float | None]] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     returned: dict[str, SafeInt] = field(default_factory=dict)
+    discount: float = 1.0
     line: SafeInt | None = None
     timing: Timing | None = None
     calls: SafeInt = 0
@@ -245,6 +252,19 @@ class SandboxResult(JsonRecord):
             return SandboxResult.decode((folder / _RESULT_FILE).read_bytes())
         except FileNotFoundError:
             return None
+
+
+def write_course(course: Course, folder: Path) -> None:
+    text = json.dumps(course, default=vars)  # `asdict` would copy every number
+    (folder / _COURSE_FILE).write_text(text, "utf-8")
+
+
+def read_course(folder: Path) -> Course | None:
+    """None if not written; RecordError if overwritten."""
+    try:
+        return decode_json(Course, (folder / _COURSE_FILE).read_bytes())
+    except FileNotFoundError:
+        return None
 
 
 SANDBOX = "drcli.rewards.sandbox.sandbox_process"
@@ -328,7 +348,7 @@ def _started(
     plain, _ = secret_environment.split(os.environ)
     return subprocess.Popen(
         # -P: files of the working folder must not be taken for modules of that name.
-        [sys.executable, "-P", "-m", SANDBOX, *arguments],
+        [sys.executable, "-P", "-m", "drcli.base.start_module", SANDBOX, *arguments],
         cwd=directory,
         env={**PROCESS_TUNING, **plain, **LOG_ENCODING},
         stdin=stream,
@@ -339,7 +359,10 @@ def _started(
 
 
 class Sandbox:
-    """A context manager that ends it and all that it has started."""
+    """A context manager that ends it and all that it has started.
+
+    `course` is there with the result if it was asked to drive and could.
+    """
 
     def __init__(
         self,
@@ -351,6 +374,7 @@ class Sandbox:
         grid_only: bool = False,
     ) -> None:
         """`grid_only`: a server makes only the calls of the last sequence."""
+        self.course: Course | None = None
         self._request = request
         self._scratch = tempfile.TemporaryDirectory(prefix="dr-reward-")
         self._folder = Path(self._scratch.name)
@@ -395,6 +419,7 @@ class Sandbox:
         trace = faults.read_text("utf-8", "replace") if faults.is_file() else ""
         try:
             result = SandboxResult.read(self._folder)
+            self.course = read_course(self._folder)
         except RecordError as why:
             what = f"The reward function has overwritten the result of the sandbox: {why}."
             return SandboxResult(failures=[Failure("ends", what)])
@@ -420,5 +445,6 @@ class Sandbox:
         _, line = stuck_place(trace)
         source = source_line(self._copy, line)
         failure = Failure(kind, f"The reward function {what}.", line or None, source)
-        values: list[list[float | None]] = [[None] * len(c) for c in self._request.sequences]
+        sequences = self._request.sequences if self.course is None else self.course.sequences
+        values: list[list[float | None]] = [[None] * len(calls) for calls in sequences]
         return SandboxResult(problems=result.problems, failures=[failure], values=values)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drcli.base.errors import Problem, ProblemsError
 from drcli.config.run_config import DriveConfig
 from drcli.drive.build_race import MAX_EPISODE_STEPS, SLACK, load_race, load_world, race_warnings
+from drcli.rewards.course import LATE
 from drsim.car.actions import DEFAULT_ACTIONS, Actions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.params import Situation, params_of
@@ -28,7 +29,7 @@ _TURNED_DEG = (1.7, -0.6, 4.3, -2.9)
 
 Floats = NDArray[np.float64]
 
-FIRST_UNUSUAL = LATE = -6
+FIRST_UNUSUAL = LATE - 1
 _PACE_MPS, _SLOWEST_MPS = 1.5, 0.5
 _FIRST_M = 0.14
 """From the start to the place of an episode's first call."""
@@ -70,7 +71,7 @@ def sample_races(
 def sample_params(
     track: Track, race: Race = TIME_TRIAL, actions: Actions | None = None
 ) -> list[RewardParams]:
-    """Parameters of a lap for each offset, then six states of long trainings.
+    """Parameters of a lap for each offset, then states of long trainings.
 
     Each place has two calls, the second a step after the first, as in a training; `is_sudden` tells
     which are first calls. The actions are taken in turn.
@@ -132,12 +133,14 @@ def _choices(actions: Actions | None) -> list[tuple[float, float]]:
 def _unusual(track: Track, samples: Sequence[RewardParams]) -> list[RewardParams]:
     """A very long episode, a day of training, driving back, extreme actions, the wrong way.
 
-    Few trainings meet them, so failures only there do not refuse a start.
+    Few trainings meet them, so failures only there do not refuse a start. The first has the call
+    before it too: what is paid for the progress since then is no more than in a short episode.
     """
-    usual = samples[POSITIONS + 1]
+    before, usual = samples[POSITIONS : POSITIONS + 2]
     slow_lap_s = track.length_m / _SLOWEST_MPS
     longest = min(MAX_EPISODE_STEPS, math.ceil(SLACK * slow_lap_s * CONTROL_HZ))
     return [
+        {**before, "steps": longest - 1.0, "sim_time": (longest - 1) / CONTROL_HZ},
         {**usual, "steps": float(longest), "sim_time": longest / CONTROL_HZ},
         {**usual, "sim_time": 86_400.0},
         {**usual, "progress": -0.5},

@@ -28,11 +28,13 @@ from typing import NamedTuple, NoReturn, TextIO
 
 from drcli.base.early_process import Divided
 from drcli.base.errors import Problem, ProblemsError
-from drcli.base.processes import keep_descendants
+from drcli.base.installation import lazy_imports
+from drcli.base.processes import keep_descendants, search_as_usual
 from drcli.base.system_calls import limit_data
 from drcli.config.run_config import DriveConfig
 from drcli.drive.reward_access import confine_reward
 from drcli.model.keys import REWARD_FUNCTION_FILE
+from drcli.rewards.course import Call, Course, each_race
 from drcli.rewards.sandbox.run_sandbox import (
     FAULTS_FILE,
     SERVES,
@@ -44,6 +46,7 @@ from drcli.rewards.sandbox.run_sandbox import (
     SandboxRequest,
     SandboxResult,
     Timing,
+    write_course,
 )
 from drcli.rewards.sandbox.sample_calls import is_sudden, sample_races, state_of
 from drcli.rewards.sandbox.shared_state import (
@@ -53,11 +56,15 @@ from drcli.rewards.sandbox.shared_state import (
     SharedStateTrial,
     copied,
 )
-from drcli.rewards.scripted_drive import drive, each_race, read_actions
+from drcli.rewards.scripted_drive import drive, read_actions
+from drcli.rewards.track_grid import DrivenCourse
 from drsim.car.actions import Actions
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
 from drsim.errors import RewardError
+
+with lazy_imports():
+    from drcli.model.files import hyperparameters
 
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
 _GRACE_S = 2.0
@@ -70,27 +77,62 @@ Values = dict[CallIndex, float | None]
 
 
 class Calls(NamedTuple):
-    """Episodes, `driven` of them driven; then the samples of races."""
+    """Episodes, `driven` of them driven; then the samples of races.
 
-    sequences: Sequence[Sequence[RewardParams]]
+    The first `repeated` are called again, `placed` have places instead of a drive; `course` is the
+    one that was driven.
+    """
+
+    sequences: Sequence[Sequence[Call]]
     driven: int
     races: Sequence[str]
     problems: list[Problem]
+    repeated: int
+    placed: range
+    course: Course | None = None
+    discount: float = 1.0
 
 
 def calls_of(request: SandboxRequest) -> Calls:
-    waypoints = [[(x, y) for x, y in points] for points in request.waypoints]
-    sequences = [
-        [{**params, "waypoints": waypoints[params["is_reversed"]]} for params in calls]
-        for calls in request.sequences
-    ]
-    if request.races is None:
-        return Calls(sequences, len(sequences), [], [])
+    """Raises ProblemsError if the race to drive cannot be loaded."""
     actions = read_actions(request.metadata.encode() or None)
+    sent, waypoints, repeated = request.sequences, request.waypoints, request.repeated
+    course = None
+    if request.drive is not None:
+        course = DrivenCourse.of(drive(request.drive, actions)).course
+        sent, waypoints, repeated = course.sequences, course.waypoints, len(course.trips)
+    sequences = [
+        [{**call, "waypoints": waypoints[call["is_reversed"]]} for call in calls] for calls in sent
+    ]
+    driven = Calls(
+        sequences,
+        len(sequences),
+        [],
+        [],
+        repeated,
+        range(repeated, len(sequences)),
+        course,
+        _discount_of(request.hyperparameters),
+    )
+    if request.races is None:
+        return driven
     if request.drives:
         sequences += _driven(request.races, actions)
     samples, races, problems = sample_races(request.races, actions)
-    return Calls([*sequences, *samples], len(sequences), races, problems)
+    return driven._replace(
+        sequences=[*sequences, *samples], driven=len(sequences), races=races, problems=problems
+    )
+
+
+def _discount_of(file: str | None) -> float:
+    """The default for a file with faults, which other checks tell."""
+    if file is None:
+        return 1.0
+    with contextlib.suppress(ProblemsError):
+        if file:
+            return hyperparameters.Hyperparameters.from_bytes(file.encode()).discount_factor
+    default: float = hyperparameters.Hyperparameters.model_fields["discount_factor"].default
+    return default
 
 
 def _driven(races: Sequence[DriveConfig], actions: Actions | None) -> Iterator[list[RewardParams]]:
@@ -122,8 +164,11 @@ class _Passes:
         self._file = file
         self._calls = calls.sequences
         self._driven = calls.driven
+        self._repeated = calls.repeated
+        self._placed = calls.placed
         self._races = calls.races
         self._problems = calls.problems
+        self._discount = calls.discount
         self._counting = True
         self._faults = faults
         self._effects = Effects(str(file))
@@ -156,7 +201,7 @@ class _Passes:
         if self._discards and len(self._discards) == len(values):
             self._record(*self._discards[0])  # every episode is broken: nothing can be learned
         random = memory = None
-        repeated = [where for where in driven if where.sequence < self._request.repeated]
+        repeated = [where for where in driven if where.sequence < self._repeated]
         if values and repeated and not self._hangs:
             random = self._difference(values, repeated)
             # The episodes in reverse order. To remember something within one is fine.
@@ -177,6 +222,7 @@ class _Passes:
             ],
             failures=list(self._failures.values()),
             returned=dict(self._returned),
+            discount=self._discount,
             line=self._line,
             timing=_timing(self._took_s),
             calls=len(values),
@@ -308,7 +354,7 @@ class _Passes:
     def _is_unusual(self, where: CallIndex, kind: FailureKind) -> bool:
         """Rewards of places also depend on the way there, which the drive shows."""
         if where.sequence < self._driven:
-            return len(self._request.sequences) > where.sequence >= self._request.repeated
+            return where.sequence in self._placed
         if kind == "range" and self._driven:
             return True
         return is_sudden(where.index, len(self._calls[where.sequence]))
@@ -383,12 +429,14 @@ def _serve(parent_pid: int) -> tuple[Path, bool]:
 
 
 def main(place: str, parent_pid: int) -> None:
-    folder, request, calls, grid_only = Path(place), None, None, False
+    folder, request, calls = Path(place), None, None
     if place == SERVES:
         request = SandboxRequest.decode(sys.stdin.buffer.readline())
         calls = calls_of(request)
         own = os.getpid()
         folder, grid_only = _serve(parent_pid)
+        if grid_only:
+            calls = Calls([calls.sequences[len(request.sequences) - 1]], 1, [], [], 0, range(1))
         parent_pid = own
     keep_descendants(parent_pid)
     faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
@@ -405,15 +453,19 @@ def main(place: str, parent_pid: int) -> None:
     signal.signal(signal.SIGPROF, signal.SIG_IGN)
     limit_data(_MEMORY_BYTES)
     request = request or SandboxRequest.read(folder)
-    calls = calls or calls_of(request)
-    if grid_only:
-        request = replace(request, repeated=0)
-        calls = Calls([calls.sequences[len(request.sequences) - 1]], 1, [], [])
     file = folder / REWARD_FUNCTION_FILE
+    try:
+        calls = calls or calls_of(request)
+    except ProblemsError as error:
+        SandboxResult(problems=[*error.problems]).write(folder)
+        ends_at_once(0)
+    if calls.course is not None:
+        write_course(calls.course, folder)
     result = SandboxResult(problems=calls.problems, finished=not file.exists())
     result.write(folder)
     if not result.finished:
         confine_reward(folder)
+        search_as_usual()
         try_function(request, file, calls, faults).write(folder)
     ends_at_once(0)  # does not wait for threads of the racer's code
 

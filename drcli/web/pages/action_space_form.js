@@ -9,12 +9,6 @@ import { useAction } from "/store.js";
 import { html, useRef, useState } from "/ui.js";
 
 const PATH = "/api/metadata";
-const NETWORKS = {
-  DEEP_CONVOLUTIONAL_NETWORK_SHALLOW: "shallow, of the reference",
-  DEEP_CONVOLUTIONAL_NETWORK: "middle, of the reference",
-  DEEP_CONVOLUTIONAL_NETWORK_DEEP: "deep, of the reference",
-  COMPACT_CONVOLUTIONAL_NETWORK: "compact: learns fastest",
-};
 const DEFAULTS = {
   sensor: ["FRONT_FACING_CAMERA"],
   training_algorithm: "clipped_ppo",
@@ -86,7 +80,7 @@ export function SensorStep({ metadata }) {
           onChange=${(name) => sense(camera, name)} help="Sees other cars and boxes behind and beside the car; a time trial does not need it." />
         <${SelectField} label="Algorithm" data-key="training_algorithm" options=${named(facts.algorithms, facts.words)} value=${now.training_algorithm}
           onChange=${(name) => set("training_algorithm", name)} help="PPO is steady and the usual choice. SAC learns from every step again and needs a continuous action space." />
-        <${SelectField} label="Network" data-key="neural_network" options=${named(facts.networks, NETWORKS)} value=${now.neural_network} onChange=${(name) => set("neural_network", name)} />
+        <${SelectField} label="Network" data-key="neural_network" options=${named(facts.networks, facts.words)} value=${now.neural_network} onChange=${(name) => set("neural_network", name)} />
       </div>
     <//>`;
 }

@@ -63,8 +63,7 @@ export function EpisodeChooser({ chosen, link, action }) {
     if (!stored.value) return wait(`The stored episodes of ${model} are listed …`);
     if (!trace)
       return html`<${Empty} text=${`${model} has no stored episodes: it was neither trained nor evaluated here, or its traces were deleted (DR_TRAIN_TRACES_MAX_MB).`}>
-        <a class="button" href=${`#/model?${new URLSearchParams({ prefix: model })}`}>Open the model</a>
-        to evaluate it, or run <code>dr-evaluate</code><//>`;
+        <a class="button" href=${`#/model?${new URLSearchParams({ prefix: model })}`}>Open the model</a> to evaluate it<//>`;
     if (!opened.value)
       return wait("The episodes are read; the first time this takes some seconds …");
     return html`${opened.value.notes.map((note) => html`<p key=${note} class="problem">${note}</p>`)}

@@ -126,23 +126,6 @@ export const SelectField = ({ options, value, onChange, ...more }) => html`
       return html`<option key=${key} value=${key}>${text}</option>`;
     })}</select>`} />`;
 
-const sentence = (text) => (/[.!?]$/.test(text) ? text : `${text}.`);
-const wordOf = (facts, text) =>
-  facts.choices.find((word) => word.toLowerCase() === text.toLowerCase());
-
-/** What a field of a setting begins with. */
-export function settingStart(facts) {
-  if (facts.secret) return "";
-  const text = facts.written ?? facts.value ?? "";
-  if (isFlag(facts, text)) return /^(true|1|yes|on|t|y)$/i.test(text) ? "True" : "False";
-  return isChoice(facts, text) ? (wordOf(facts, text) ?? text) : text;
-}
-// A value such as $NAME is shown as text.
-const isFlag = (facts, text) =>
-  facts.kind === "flag" && /^(true|false|1|0|yes|no|on|off|t|f|y|n)?$/i.test(text);
-const isChoice = (facts, text) =>
-  facts.kind === "choice" && (text === "" || Boolean(wordOf(facts, text)));
-
 /**
  * A field for one setting of /api/settings.
  * @param {{facts: Object, value: string, onInput: (text: string) => void, label?: string, places?: boolean, problems?: Object[], hidden?: boolean}} props
@@ -156,40 +139,16 @@ export function SettingField({
   places = false,
   ...more
 }) {
-  const text = facts.written ?? facts.value ?? "";
-  const flag = isFlag(facts, text);
-  const choice = isChoice(facts, text);
-  const help = [
-    sentence(facts.meaning),
-    !flag && !choice && facts.kind !== "text" && `Allowed: ${facts.expected}.`,
-    facts.default && !facts.secret && `Default: ${facts.default}.`,
-    places &&
-      (facts.source === "default" ? "Not set, so the default counts." : `From ${facts.source}.`),
-    places &&
-      facts.written?.includes("$") &&
-      !facts.secret &&
-      `Filled in: ${facts.value || "empty"}.`,
-    facts.environment &&
-      `The environment of the console sets it and overrides the files; \`unset ${facts.name}\` and \`dr console restart\` take that back.`,
-    facts.effect !== "used" && `No effect here: ${facts.reason}.`,
-  ];
   const common = {
     label: label === facts.name ? label : html`${label}<code class="quiet"> ${facts.name}</code>`,
-    help: help.filter(Boolean).join(" "),
+    help: places ? `${facts.help} ${facts.origin}` : facts.help,
     value,
     "data-key": facts.name,
     ...more,
   };
-  if (flag || choice) {
-    const options = flag
-      ? [
-          ["True", "Yes (True)"],
-          ["False", "No (False)"],
-        ]
-      : facts.choices;
-    return html`<${SelectField} ...${common} options=${options} onChange=${onInput} />`;
-  }
-  return html`<${TextField} ...${common} numeric=${facts.kind === "whole" || facts.kind === "number"} onInput=${onInput}
+  if (facts.kind === "flag" || facts.kind === "choice")
+    return html`<${SelectField} ...${common} options=${facts.choices} onChange=${onInput} />`;
+  return html`<${TextField} ...${common} numeric=${facts.kind === "number"} onInput=${onInput}
     type=${facts.secret ? "password" : "text"} placeholder=${facts.secret ? (facts.set ? "set; not shown" : "not set") : null} />`;
 }
 

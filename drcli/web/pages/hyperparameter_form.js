@@ -6,11 +6,6 @@ import { BrokenFile, Step, useFileSaving } from "/steps.js";
 import { html } from "/ui.js";
 
 const PATH = "/api/hyperparameters";
-const USUAL = [
-  ...["batch_size", "num_epochs", "lr", "beta_entropy", "discount_factor", "loss_type"],
-  ...["num_episodes_between_training", "exploration_type", "training_method"],
-];
-
 const textOf = (value) =>
   (value ?? null) === null ? "" : typeof value === "string" ? value : JSON.stringify(value);
 
@@ -24,37 +19,25 @@ function valueOf({ kind }, text) {
   return word;
 }
 
-const limitsOf = ({ low, high }) =>
-  low === null ? "" : high === null ? `${low} or more.` : `From ${low} to ${high}.`;
-
 function KeyField({ about, value, onInput, problems, hidden }) {
-  const left = `left out: ${about.left_out}`;
-  const options = about.kind === "flag" ? ["true", "false"] : about.choices;
-  const shipped = about.shipped ? `Shipped: ${about.shipped}.` : "";
-  const texts = [
-    [about.lower ? "Higher" : "Effect", about.higher],
-    ["Lower", about.lower],
-    ["Advice", about.advice],
-  ].filter(([, text]) => text);
+  const { key, choices, effects, left_out: left } = about;
   const common = {
-    label: html`<code>${about.key}</code>`,
-    help: [about.meaning, limitsOf(about), shipped, !about.effect && "No effect."]
-      .filter(Boolean)
-      .join(" "),
+    label: html`<code>${key}</code>`,
+    help: about.help,
     value,
     problems,
     hidden,
-    "data-key": about.key,
+    "data-key": key,
   };
   const more =
-    texts.length > 0 &&
+    effects.length > 0 &&
     html`<details class="small">
-      <summary>What a change of ${about.key} does</summary>
-      <dl>${texts.map(([name, text]) => html`<dt>${name}</dt><dd>${text}</dd>`)}</dl>
+      <summary>What a change of ${key} does</summary>
+      <dl>${effects.map(([name, text]) => html`<dt>${name}</dt><dd>${text}</dd>`)}</dl>
     </details>`;
-  if (!options.length)
+  if (!choices.length)
     return html`<${TextField} ...${common} numeric=${true} placeholder=${left} onInput=${onInput}>${more}<//>`;
-  const known = [["", left], ...options, ...(value && !options.includes(value) ? [value] : [])];
+  const known = [["", left], ...choices, ...(value && !choices.includes(value) ? [value] : [])];
   return html`<${SelectField} ...${common} options=${known} onChange=${onInput}>${more}<//>`;
 }
 
@@ -87,8 +70,6 @@ export function HyperparameterStep({ facts, reload, folder, algorithm, saved }) 
     const { [about.key]: _, ...others } = edits;
     draft.set(text === start(about) ? others : { ...others, [about.key]: text });
   };
-  const isUsual = ({ key, algorithms }) =>
-    USUAL.includes(key) || algorithms.some((name) => key.startsWith(`${name}_`));
   const field = (
     about,
   ) => html`<${KeyField} key=${about.key} about=${about} value=${edits[about.key] ?? start(about)}
@@ -100,10 +81,10 @@ export function HyperparameterStep({ facts, reload, folder, algorithm, saved }) 
       hint="How the model learns. An empty field leaves the key out of hyperparameters.json."
       problems=${problems.filter((each) => !known.has(each.key))}>
       <${BrokenFile} facts=${facts} path=${PATH} again=${reload} />
-      <div class="fields">${facts.keys.filter(isUsual).map(field)}</div>
+      <div class="fields">${facts.keys.filter(({ usual }) => usual).map(field)}</div>
       <details>
         <summary>All other hyperparameters</summary>
-        <div class="fields">${facts.keys.filter((about) => !isUsual(about)).map(field)}</div>
+        <div class="fields">${facts.keys.filter(({ usual }) => !usual).map(field)}</div>
       </details>
     <//>`;
 }

@@ -195,7 +195,7 @@ export function State({ runId, run, rows, elsewhere, folder }) {
     const restart =
       own || !about
         ? ""
-        : `Resume it with \`DR_RUN_ID=${runId} dr-start-training --resume\`: in the settings, DR_RUN_ID is ${about.run_id}.`;
+        : `To resume it, set DR_RUN_ID to ${runId} on the page “Settings”; it is ${about.run_id} there.`;
     sentence = `${head} ${rows.length ? done(rows.length) : ""}`;
     hint = resuming
       ? "It is being started."

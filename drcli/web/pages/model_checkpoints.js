@@ -23,8 +23,8 @@ const Marks = ({ entry }) =>
     .filter(Boolean)
     .map(([text, about]) => html`<span class="model-badge" title=${about}>${text}</span> `);
 
-/** @param {{value: any, error: any, actions: Object}} props the answer of /api/model/checkpoints */
-export function Checkpoints({ value, error, actions }) {
+/** @param {{value: any, error: any, action: Function}} props the answer of /api/model/checkpoints */
+export function Checkpoints({ value, error, action }) {
   if (error)
     return error.code === 3
       ? html`<${Empty} text=${`${error.message} ${error.remedy}`} />`
@@ -33,7 +33,8 @@ export function Checkpoints({ value, error, actions }) {
   const { checkpoints, damaged, milestones, not_reached: missing } = value;
   const broken = checkpoints.some((each) => each.problem);
   const rows = [...checkpoints].reverse().map((each) => {
-    const given = [String(each.number)];
+    const act = (name, text) =>
+      html`<${Act} action=${action(name, { checkpoint: String(each.number) })} text=${text} />`;
     return [
       String(each.number),
       html`<${Marks} entry=${each} />`,
@@ -42,8 +43,7 @@ export function Checkpoints({ value, error, actions }) {
       lapTime(each.median_s),
       lapTime(each.best_lap_s),
       bytes(each.size_bytes),
-      html`<span class="actions"><${Act} action=${actions.evaluate} given=${given} text="Evaluate" /><${Act} action=${actions.clone} given=${given} text="Clone" />
-        <${Act} action=${actions.submit} given=${given} text="Submit" /><${Act} action=${actions.download} given=${given} text="Download" /></span>`,
+      html`<span class="actions">${act("evaluate", "Evaluate")}${act("clone", "Clone")} ${act("submit", "Submit")}${act("download", "Download")}</span>`,
       ...(broken ? [each.problem] : []),
     ];
   });

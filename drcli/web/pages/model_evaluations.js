@@ -1,12 +1,11 @@
 // Evaluations: the one that drives now, stored ones with their trials, two side by side, and their videos.
 
-import { ask } from "/ask.js";
 import { SelectField } from "/fields.js";
 import { Worker } from "/live_worker.js";
+import { stopEvaluation } from "/model_actions.js";
 import { Act } from "/model_page.js";
-import { runTask, save } from "/model_tasks.js";
 import { useGet, useTopic } from "/store.js";
-import { lapTime, number, stampText } from "/text.js";
+import { number } from "/text.js";
 import { Empty, Failure, Table, html, useState } from "/ui.js";
 
 const VIEWS = {
@@ -14,45 +13,26 @@ const VIEWS = {
   "camera-45degree": "from behind",
   "camera-topview": "from above",
 };
-const spoken = (word) => word.toLowerCase().replaceAll("_", " ");
-const joined = (parts, by) => parts.filter(Boolean).join(by);
-const known = (value) => (value ?? null) !== null;
-/** How a trial ended; a finished lap may have resets and penalties. */
-const ended = (trial) =>
-  trial.clean ? "Clean lap" : trial.status === "Lap complete" ? "Finished" : trial.status;
-const sum = (each, name) => String(each.trials.reduce((total, trial) => total + trial[name], 0));
-const labelOf = (each) =>
-  joined(
-    [
-      stampText(each.stamp),
-      each.world,
-      each.reverse && "reverse",
-      each.checkpoint && `checkpoint ${each.checkpoint.split("_")[0]}`,
-      `${each.clean_laps} of ${each.trials.length} laps clean`,
-      known(each.best_lap_s) && lapTime(each.best_lap_s),
-    ],
-    " · ",
-  );
 
-/** @param {{prefix: string, path: (name: string) => string, version: any, running: Object[], actions: Object}} props */
-export function Evaluations({ prefix, path, version, running, actions }) {
+/** @param {{prefix: string, path: (name: string) => string, version: any, running: Object[], action: Function}} props */
+export function Evaluations({ prefix, path, version, running, action }) {
   const { value: list, error } = useGet(path("evaluations"), version);
   const [chosen, setChosen] = useState({ one: "", other: "" });
   const stored = list?.evaluations ?? [];
   // A new result is shown at once, unless an older one was chosen.
   const one = stored.find((each) => each.stamp === chosen.one) ?? stored[0];
   const other = stored.find((each) => each.stamp === chosen.other);
-  const options = stored.map((each) => [each.stamp, labelOf(each)]);
+  const options = stored.map((each) => [each.stamp, each.label]);
   const choose = (name) => (stamp) => setChosen({ ...chosen, [name]: stamp });
   return html`
-    ${running.map((each) => html`<${Running} key=${each.stamp} evaluation=${each} actions=${actions} />`)}
+    ${running.map((each) => html`<${Running} key=${each.stamp} prefix=${prefix} evaluation=${each} />`)}
     ${error && html`<${Failure} error=${error} />`}
     ${
       list &&
       !one &&
       !running.length &&
       html`<${Empty} text="This model has no stored evaluation yet.">
-      <${Act} class="main" action=${actions.evaluate} text="Evaluate it" />
+      <${Act} class="main" action=${action("evaluate")} text="Evaluate it" />
     <//>`
     }
     ${
@@ -64,117 +44,53 @@ export function Evaluations({ prefix, path, version, running, actions }) {
       </div>
       ${list.total > stored.length && html`<p class="quiet">The newest ${stored.length} of ${list.total} evaluations are listed.</p>`}
       ${other && other !== one ? html`<${Comparison} one=${one} other=${other} />` : html`<${Single} one=${one} />`}
-      <${Film} key=${one.stamp} prefix=${prefix} path=${path} one=${one} videos=${list.videos} isNewest=${one === stored[0]} />`
+      <${Film} key=${one.stamp} prefix=${prefix} path=${path} one=${one} action=${action} videos=${list.videos} isNewest=${one === stored[0]} />`
     }`;
 }
 
 /** What drives now: camera, map and figures, and a button that ends it. */
-function Running({ evaluation: { stamp, checkpoint, world, started_at: began }, actions }) {
+function Running({ evaluation: { stamp, checkpoint, world, started_at: began }, prefix }) {
   const worker = useTopic("workers").value?.workers.find(
     (each) => each.worker === `evaluation-${stamp}`,
   );
   return html`
     <div class="empty">
       <p role="status">An evaluation has been running since ${new Date(began * 1000).toLocaleTimeString("en-GB")}: ${checkpoint} on ${world}. Its result appears here.</p>
-      <p class="actions"><${Act} class="danger" action=${actions.stopEvaluation} text="Stop it" /></p>
+      <p class="actions"><${Act} class="danger" action=${stopEvaluation(prefix)} text="Stop it" /></p>
     </div>
     ${worker && html`<${Worker} runId=${worker.run_id} name=${worker.worker} facts=${{ world, activity: "", place: "live", car: worker.car }} />`}`;
 }
 
 function Single({ one }) {
   if (one.problem) return html`<div class="problem"><p>${one.problem}</p></div>`;
-  const { off_track_penalty_s: off, collision_penalty_s: hit } = one;
-  const rows = one.trials.map((trial) => [
-    ...[String(trial.trial), trial.time_text, `${number(trial.progress)} %`, ended(trial)],
-    ...[trial.off_track, trial.crashes, trial.resets].map(String),
-  ]);
-  const facts = [
-    one.world && `Track ${one.world}${one.reverse ? ", in reverse" : ""}`,
-    one.race_type && spoken(one.race_type),
-    one.checkpoint && `checkpoint ${one.checkpoint}`,
-    one.summary,
-  ];
   return html`
-    <p>${joined(facts, "; ")}.</p>
-    <${Table} caption="Trials" heads=${["Trial", "Time", "Completed", "Status", "Off-tracks", "Crashes", "Resets"]} rows=${rows} />
-    <p class="quiet fine">Times are those of the simulation, penalties included.${known(off) && ` Leaving the track costs ${number(off, 1)} s, a crash ${number(hit, 1)} s.`}</p>`;
+    <p>${one.about}</p>
+    <${Table} caption="Trials" heads=${["Trial", "Time", "Completed", "Status", "Off-tracks", "Crashes", "Resets"]} rows=${one.rows} />
+    <p class="quiet fine">${one.footnote}</p>`;
 }
 
-/** @type {[string, (each: any) => string, ((each: any) => number)?][]} */
-const FIGURES = [
-  ["Track", (each) => each.world || "–"],
-  ["Direction", (each) => (known(each.reverse) ? (each.reverse ? "reverse" : "as built") : "–")],
-  ["Checkpoint", (each) => each.checkpoint || "–"],
-  ["Clean laps", (each) => `${each.clean_laps} of ${each.trials.length}`],
-  ["Finished laps", (each) => `${each.complete_laps} of ${each.trials.length}`],
-  ["Best clean lap", (each) => lapTime(each.best_lap_s), (each) => each.best_lap_s],
-  [
-    "Mean of finished laps, with penalties",
-    (each) => lapTime(each.mean_lap_s),
-    (each) => each.mean_lap_s,
-  ],
-  ["Off-tracks", (each) => sum(each, "off_track")],
-  ["Crashes", (each) => sum(each, "crashes")],
-  ["Resets", (each) => sum(each, "resets")],
-];
-
 function Comparison({ one, other }) {
-  const names = [stampText(one.stamp), stampText(other.stamp)];
-  const difference = (value) => {
-    const [a, b] = [value?.(one), value?.(other)];
-    return known(a) && known(b) ? `${a - b > 0 ? "+" : "−"}${number(Math.abs(a - b), 3, "s")}` : "";
-  };
-  const trial = (each, k) =>
-    each.trials[k] ? `${each.trials[k].time_text}, ${ended(each.trials[k]).toLowerCase()}` : "–";
+  const names = [one.name, other.name];
+  const figures = one.figures.map(([name, text, seconds], k) => {
+    const [, otherText, otherSeconds] = other.figures[k];
+    const gap = seconds - otherSeconds;
+    const isKnown = seconds !== null && otherSeconds !== null;
+    const difference = isKnown ? `${gap > 0 ? "+" : "−"}${number(Math.abs(gap), 3, "s")}` : "";
+    return [name, text, otherText, difference];
+  });
+  const trial = ({ rows }, k) => (rows[k] ? `${rows[k][1]}, ${rows[k][3].toLowerCase()}` : "–");
   const count = Math.max(one.trials.length, other.trials.length);
   return html`
-    <${Table} caption="Two evaluations" heads=${["Figure", ...names, "Difference"]}
-      rows=${FIGURES.map(([name, text, value]) => [name, text(one), text(other), difference(value)])} />
+    <${Table} caption="Two evaluations" heads=${["Figure", ...names, "Difference"]} rows=${figures} />
     <${Table} caption="Their trials" heads=${["Trial", ...names]}
       rows=${Array.from({ length: count }, (_, k) => [String(k + 1), trial(one, k), trial(other, k)])} />
     ${one.world && other.world && one.world !== other.world && html`<p class="quiet">The tracks differ, so times cannot be compared.</p>`}`;
 }
 
-function Film({ prefix, path, one, videos, isNewest }) {
+function Film({ prefix, path, one, action, videos, isNewest }) {
   const own = videos.filter((name) => name === `evaluation-${one.stamp}/video.mp4`);
   const names = [...own, ...(isNewest ? videos.filter((name) => name.startsWith("mp4/")) : [])];
   const [chosen, setChosen] = useState("");
-  const film = async () => {
-    const values = await ask({
-      title: `Make a video of the evaluation of ${stampText(one.stamp)}`,
-      action: "Make the video",
-      intro: html`<p>The video is drawn from the stored steps; a minute of driving takes some minutes.</p>`,
-      fields: [
-        {
-          name: "episode",
-          label: "What",
-          value: "best",
-          options: [
-            ["best", "the best lap"],
-            ["all", "all laps"],
-            ...one.trials.slice(0, 100).map((trial, k) => [String(k), `trial ${trial.trial}`]),
-          ],
-        },
-        { name: "size", label: "Size", value: "640x480", options: ["640x480", "1280x720"] },
-        {
-          name: "ghosts",
-          label: "Ghosts of other laps",
-          value: "0",
-          options: ["0", "1", "2", "3", "4"],
-        },
-        { name: "explain", label: "Show which pixels move the action", value: false },
-        { name: "download", label: "Only download it; the stored video stays", value: false },
-      ],
-    });
-    if (!values) return;
-    const made = await runTask("/api/model/film", {
-      prefix,
-      stamp: one.stamp,
-      ...values,
-      ghosts: Number(values.ghosts),
-    });
-    if (made?.url) save(made);
-  };
   const query = new URLSearchParams({
     model: prefix,
     trace: `evaluation-${one.stamp}/evaluation-simtrace/0-iteration.csv`,
@@ -183,7 +99,7 @@ function Film({ prefix, path, one, videos, isNewest }) {
   const more =
     one.trace &&
     html`
-    <${Act} action=${film} text=${own.length ? "Make another video" : "Make a video"} />
+    <${Act} action=${action("film", { stamp: one.stamp })} text=${own.length ? "Make another video" : "Make a video"} />
     <a class="button" href=${`#/play?${query}`}>Step by step</a>`;
   if (!names.length)
     return html`<h2>Video</h2><${Empty} text=${
@@ -200,6 +116,6 @@ function Film({ prefix, path, one, videos, isNewest }) {
   return html`
     <h2>Video</h2>
     ${names.length > 1 && html`<${SelectField} label="View" options=${names.map((each) => [each, label(each)])} value=${name} onChange=${setChosen} />`}
-    <video class="model-video" controls preload="metadata" key=${source} src=${source} aria-label=${`Video of the evaluation of ${stampText(one.stamp)}`}></video>
+    <video class="model-video" controls preload="metadata" key=${source} src=${source} aria-label=${`Video of the evaluation of ${one.name}`}></video>
     <p class="actions"><a class="button" href=${`${source}&download`} download="">Download the video</a>${more}</p>`;
 }

@@ -5,39 +5,6 @@ import { BothCurves } from "/model_curves.js";
 import { setQuery, useGet } from "/store.js";
 import { Empty, Failure, Table, html } from "/ui.js";
 
-const RESULTS = {
-  world: "track",
-  elapsed_s: "training time, s",
-  hours: "machine hours",
-  usd: "cost, USD",
-  best_lap_s: "best clean lap, s",
-  best_training_lap_s: "best training lap, s",
-  best_progress: "best progress, %",
-  mean_progress: "mean progress, %",
-};
-const GROUPS = {
-  hyperparameters: "Hyperparameters",
-  settings: "Settings",
-  worker_settings: "Settings of other workers",
-  model: "Model",
-  start: "Start",
-};
-
-const isMissing = (value) => (value ?? "") === "";
-const textOf = (value) =>
-  isMissing(value)
-    ? "(not set)"
-    : typeof value === "object"
-      ? JSON.stringify(value)
-      : String(value);
-const figure = (value) =>
-  isMissing(value)
-    ? "–"
-    : textOf(
-        typeof value === "number" && !Number.isInteger(value) ? Number(value.toFixed(3)) : value,
-      );
-const rowsOf = (object) => Object.entries(object).map(([name, value]) => [name, textOf(value)]);
-
 /** @param {{prefix: string, path: (name: string) => string, version: any, names: string[], other: string | null}} props other: the model to compare with; null for its parent */
 export function Files({ prefix, path, version, names, other }) {
   const { value, error } = useGet(path("files"), version);
@@ -67,12 +34,10 @@ export function Files({ prefix, path, version, names, other }) {
     <${OwnFiles} ...${value} />`;
 }
 
-function OwnFiles({ files, settings, given, versions, machine }) {
-  const own = new Set(given);
-  const all = Object.entries(settings);
-  const rows = (wanted) =>
-    rowsOf(Object.fromEntries(all.filter(([name]) => own.has(name) === wanted)));
+function OwnFiles({ files, given, defaults, machine }) {
   const names = Object.keys(files);
+  const table = (caption, rows) =>
+    html`<${Table} caption=${caption} heads=${["Name", "Value"]} rows=${rows} />`;
   return html`
     <h2>Files</h2>
     ${names.map(
@@ -85,20 +50,13 @@ function OwnFiles({ files, settings, given, versions, machine }) {
     ${!names.length && html`<${Empty} text="The model has no files of its own." />`}
     <h2>Settings of the training</h2>
     ${
-      all.length
+      given.length + defaults.length
         ? html`
-      <${Table} caption="Settings that were set" heads=${["Setting", "Value"]} rows=${rows(true)} />
-      <details><summary>${all.length - own.size} settings at their default</summary>
-        <${Table} caption="Defaults" heads=${["Setting", "Value"]} rows=${rows(false)} />
-      </details>`
+      ${table("Settings that were set", given)}
+      <details><summary>${defaults.length} settings at their default</summary>${table("Defaults", defaults)}</details>`
         : html`<${Empty} text="The settings of this training were not recorded (version 0.1.0 and other programs do not record them)." />`
     }
-    ${
-      Object.keys(machine).length > 0 &&
-      html`<details><summary>Machine and versions</summary>
-      <${Table} caption="Machine and versions" heads=${["What", "Value"]} rows=${rowsOf({ ...machine, ...versions })} />
-    </details>`
-    }`;
+    ${machine.length > 0 && html`<details><summary>Machine and versions</summary>${table("Machine and versions", machine)}</details>`}`;
 }
 
 /** Let the browser keep a text. */
@@ -116,27 +74,23 @@ export const Diff = ({ lines }) =>
   )}</pre>`;
 
 function Differences({ found, other, prefix }) {
-  const rows = (list) => list.map((each) => [each.name, textOf(each.before), textOf(each.after)]);
-  const shown = Object.entries(GROUPS).filter(([key]) => found[key].length);
-  const machine = [...found.versions, ...found.machine];
+  const { Versions: versions, Machine: hardware, ...sections } = found.sections;
+  const shown = Object.entries(sections).filter(([, rows]) => rows.length);
+  const machine = [...versions, ...hardware];
+  const table = (caption, rows) =>
+    html`<${Table} key=${caption} caption=${caption} heads=${[caption, other, prefix]} rows=${rows} />`;
   return html`
     <section aria-label=${`Differences from ${other}`}>
       <h2>Differences from ${other}</h2>
       ${!shown.length && !found.files.length && html`<p>Settings, hyperparameters and files are the same.</p>`}
-      ${shown.map(([key, name]) => html`<${Table} key=${key} caption=${name} heads=${[name, other, prefix]} rows=${rows(found[key])} />`)}
+      ${shown.map(([caption, rows]) => table(caption, rows))}
       ${found.files.map(
         (file) => html`<details open key=${file.name}><summary>${file.name} differs</summary>
         ${file.diff.length ? html`<${Diff} lines=${file.diff} />` : html`<p class="quiet">Its text was not kept.</p>`}
       </details>`,
       )}
       <${BothCurves} prefix=${prefix} other=${other} sameReward=${!found.files.some((file) => file.name === "reward_function.py")} />
-      <${Table} caption="Results" heads=${["Result", other, prefix]}
-        rows=${found.results.map((each) => [RESULTS[each.name] ?? each.name.replaceAll("_", " "), figure(each.before), figure(each.after)])} />
-      ${
-        machine.length > 0 &&
-        html`<details><summary>Versions and machine differ</summary>
-        <${Table} caption="Versions and machine" heads=${["What", other, prefix]} rows=${rows(machine)} />
-      </details>`
-      }
+      ${table("Results", found.results)}
+      ${machine.length > 0 && html`<details><summary>Versions and machine differ</summary>${table("Versions and machine", machine)}</details>`}
     </section>`;
 }

@@ -1,6 +1,6 @@
 // One model: numbers, reward graph, checkpoints, evaluations, files, notes, and what can be done with it.
 
-import { modelActions } from "/model_actions.js";
+import { modelActions, stopEvaluation } from "/model_actions.js";
 import { Checkpoints } from "/model_checkpoints.js";
 import { Evaluations } from "/model_evaluations.js";
 import { Files } from "/model_files.js";
@@ -58,13 +58,7 @@ function Model({ prefix, query }) {
     ...(own && { model: own.model, training: own.training ?? about.value.training }),
   };
   const names = models?.models.map((each) => each.model.prefix) ?? [];
-  const actions = modelActions({
-    prefix,
-    path,
-    about: known,
-    checkpoints: checkpoints.value?.checkpoints ?? [],
-    names,
-  });
+  const action = modelActions(prefix);
   const parts = [
     [
       "overview",
@@ -74,13 +68,13 @@ function Model({ prefix, query }) {
     [
       "checkpoints",
       "Checkpoints",
-      () => html`<${Checkpoints} ...${checkpoints} actions=${actions} />`,
+      () => html`<${Checkpoints} ...${checkpoints} action=${action} />`,
     ],
     [
       "evaluations",
       "Evaluations",
       () =>
-        html`<${Evaluations} prefix=${prefix} path=${path} version=${part("evaluations")} running=${now?.evaluations ?? []} actions=${actions} />`,
+        html`<${Evaluations} prefix=${prefix} path=${path} version=${part("evaluations")} running=${now?.evaluations ?? []} action=${action} />`,
     ],
     [
       "files",
@@ -117,24 +111,24 @@ function Model({ prefix, query }) {
     <div class="actions" role="group" aria-label="What to do with this model">
       ${
         trains
-          ? html`<${Act} key="stop" class="danger" action=${actions.stop} text="Stop the training" />`
-          : html`<${Act} key="resume" action=${actions.resume} text="Resume the training" />`
+          ? html`<${Act} key="stop" class="danger" action=${action("stop")} text="Stop the training" />`
+          : html`<${Act} key="resume" action=${action("start")} text="Resume the training" />`
       }
-      <${Act} class="main" action=${actions.evaluate} text="Evaluate" />
-      ${state.evaluations.length > 0 && html`<${Act} action=${actions.stopEvaluation} text="Stop the evaluation" />`}
-      <${Act} action=${actions.clone} text="Clone" />
-      <${Act} action=${actions.submit} text="Submit to a race" />
-      <${Act} action=${actions.download} text="Download" />
-      <${Act} action=${actions.upload} text="Upload" />
-      <${Act} action=${actions.remove} text="Delete" />
+      <${Act} class="main" action=${action("evaluate")} text="Evaluate" />
+      ${state.evaluations.length > 0 && html`<${Act} action=${stopEvaluation(prefix)} text="Stop the evaluation" />`}
+      <${Act} action=${action("clone")} text="Clone" />
+      <${Act} action=${action("submit")} text="Submit to a race" />
+      <${Act} action=${action("download")} text="Download" />
+      <${Act} action=${action("upload")} text="Upload" />
+      <${Act} action=${action("delete")} text="Delete" />
     </div>
     <${Tabs} label=${`Parts of ${prefix}`} parts=${parts} chosen=${query.get("tab") ?? "overview"} onChoose=${(tab) => setQuery({ tab: tab === "overview" ? "" : tab }, true)} />`;
 }
 
 /** A button of an action of the model; `action` says itself what went wrong. */
-export function Act({ action, text, class: kind = null, given = [] }) {
+export function Act({ action, text, class: kind = null }) {
   const [run, busy] = useAction(action);
-  return html`<${Button} class=${kind} busy=${busy} onClick=${() => run(...given)}>${text}<//>`;
+  return html`<${Button} class=${kind} busy=${busy} onClick=${() => run()}>${text}<//>`;
 }
 
 function Story({ training, trains, note, names }) {

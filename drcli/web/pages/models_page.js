@@ -205,7 +205,7 @@ function Importer() {
     const values = await ask({
       title: "Import a model",
       action: "Import",
-      intro: html`<p>${listed}. It can be an archive of a console, of DeepRacer on AWS or of the car (.tar.gz), a frozen graph (.pb) with its model_metadata.json, or an .onnx of dr-export.</p>`,
+      intro: html`<p>${listed}. It can be an archive of a console, of DeepRacer on AWS or of the car (.tar.gz), a frozen graph (.pb) with its model_metadata.json, or an .onnx file that a model was downloaded as.</p>`,
       fields: [
         {
           name: "prefix",

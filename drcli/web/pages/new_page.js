@@ -16,45 +16,6 @@ import { Failure, Prose, html, useEffect, useMemo, useRef, useState } from "/ui.
 
 export const title = "New training";
 
-const RACE = {
-  DR_TRAIN_WORLDS: "Further tracks that are trained",
-  DR_TRAIN_EVAL_WORLD: "Tracks for evaluation only",
-  DR_RACE_TYPE: "Race type",
-  DR_TRAIN_REVERSE_DIRECTION: "Against the direction of the track",
-  DR_TRAIN_ALTERNATE_DRIVING_DIRECTION: "Turn round after every episode",
-  DR_TRAIN_CHANGE_START_POSITION: "Start each episode further along the track",
-  DR_OA_NUMBER_OF_OBSTACLES: "Number of boxes",
-  DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES: "Least distance between boxes, m",
-  DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS: "Move the boxes in each episode",
-  DR_OA_IS_OBSTACLE_BOT_CAR: "Parked cars instead of boxes",
-  DR_OA_OBJECT_POSITIONS: "Fixed positions",
-  DR_H2B_NUMBER_OF_BOT_CARS: "Number of bots",
-  DR_H2B_BOT_CAR_SPEED: "Speed of the bots, m/s",
-  DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS: "Least distance between bots, m",
-  DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS: "Put bots elsewhere in each episode",
-  DR_H2B_IS_LANE_CHANGE: "Bots change lanes",
-  DR_H2B_LOWER_LANE_CHANGE_TIME: "Least time between lane changes, s",
-  DR_H2B_UPPER_LANE_CHANGE_TIME: "Greatest time between lane changes, s",
-};
-const MODEL = {
-  DR_LOCAL_S3_MODEL_PREFIX: "Name of the model",
-  DR_MODEL_DESCRIPTION: "Description",
-  DR_LOCAL_S3_PRETRAINED: "Begin with the weights of another model",
-  DR_LOCAL_S3_PRETRAINED_PREFIX: "That model",
-  DR_LOCAL_S3_PRETRAINED_CHECKPOINT: "Its checkpoint",
-};
-const STOP = {
-  DR_TRAIN_MAX_MINUTES: "Minutes",
-  DR_TRAIN_MAX_ITERATIONS: "Iterations",
-  DR_TRAIN_MAX_EPISODES: "Training episodes",
-  DR_TRAIN_MAX_STEPS: "Steps",
-  DR_TRAIN_STOP_PROGRESS: "Mean progress of evaluations, %",
-  DR_TRAIN_STOP_EVALUATIONS: "For so many evaluations in a row",
-  DR_TRAIN_STOP_LAP_TIME: "Mean lap time of evaluations, s",
-  DR_MAX_COST: "Cost, USD",
-  DR_SPOT_PRICE: "Price of this machine, USD per hour",
-  DR_TRAIN_EVAL_LAPS: "Evaluation laps per checkpoint",
-};
 const ORDER = [
   "model",
   "race",
@@ -118,6 +79,7 @@ const lead = (problem) => leadTo(problem) || toSettings(problem);
 
 function Form({ parts, reload, query }) {
   const { form } = parts;
+  const { steps: labels } = form;
   const steps = useRef(new Map());
   const versions = useRef(form.versions);
   const [dirty, setDirty] = useState({});
@@ -127,16 +89,16 @@ function Form({ parts, reload, query }) {
     steps.current.set(id, step);
     if (Boolean(dirty[id]) !== step.dirty) setDirty((before) => ({ ...before, [id]: step.dirty }));
   };
-  const settings = (name, labels) => ({
-    ...{ form, versions, draftName: name, names: Object.keys(labels) },
+  const settings = (name) => ({
+    ...{ form, versions, draftName: name, names: Object.keys(labels[name]) },
     saved: async () => {
       await reload("form");
       changed();
     },
   });
-  const model = useSettings(settings("model", MODEL));
-  const race = useSettings(settings("race", { DR_WORLD_NAME: "", ...RACE }));
-  const stop = useSettings(settings("stop", STOP));
+  const model = useSettings(settings("model"));
+  const race = useSettings(settings("race"));
+  const stop = useSettings(settings("stop"));
   const of = (name) => ({ reload: () => reload(name), folder: form.directory, saved: changed });
   const metadata = useMetadata({ facts: parts.metadata, ...of("metadata") });
 
@@ -178,8 +140,8 @@ function Form({ parts, reload, query }) {
       ([each, prefix]) => name.startsWith(prefix) && each !== kind,
     );
   const pretrained = model.value("DR_LOCAL_S3_PRETRAINED") === "True";
-  const fields = (edits, labels, hidden = (_name) => false) =>
-    html`<div class="fields">${Object.entries(labels)
+  const fields = (edits, step, hidden = (_name) => false) =>
+    html`<div class="fields">${Object.entries(labels[step])
       .filter(([name]) => edits.facts.has(name))
       .map(([name, label]) => edits.field(name, { label, hidden: hidden(name) }))}</div>`;
   const frame = (id, heading, edits, hint, content) => html`
@@ -204,7 +166,7 @@ function Form({ parts, reload, query }) {
             "The name is the folder of the model in the bucket: letters, digits and . _ - /. Give each training a new name.",
             fields(
               model,
-              MODEL,
+              "model",
               (name) => name.startsWith("DR_LOCAL_S3_PRETRAINED_") && !pretrained,
             ),
           )}
@@ -216,7 +178,7 @@ function Form({ parts, reload, query }) {
             html`
             <${TrackPicker} found=${parts.tracks} chosen=${race.value("DR_WORLD_NAME")} further=${race.value("DR_TRAIN_WORLDS")}
               onChoose=${(name) => race.set("DR_WORLD_NAME", name)} onFurther=${(words) => race.set("DR_TRAIN_WORLDS", words)} />
-            ${fields(race, { DR_WORLD_NAME: "Name of the track", ...RACE }, isOther)}
+            ${fields(race, "race", isOther)}
             <p role="status">${KIND_NOTES[kind]}</p>`,
           )}
           <${SensorStep} metadata=${metadata} />
@@ -228,7 +190,7 @@ function Form({ parts, reload, query }) {
             "Stop conditions",
             stop,
             "The training ends as soon as one of them is met; 0 or empty is no limit. It can be stopped by hand at any time, and resumed. A number of laps is asked for at the start, in step 9.",
-            fields(stop, STOP),
+            fields(stop, "stop"),
           )}
           <${ValidateStep} number=${NUMBERS.validate} saveAll=${saveAll} lead=${lead} />
           <${StartStep} number=${NUMBERS.start} saveAll=${saveAll} lead=${lead} changes=${changes} />
@@ -237,7 +199,7 @@ function Form({ parts, reload, query }) {
     </div>`;
 }
 
-/** A folder without run.env: write the files that `dr-init` writes, then go on. */
+/** A folder without run.env: write the files of a new one, then go on. */
 function NewFolder({ folder, made }) {
   const [name, setName] = useState("first-model");
   const [begin, setBegin] = useState("preset:");
@@ -270,7 +232,7 @@ function NewFolder({ folder, made }) {
   return html`
     <div class="empty">
       <p>${folder.directory} is not a working folder yet: it has no run.env.</p>
-      <p><${Prose} text="Create one here. It gets run.env, system.env, your three files in custom_files/, and bin/activate.sh, as \`dr-init\` writes them." /></p>
+      <p><${Prose} text="Create one here. It gets run.env, system.env, your three files in custom_files/, and bin/activate.sh." /></p>
     </div>
     <form class="fields" onSubmit=${(event) => {
       event.preventDefault();

@@ -5,10 +5,9 @@ import { ask } from "/ask.js";
 import { confirmed, dialog } from "/dialogs.js";
 import { useDraft } from "/drafts.js";
 import { SelectField, TextField } from "/fields.js";
-import { checkpointOptions } from "/model_actions.js";
 import { save } from "/model_tasks.js";
 import { notify } from "/notices.js";
-import { aboutField, racePath, videoPath, waitText } from "/race_words.js";
+import { aboutField, racePath, videoPath } from "/race_words.js";
 import { DraftNote } from "/steps.js";
 import { useAction, useGet } from "/store.js";
 import { bytes, number } from "/text.js";
@@ -57,7 +56,7 @@ function Submission({ id, start, prefixes, folder, close }) {
     draft.set({ ...draft.edits, ...more, [key]: value });
   };
   const options = listed.value
-    ? checkpointOptions(listed.value.checkpoints)
+    ? listed.value.options
     : [
         ["best", "the best"],
         ["last", "the newest"],
@@ -86,43 +85,18 @@ function Submission({ id, start, prefixes, folder, close }) {
     </form>`;
 }
 
+/** The values of a dialog that the server describes; null if it was left. */
+const asked = async (id, about) => ask(await get(`${racePath(id, "question")}?about=${about}`));
+
 /** @returns {Promise<Object | null>} what the server is asked for */
-export async function howToDrive(race) {
-  const values = await ask({
-    title: "Drive the queue",
-    action: "Drive it",
-    intro: html`<p>${waitText(race.queue.length)} in the queue. This machine drives one after the other in the background, also when this page is closed.</p>`,
-    fields: [
-      {
-        name: "video",
-        label: "Videos",
-        value: "",
-        options: [
-          ["", "If the video encoder is installed"],
-          ["yes", "Yes; refuse without the encoder"],
-          ["no", "No, which is faster"],
-        ],
-      },
-    ],
-  });
+export async function howToDrive(id) {
+  const values = await asked(id, "run");
   return values && { video: { yes: true, no: false }[values.video] ?? null };
 }
 
 /** @returns {Promise<Object | null>} what the server is asked for */
-export async function untilWhen() {
-  const values = await ask({
-    title: "Take submissions from now on",
-    action: "Open it",
-    fields: [
-      {
-        name: "closes",
-        label: "Closes",
-        value: "",
-        more: { type: "datetime-local" },
-        help: "Empty: when somebody closes it.",
-      },
-    ],
-  });
+export async function untilWhen(id) {
+  const values = await asked(id, "open");
   return values && { closes: values.closes ? new Date(values.closes).toISOString() : "" };
 }
 
@@ -133,20 +107,8 @@ export async function keep(id, path, name) {
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
-export async function savePage(id, race) {
-  const films = race.leaderboard.filter((row) => row.video).length;
-  const values = await ask({
-    title: "Save this race as one HTML file",
-    action: "Save",
-    intro: html`<p>It needs no network and has no scripts.${!films && " There are no videos on the leaderboard."}</p>`,
-    fields: [
-      films > 0 && {
-        name: "videos",
-        label: `With ${number(films)} ${films === 1 ? "video" : "videos"} of the leaderboard (a few MB each)`,
-        value: false,
-      },
-    ],
-  });
+export async function savePage(id) {
+  const values = await asked(id, "page");
   if (values) await keep(id, `page.html${values.videos ? "?videos=1" : ""}`, `${id}.html`);
 }
 

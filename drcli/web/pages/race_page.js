@@ -14,7 +14,6 @@ import {
   dateText,
   driversText,
   gapText,
-  inPage,
   inPairs,
   nightLink,
   pointsText,
@@ -71,7 +70,7 @@ export function Page({ params: [id], query }) {
     <${Actions} ...${props} />
     <div role="status">
       ${error && html`<${Failure} error=${error} />`}
-      ${race.damaged.map((message) => html`<${Failure} key=${message} error=${{ message: inPage(message) }} />`)}
+      ${race.damaged.map((message) => html`<${Failure} key=${message} error=${{ message }} />`)}
     </div>
     ${folder && race.changeable && html`<${Rules} key=${folder.directory} folder=${folder.directory} open=${query.has("rules")} ...${props} />`}
     <section class="race-page-part"><h2>Leaderboard</h2><${Board} race=${race} watch=${watch} /></section>
@@ -133,10 +132,10 @@ function Actions({ id, race, act, after, take }) {
         `${taken.racer} has submitted checkpoint ${checkpointNumber(taken)} of ${taken.model}.${taken.queue ? "" : " Drive the queue to see its laps."}`,
       );
     });
-  const asked = async (name, question) => {
+  const [asked] = useAction(async (name, question) => {
     const body = await question;
     if (body) await act(name, body);
-  };
+  });
   const close = async () => {
     const detail =
       "What waits in the queue is still driven, and then there is a winner. You can open it again.";
@@ -150,12 +149,12 @@ function Actions({ id, race, act, after, take }) {
     <p class="actions race-actions">
       ${open && button("Submit a model", submit, "main")}
       ${race.runner && race.here && button("Stop the queue", stop)}
-      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => asked("run", ask.howToDrive(race)), open ? null : "main")}
+      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => asked("run", ask.howToDrive(id)), open ? null : "main")}
       <a class="button" href=${nightLink(id)}>Race night</a>
       ${(open || scheduled) && button("Close for submissions", close)}
-      ${!open && button(scheduled ? "Open now" : "Open again", () => asked("open", ask.untilWhen()))}
+      ${!open && button(scheduled ? "Open now" : "Open again", () => asked("open", ask.untilWhen(id)))}
       ${button("Save as CSV", () => after(() => ask.keep(id, "table.csv", `${id}.csv`)))}
-      ${button("Save as a page", () => after(() => ask.savePage(id, race)))}
+      ${button("Save as a page", () => after(() => ask.savePage(id)))}
       ${button("Log of the queue", () => after(() => ask.showLog(id)))}
       ${race.changeable && button("Change the rules", () => setQuery({ rules: "1" }))}
       ${button("Delete", () => after(() => ask.erase(id, race)), "danger")}
@@ -164,20 +163,17 @@ function Actions({ id, race, act, after, take }) {
 
 function Rules({ id, folder, open, take }) {
   const draft = useDraft(`rules:${id}:${folder}`, 1);
-  const { value, error } = useGet(open ? racePath(id, "rules") : null);
   useEffect(() => {
     if (draft.restored) setQuery({ rules: "1" });
   }, []);
-  if (error) return html`<${Failure} error=${aboutField(error)} />`;
-  if (!open || !value) return null;
+  if (!open) return null;
   const leave = () => setQuery({ rules: "" });
   const send = async (rules) => {
     take((await post(racePath(id, "rules"), rules)).race);
     leave();
     notify("The rules were changed.");
   };
-  const wish = { ...value.wish, obstacles: value.obstacles, bots: value.bots };
-  return html`<${RaceForm} title="Change the rules" action="Change the rules" draft=${draft} wish=${wish} send=${send} leave=${leave} />`;
+  return html`<${RaceForm} title="Change the rules" action="Change the rules" draft=${draft} path=${racePath(id, "rules")} present=${true} send=${send} leave=${leave} />`;
 }
 
 const WatchButton = ({ video, name, watch }) => html`
@@ -344,7 +340,7 @@ function Entry({ watch, ...props }) {
     <li>
       <div>
         <strong>${racer}</strong> ${model}, checkpoint ${checkpointNumber(entry)} <span class="quiet">${entry.submission}, ${dateText(entry.submitted_at)}</span>
-        <p class=${state === "failed" && "race-failed"}>${laps}${message && `: ${inPage(`${message} ${remedy}`)}`}</p>
+        <p class=${state === "failed" && "race-failed"}>${laps}${message && `: ${message} ${remedy}`}</p>
         ${entry.notes.map((note) => html`<p key=${note} class="quiet">${note}</p>`)}
       </div>
       <span class="race-buttons">

@@ -3,7 +3,7 @@
 import { post } from "/api.js";
 import { useDraft } from "/drafts.js";
 import { RaceForm } from "/race_form.js";
-import { KINDS, StateBadge, dateText, inPage, nightLink, raceLink, waitText } from "/race_words.js";
+import { StateBadge, dateText, nightLink, raceLink, waitText } from "/race_words.js";
 import { setQuery, useGet, useTopic } from "/store.js";
 import { number } from "/text.js";
 import { Empty, Failure, html, useEffect } from "/ui.js";
@@ -33,7 +33,7 @@ export function Page({ query }) {
           <button type="button" onClick=${() => setQuery({ new: "1" })}>Make the first race</button>
         <//>`
       }
-      ${found?.damaged.map((message) => html`<${Failure} key=${message} error=${{ message: inPage(message) }} />`)}
+      ${found?.damaged.map((message) => html`<${Failure} key=${message} error=${{ message }} />`)}
     </div>`;
 }
 
@@ -59,7 +59,7 @@ const List = ({ races }) => html`
         const cells = [
           html`<${StateBadge} state=${race.state} />`,
           race.world,
-          KINDS[race.race_type],
+          race.kind,
           `${race.leader ?? "nobody yet"}${race.leader_s === null ? "" : ` ${race.leader_text}`}`,
           number(race.submissions),
           html`${race.queued ? waitText(race.queued) : "empty"}${race.runner && ", being driven"} <a href=${nightLink(race.race)} aria-label=${`Race night of ${race.name}`}>Race night</a>`,

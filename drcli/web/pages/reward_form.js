@@ -63,7 +63,7 @@ export function RewardStep({ facts, reload, folder, known, changes, saved }) {
   ]);
   return html`
     <${Step} id="reward" title="Reward function" dirty=${dirty} saving=${saving} draft=${draft}
-      hint="It is called after each step; a training makes the sum of its rewards as large as it can. The check runs while you type, as \`dr-reward check\` does.">
+      hint="It is called after each step; a training makes the sum of its rewards as large as it can. The check runs while you type.">
       <div class="row">
         <${SelectField} label="Template" options=${templates.map((each, k) => [String(k), each.name])} value=${template}
           onChange=${setTemplate} help=${templates[Number(template)]?.about ?? ""} />

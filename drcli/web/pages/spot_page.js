@@ -159,7 +159,7 @@ function Stack({ stack, act, showsLog, onLog }) {
       danger: true,
       intro: html`<p>${lost}</p>`,
       fields: [{ name: "confirm", label: `Type ${name} to confirm`, value: "" }],
-      ready: ({ confirm }) => confirm === name,
+      confirm: name,
     });
     if (values) await act("delete", { stack: name, ...values });
   });

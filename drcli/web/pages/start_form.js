@@ -35,7 +35,7 @@ export function ValidateStep({ number, saveAll, lead }) {
   return html`
     <section class="step" id="step-validate" aria-labelledby="title-validate">
       <h2 id="title-validate" tabindex="-1">${number}. Validate</h2>
-      <p class="quiet">Checks settings, your three files, the bucket and this machine, as <code>dr-validate</code> does. Nothing is changed.</p>
+      <p class="quiet">Checks settings, your three files, the bucket and this machine. Nothing is changed.</p>
       <p class="actions"><label><input type="checkbox" checked=${compatible} onChange=${(event) => setCompatible(event.currentTarget.checked)} />
         ${" "}Also apply the limits of the DeepRacer console</label></p>
       <div class="actions"><${Button} busy=${busy} onClick=${validate}>Validate now<//><p class="step-state" role="status">${state}</p></div>

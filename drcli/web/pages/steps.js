@@ -2,7 +2,7 @@
 
 import { get, put } from "/api.js";
 import { useDraft } from "/drafts.js";
-import { Problems, SettingField, asWarnings, leadTo, settingStart, useChecked } from "/fields.js";
+import { Problems, SettingField, asWarnings, leadTo, useChecked } from "/fields.js";
 import { savedText, writeOwnFile, writeSettings } from "/saving.js";
 import { useAction } from "/store.js";
 import {
@@ -158,10 +158,10 @@ export function useSettings({ form, draftName, names, versions, saved }) {
   const found = dirty
     ? [...(checked.answer?.problems ?? []), ...asWarnings(checked.answer?.warnings)]
     : asWarnings(warnings);
-  const value = (name) => edits[name] ?? settingStart(facts.get(name));
+  const value = (name) => edits[name] ?? facts.get(name).start;
   const set = (name, text) => {
     const { [name]: _, ...others } = edits;
-    draft.set(text === settingStart(facts.get(name)) ? others : { ...others, [name]: text });
+    draft.set(text === facts.get(name).start ? others : { ...others, [name]: text });
   };
   const field = (name, props = {}) => {
     const own = { facts: facts.get(name), value: value(name), onInput: (text) => set(name, text) };

@@ -101,7 +101,7 @@ export function TrackPicker({ found, chosen, further, onChoose, onFurther }) {
         <summary>${found.community.length} tracks of the community, not installed</summary>
         <${SelectField} label="Track of the community" value=${found.community.includes(chosen) ? chosen : ""}
           options=${[["", "Choose one"], ...found.community]} onChange=${(name) => name && onChoose(name)}
-          help="It is downloaded when the training starts, after a question. \`dr-tracks fetch NAME\` does it now; your own tracks are files in tracks/." />
+          help="It is downloaded when the training starts, after a question. Your own tracks are files in tracks/." />
       </details>`
       }
       <p class="quiet" role="status">${

@@ -1,5 +1,6 @@
 """A faulty reward function is told in the same words by every check."""
 
+from contextlib import closing
 from dataclasses import replace
 from threading import Event
 
@@ -40,11 +41,10 @@ def drive_once():
 @pytest.fixture
 def told(folder, drive_once, monkeypatch):
     """The problems of a reward function by check: rule, severity, line, message and remedy."""
-    monkeypatch.setattr("drcli.rewards.course.Sandbox", SandboxHere)
-    monkeypatch.setattr("drcli.rewards.course._MOST_ALONG", 20)
+    monkeypatch.setattr("drcli.rewards.tried_reward.Sandbox", SandboxHere)
+    monkeypatch.setattr("drcli.rewards.track_grid._MOST_ALONG", 20)
     monkeypatch.setattr(sandbox_here, "driven_once", drive_once)
-    for module in (check, live_check):
-        monkeypatch.setattr(module, "drive", drive_once)
+    monkeypatch.setattr(live_check, "drive", drive_once)
 
     def tell(text: str):
         folder.settings(DR_WORLD_NAME="bean")
@@ -52,7 +52,8 @@ def told(folder, drive_once, monkeypatch):
         settings = load_settings(folder.path, environ={})
         files = find(settings.custom_files, None)
         report, validated = check.check(settings, None, folder.path), folder.report()
-        live = live_check.LiveCheck().check(settings, text.encode(), folder.path, "", Event())
+        with closing(live_check.LiveCheck()) as checks:
+            live = checks.check(settings, text.encode(), folder.path, "", Event())
         found = {
             "dr-reward check": [*report.errors, *report.warnings],
             "dr-validate": [*validated.errors, *validated.warnings],
@@ -110,6 +111,14 @@ def told(folder, drive_once, monkeypatch):
         ("def reward(params):\n    return 1.0\n", ["V-20"], ("defines no function",)),
         ("def reward_function(a, b):\n    return 1.0\n", ["V-20"], ("exactly one argument",)),
         (function("return 5"), ["V-20"], ("It returned int", "float(reward)")),
+        (function("pass"), ["V-20"], ("it returned None", "a path without `return` gives None")),
+        (function("return '1.0'"), ["V-20"], ("it returned '1.0'", "without quotes")),
+        (function("return 1.0,"), ["V-20"], ("it returned (1.0,)", "makes a tuple")),
+        (
+            function("return np.ones(2)", before="import numpy as np"),
+            ["V-20"],
+            ("it returned array([1., 1.])", "Return one number of these"),
+        ),
         (function("return 1.0 + (params['progress'] == 1)"), ["V-24"], ("progress >= 100",)),
         (function("return 1.0 + (params['steps'] == 1)"), ["V-24"], ("is never true",)),
         (

@@ -20,6 +20,7 @@ from drcli.model.model_store import ModelStore
 from drcli.records.run_record import run_folder
 from drcli.records.training_record import DaySpending, day_of, write_day
 from drcli.run.plan import StartOptions, prepare
+from minio_files import put
 from own_run import own_run
 
 Spoil = Callable[[Any], object]
@@ -257,10 +258,24 @@ CASES = (
     ),
     Case(
         "V-12",
+        lambda f: f.settings(DR_IMPORT_MODEL_ON_COMPLETION="False"),
+        lambda f: f.settings(DR_IMPORT_MODEL_ON_COMPLETION="True"),
+        "warning",
+        ("run.env line 3", "DR_DROA_URL is empty, so the model will not be imported"),
+    ),
+    Case(
+        "V-12",
         lambda f: f.settings(DR_EVAL_MAX_RESETS=3),
         lambda f: f.settings(DR_EVAL_MAX_RESETS="many"),
         "error",
         ("run.env line 3", "DR_EVAL_MAX_RESETS=many", "Set DR_EVAL_MAX_RESETS to a whole number"),
+    ),
+    Case(
+        "V-12",
+        lambda f: f.settings(DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES=20),
+        lambda f: f.settings(DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES=200),
+        "warning",
+        ("DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES=200 is above 100",),
     ),
     Case(
         "V-12",
@@ -310,6 +325,20 @@ CASES = (
         lambda f: own_run().write(run_folder(f.path, 0)),
         "error",
         ("Run 0 is training s3://bucket/model-1", "dr-stop-training"),
+    ),
+    Case(
+        "V-14",
+        lambda f: own(f.path / "bin/activate.sh", "echo mine", 0o600),
+        lambda f: own(f.path / "bin/activate.sh", "source bin/scripts_wrapper.sh", 0o600),
+        "warning",
+        ("bin/activate.sh", "its functions win over the programs", "`dr-init --adopt`"),
+    ),
+    Case(
+        "V-15",
+        lambda f: put(f.path / "data/minio/other/old/model/.coach_checkpoint", b"a"),
+        lambda f: put(f.path / "data/minio/bucket/old/model/.coach_checkpoint", b"a"),
+        "warning",
+        ("old lies in data/minio/bucket", "`dr-import data/minio/bucket/old -t old`"),
     ),
     Case(
         "V-12",
@@ -619,7 +648,7 @@ CASES = (
     ),
     Case(
         "V-41",
-        lambda f: f.hyperparameters(lr=1e-3, num_epochs=3, discount_factor=0),
+        lambda f: f.hyperparameters(lr=1e-3, num_epochs=3, discount_factor=0.5),
         lambda f: f.hyperparameters(lr=1.5),
         "error",
         ("line 2", "lr=1.5", "above 1"),
@@ -631,6 +660,13 @@ CASES = (
         "error",
         ("num_episodes_between_training=200", "above 100"),
         console=True,
+    ),
+    Case(
+        "V-41",
+        lambda f: f.hyperparameters(discount_factor=0.5),
+        lambda f: f.hyperparameters(discount_factor=0),
+        "warning",
+        ("discount_factor=0 plans less than two steps", "Write 0.9 to 0.999."),
     ),
     Case(
         "V-41",
@@ -652,6 +688,7 @@ CASES = (
         lambda f: (f.settings(DR_WORKERS=2), f.hyperparameters(num_episodes_between_training=20)),
         "warning",
         ("is 0.5 and not 1", "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=0.1", "training=40"),
+        console=True,
     ),
     Case(
         "V-42",
@@ -665,6 +702,7 @@ CASES = (
         ),
         "warning",
         ("is 0.99 and not 1", "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=0.0333333."),
+        console=True,
     ),
     Case(
         "V-43",
@@ -816,6 +854,7 @@ def test_what_the_import_at_the_end_would_refuse_is_told_before_the_start(
     assert bool(told) == refused
     assert {item.severity for item in told} <= {"warning"}
     assert all("DR_IMPORT_MODEL_ON_COMPLETION=False" in item.remedy for item in told)
+    assert all("`dr-export droa --distill`" in item.remedy for item in told)
 
 
 @pytest.mark.parametrize("settings", [{}, {**IMPORTED, "DR_IMPORT_MODEL_ON_COMPLETION": False}])
@@ -906,5 +945,5 @@ def test_every_documented_rule_is_tried_here_but_those_that_have_tests_of_their_
     page = (Path(__file__).resolve().parents[3] / "docs" / "validation.md").read_text("utf-8")
     documented = set(re.findall(r"^\| (V-\d\d)", page, re.MULTILINE))
 
-    assert documented - {case.rule for case in CASES} == {"V-11", "V-27", "V-60"}
+    assert documented - {case.rule for case in CASES} == {"V-11", "V-16", "V-27", "V-60"}
     assert {case.rule for case in CASES} <= documented

@@ -90,7 +90,7 @@ def test_with_a_broken_bucket_all_other_rules_are_tried(folder, monkeypatch):
 
     assert [item.rule for item in report.errors] == ["V-05", "V-41", "V-50"]
     assert report.errors[-1].message == "Nothing answers at http://nas:9000."
-    assert [item.rules for item in report.skipped] == [("V-09", "V-10", "V-13", "V-35")]
+    assert [item.rules for item in report.skipped] == [("V-09", "V-10", "V-13", "V-15", "V-35")]
 
 
 def test_a_file_that_may_lie_in_a_bucket_that_is_broken_is_not_called_missing(folder, monkeypatch):
@@ -218,7 +218,14 @@ def test_more_workers_than_episodes_are_told_once(folder):
     folder.hyperparameters(num_episodes_between_training=5)
 
     assert [item.severity for item in folder.breaches("V-45")] == ["error"]
+    assert folder.breaches("V-42", console=True) == []
+
+
+def test_starts_that_only_matter_elsewhere_are_told_only_for_elsewhere(folder):
+    folder.hyperparameters(num_episodes_between_training=40)
+
     assert folder.breaches("V-42") == []
+    assert len(folder.breaches("V-42", console=True)) == 1
 
 
 def test_files_that_the_bucket_does_not_give_are_told_with_its_own_remedy(folder, monkeypatch):
@@ -370,7 +377,7 @@ def test_programs_read_keys_that_stay(folder, dr, capsys):
     printed = json.loads(capsys.readouterr().out)
     assert list(printed) == [
         *("directory", "console_compatible", "errors", "warnings", "skipped", "notes", "goes_to"),
-        "ok",
+        *("destination", "ok"),
     ]
     assert (printed["ok"], printed["console_compatible"]) == (True, True)
     assert printed["warnings"] == [

@@ -16,6 +16,7 @@ import typer.main
 from drcli import __version__
 from drcli.base.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
 from drcli.base.processes import Stopped
+from drcli.cli import terminal
 from drcli.cli.app import main
 from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS, OF_REFERENCE, program_names
@@ -583,6 +584,47 @@ def test_with_json_a_wrong_command_line_is_an_object_too(dr, working_folder, cap
     assert named in told["error"]
     assert "--help" in told["remedy"]
     assert named in printed.err
+
+
+@pytest.mark.parametrize(
+    ("words", "way"),
+    [
+        ("evaluate mine", "`DR_LOCAL_S3_MODEL_PREFIX=mine dr-evaluate`"),
+        ("status mine", "`DR_LOCAL_S3_MODEL_PREFIX=mine dr-status`"),
+        ("export car mine", "`dr export car -p mine`"),
+        ("race run cup mine", "`dr race submit`"),
+        ("bench mine", ""),
+    ],
+)
+def test_a_word_too_many_is_answered_with_the_way_to_name_a_model(
+    dr, working_folder, capsys, words, way
+):
+    code = dr(*words.split())
+
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert code == 2
+    assert "does not take mine." in error
+    assert error.endswith(f"{way}." if way else "mine.")
+
+
+def test_an_old_command_that_ignores_a_word_says_how_to_name_a_model(words_of, capsys):
+    words_of("start-training", "mine")
+
+    warning = capsys.readouterr().err
+    assert "ignores mine. Name another model in front: `DR_LOCAL_S3_MODEL_PREFIX=mine" in warning
+
+
+def test_a_wrong_command_line_breaks_between_words(dr, working_folder, monkeypatch):
+    screen = _Terminal()
+    monkeypatch.setattr(terminal, "err", terminal.Console(file=screen, width=60))
+    monkeypatch.setattr(sys, "stderr", screen)
+
+    dr("evaluate", "--checkpoint", "newest-but-one")
+
+    lines = screen.getvalue().splitlines()
+    error = lines[next(k for k, line in enumerate(lines) if line.startswith("Error: ")) :]
+    assert len(error) > 1
+    assert all(len(line) <= 60 for line in error)
 
 
 class _Terminal(io.StringIO):

@@ -36,6 +36,10 @@ def test_a_command_that_only_looks_loads_neither_simulation_nor_storage(working_
     assert not loaded(*line.split()) & (SIMULATION | STORAGE)
 
 
+def test_only_the_sandbox_of_a_reward_function_loads_the_simulation(working_folder):
+    assert not loaded(*["reward", "check"]) & ((SIMULATION | STORAGE) - {"numpy"})
+
+
 def test_looking_at_a_training_asks_no_server(working_folder):
     record = working_folder / "data" / "runs" / "0" / "run.json"
     record.parent.mkdir(parents=True)

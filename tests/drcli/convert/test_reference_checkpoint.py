@@ -152,8 +152,10 @@ def test_a_critic_that_has_not_learned_yet_is_said():
 def test_networks_that_the_reference_does_not_have_are_refused(changes, is_sac, reason):
     spec = PolicySpec(num_actions=2, continuous=True, **changes)
 
-    with pytest.raises(SettingsError, match=reason):
+    with pytest.raises(SettingsError, match=reason) as refused:
         refuse_other_networks(spec, is_sac=is_sac)
+
+    assert "`dr-export droa --distill`" in refused.value.remedy
 
 
 def test_weights_of_sac_are_recognised():

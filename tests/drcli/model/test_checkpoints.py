@@ -84,8 +84,8 @@ def test_the_pointer_is_the_plain_name_and_the_scores_are_one_line(store, memory
 
     assert pointer == b"1_Step-2210.ckpt"
     assert scores == (
-        b'{"best_checkpoint": {"name": "0_Step-0.ckpt", "avg_eval_metric": null, '
-        b'"time_stamp": 0.0}, "last_checkpoint": {"name": "1_Step-2210.ckpt", '
+        b'{"best_checkpoint": {"name": "1_Step-2210.ckpt", "avg_eval_metric": null, '
+        b'"time_stamp": 147.25}, "last_checkpoint": {"name": "1_Step-2210.ckpt", '
         b'"avg_eval_metric": null, "time_stamp": 147.25}}'
     )
 
@@ -404,6 +404,29 @@ def test_what_a_checkpoint_drove_again_counts_with_its_evaluation(store, memory)
     assert str(best.episodes.laps) == "2 of 4 laps clean, median 8.00 s, slowest 8.00 s"
 
 
+def test_the_newest_is_the_best_until_one_is_evaluated(store):
+    for number in range(3):
+        store.save(number, number, b"weights")
+    before = store.best_name()
+
+    store.record_evaluation(evaluated("1_Step-1.ckpt", 1.0), "progress")
+    store.save(3, 3, b"weights")
+
+    assert before == "2_Step-2.ckpt"
+    assert store.best_name() == "1_Step-1.ckpt"
+
+
+def test_a_best_that_is_to_be_evaluated_again_stays_the_best(store, memory):
+    store.save(0, 0, b"weights")
+    store.save(1, 1, b"weights")
+    store.record_evaluation(evaluated("0_Step-0.ckpt", 99.0), "progress")
+    forget_scores(ModelStore(memory, PREFIX))
+
+    store.save(2, 2, b"weights")
+
+    assert store.best_name() == "0_Step-0.ckpt"
+
+
 def test_forgotten_scores_are_beaten_by_the_next_evaluation(store, memory):
     store.save(0, 0, b"weights")
     store.save(1, 1, b"weights")
@@ -461,7 +484,7 @@ def test_a_late_evaluation_of_a_pruned_checkpoint_changes_nothing(store):
         store.save(number, 0, b"weights")
 
     assert not store.record_evaluation(evaluated("1_Step-0.ckpt", 100.0), "progress")
-    assert store.best_name() == "0_Step-0.ckpt"
+    assert store.best_name() == "5_Step-0.ckpt"
 
 
 def test_unreadable_scores_do_not_end_a_training(store, memory):

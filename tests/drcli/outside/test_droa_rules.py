@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.outside.droa.droa_rules import package_problems
+from drcli.convert.droa_rules import package_problems
 from droa_models import accepted_model
 
 METADATA = "model_metadata.json"
@@ -103,7 +103,7 @@ def test_a_pointer_to_nothing_is_refused(model):
 
 
 def test_sizes_are_limited(model, monkeypatch):
-    monkeypatch.setattr("drcli.outside.droa.droa_rules.MOST_BYTES", 10_000)
+    monkeypatch.setattr("drcli.convert.droa_rules.MOST_BYTES", 10_000)
     model["more"] = bytes(10_000)
     assert any("GB together" in message for message in errors(model))
 

@@ -37,6 +37,22 @@ def test_every_submission_is_evaluated_under_the_rules_of_the_race(home):
     assert plan.checkpoints == ["5_Step-500.ckpt"]
 
 
+def test_a_queue_says_what_it_does_before_it_takes_long(home):
+    home.race(max_laps=4)
+    for model in ("ann", "bob"):
+        home.submit(model)
+    said = []
+
+    home.run(on_progress=said.append)
+
+    waits, ann, driven, bob, _ = [text for text in said if "video" not in text]
+    assert waits == "2 runs wait."
+    assert ann.startswith("Driving Ann (")
+    assert "4 laps on bean" in ann
+    assert driven.startswith("Ann (")
+    assert bob.startswith("Driving Bob (")
+
+
 def test_the_leaderboard_after_a_race(home):
     home.race(average_laps=2)
     home.laps = {"ann": [10.0, 12.0], "bob": [9.5, -3.0], "cem": [-1.0, -2.0]}

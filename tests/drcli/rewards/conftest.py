@@ -8,12 +8,13 @@ import pytest
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.model.files.custom_files import InputFile
-from drcli.rewards.course import Course, TriedReward
+from drcli.rewards.course import LATE, STEADY
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.sandbox.run_sandbox import SandboxResult
-from drcli.rewards.sandbox.sample_calls import LATE
-from drcli.rewards.scripted_drive import STEADY, drive
+from drcli.rewards.scripted_drive import drive
+from drcli.rewards.track_grid import DrivenCourse
+from drcli.rewards.tried_reward import TriedReward
 from drsim.episode.reward import RewardFunction
 
 
@@ -31,15 +32,15 @@ def settings_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Setti
 
 
 @pytest.fixture(scope="session")
-def course(settings_of: Callable[..., Settings]) -> Course:
+def course(settings_of: Callable[..., Settings]) -> DrivenCourse:
     """A time trial on a short track."""
-    return Course.of(drive(settings_of().race))
+    return DrivenCourse.of(drive(settings_of().race))
 
 
 @pytest.fixture(scope="session")
-def obstacle_course(settings_of: Callable[..., Settings]) -> Course:
+def obstacle_course(settings_of: Callable[..., Settings]) -> DrivenCourse:
     """Boxes on the road, and the other way round after every episode."""
-    return Course.of(
+    return DrivenCourse.of(
         drive(
             settings_of(
                 DR_RACE_TYPE="OBJECT_AVOIDANCE",
@@ -50,20 +51,21 @@ def obstacle_course(settings_of: Callable[..., Settings]) -> Course:
 
 
 @pytest.fixture
-def with_result(course: Course) -> Callable[..., TriedReward]:
+def with_result(course: DrivenCourse) -> Callable[..., TriedReward]:
     """A function of which this was found."""
 
     def make(result: SandboxResult, text: str = "", name: str = "mine.py") -> TriedReward:
         source, _ = read_source(InputFile("reward_function.py", text.encode(), name))
         assert source is not None
-        return TriedReward(name, course, result, text, problems_of(source, result, Path()))
+        problems = problems_of(source, result, Path())
+        return TriedReward(name, course.course, result, source.words, problems)
 
     return make
 
 
 @pytest.fixture
 def tried_of(
-    course: Course, with_result: Callable[..., TriedReward]
+    course: DrivenCourse, with_result: Callable[..., TriedReward]
 ) -> Callable[[RewardFunction], TriedReward]:
     """A function called along the course, here, with what it returns and nothing else."""
 
@@ -71,7 +73,7 @@ def tried_of(
         waypoints = course.drive.waypoints()
         values = [
             [function({**call, "waypoints": waypoints[call["is_reversed"]]}) for call in calls]
-            for calls in course.sequences
+            for calls in course.course.sequences
         ]
         late = {**course.drive.trip(STEADY).calls[0], "steps": 2_000.0}
         late["waypoints"] = waypoints[False]

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+import sandbox_here
 from drcli.rewards.sandbox.run_sandbox import Sandbox
 from sandbox_here import SandboxHere
 
@@ -18,8 +19,9 @@ BAD = "def reward_function(params):\n    return params['sped']\n"
 @pytest.fixture
 def racer(working_folder, course, monkeypatch):
     """A working folder whose drive has been driven already, and whose sandbox is this process."""
-    monkeypatch.setattr("drcli.rewards.course.Sandbox", SandboxHere)
-    for module in ("check", "pictures", "compare"):
+    monkeypatch.setattr("drcli.rewards.tried_reward.Sandbox", SandboxHere)
+    monkeypatch.setattr(sandbox_here, "driven_once", lambda *_: course.drive)
+    for module in ("pictures", "compare"):
         monkeypatch.setattr(f"drcli.rewards.{module}.drive", lambda *_: course.drive)
     (working_folder / "custom_files").mkdir()
     (working_folder / "custom_files" / "reward_function.py").write_text(GOOD)
@@ -27,7 +29,7 @@ def racer(working_folder, course, monkeypatch):
 
 
 def test_a_check_tells_scripts_all_and_takes_the_racers_own_file(racer, dr, capsys, monkeypatch):
-    monkeypatch.setattr("drcli.rewards.course.Sandbox", Sandbox)
+    monkeypatch.setattr("drcli.rewards.tried_reward.Sandbox", Sandbox)
 
     code = dr("reward", "check", "--json")
 
@@ -81,7 +83,7 @@ def two_worlds(racer, course, obstacle_course, monkeypatch):
     (racer / "worker-2.env").write_text("DR_RACE_TYPE=OBJECT_AVOIDANCE\n")
     (racer / "worker-3.env").write_text("DR_RACE_TYPE=TIME_TRIAL\n")
     driven = {"TIME_TRIAL": course.drive, "OBJECT_AVOIDANCE": obstacle_course.drive}
-    monkeypatch.setattr("drcli.rewards.check.drive", lambda race, _: driven[race.race_type])
+    monkeypatch.setattr(sandbox_here, "driven_once", lambda race, _: driven[race.race_type])
     return racer
 
 
@@ -97,7 +99,7 @@ def test_a_check_tries_the_race_of_each_worker_once(two_worlds, dr, capsys):
     assert [other["race_type"] for other in told["others"]] == ["OBJECT_AVOIDANCE"]
     [error] = told["errors"]
     assert "OBJECT_AVOIDANCE, step 2, 0.8 % of the lap)" in error["message"]
-    assert "358 of 716 calls fail like this." in error["message"]
+    assert "359 of 718 calls fail like this." in error["message"]
 
 
 def test_a_check_says_what_it_tried_and_says_the_same_once(two_worlds, dr, capsys):

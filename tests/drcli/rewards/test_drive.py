@@ -7,27 +7,29 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.rewards.check import _parameters
-from drcli.rewards.course import TriedReward
-from drcli.rewards.sandbox.run_sandbox import SandboxResult
-from drcli.rewards.scripted_drive import (
+from drcli.rewards.course import (
     FAST,
+    LATE,
     LEAVING,
     RAMMING,
     STANDING,
     STEADY,
     TURNED,
     WEAVING,
-    drive,
-    nearest_action,
 )
+from drcli.rewards.sandbox.run_sandbox import SandboxResult
+from drcli.rewards.sandbox.sample_calls import sample_params
+from drcli.rewards.scripted_drive import drive, nearest_action
+from drcli.rewards.tried_reward import TriedReward
 from drsim.car.actions import ContinuousActions, DiscreteActions
+from drsim.track.worlds import load_track
 
 ALONG = (STEADY, FAST, WEAVING)
 ALWAYS_THE_SAME = {"track_length"}
 
 
 def ranges(course):
-    parameters = _parameters(TriedReward("", course, SandboxResult(), "", []))
+    parameters = _parameters(TriedReward("", course.course, SandboxResult(), frozenset(), []))
     return {found.name: (found.least, found.greatest) for found in parameters}
 
 
@@ -161,3 +163,11 @@ def test_the_page_about_rewards_explains_exactly_the_parameters_there_are(course
     }
 
     assert explained == set(ranges(course))
+
+
+def test_the_call_late_in_a_long_episode_is_a_step_after_the_one_before():
+    before, late = sample_params(load_track("bean"))[LATE - 1 : LATE + 1]
+
+    assert late["steps"] - before["steps"] == 1
+    assert late["sim_time"] > before["sim_time"] > 60.0
+    assert 0.0 < late["progress"] - before["progress"] < 1.0

@@ -1,6 +1,7 @@
 """Which rewards are said to have loopholes, and how findings are put into words."""
 
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,26 @@ def test_pay_for_speed_alone_cancels_out_unless_later_steps_count_less(tried_of)
     assert "discount_factor 0.99" in note.message
 
 
+def test_a_slow_lap_that_earns_more_is_told_only_if_it_does_so_from_the_start_too(tried_of):
+    def nearly_as_the_pace(params):
+        return on_the_road(params) * params["speed"] ** 0.7
+
+    tried = tried_of(nearly_as_the_pace)
+    whole, discounted = report_of([tried], 1.0), report_of([tried], DISCOUNT)
+
+    assert [problem.rule for problem in whole.warnings] == ["slow-lap"]
+    assert discounted.warnings == discounted.notes == []
+
+
+def test_a_hang_in_the_samples_leaves_no_place_on_the_drive(with_result, course, values):
+    timing = Timing(1e-6, 1e-6, 1e-6, CallIndex(len(course.course.sequences), 3))
+
+    report = report_of([with_result(SandboxResult(values=values, timing=timing))], 1.0)
+
+    assert report.time is not None
+    assert report.time.worst_place == "one of the calls before the drive"
+
+
 def test_several_races_have_one_remark_on_the_sum_of_a_lap(tried_of):
     tried = [
         tried_of(lambda params, power=power: on_the_road(params) * (0.1 + params["speed"] ** power))
@@ -61,7 +82,7 @@ def test_several_races_have_one_remark_on_the_sum_of_a_lap(tried_of):
 
 
 def test_a_reward_that_only_samples_earn_is_not_called_constant(with_result, course):
-    driven = [[1e-3] * len(calls) for calls in course.sequences]
+    driven = [[1e-3] * len(calls) for calls in course.course.sequences]
     told = [
         report_of([with_result(SandboxResult(values=[*driven, samples]))], DISCOUNT).warnings
         for samples in ([1e-3] * 9, [1.0] + [1e-3] * 8)
@@ -85,6 +106,26 @@ def test_pay_for_standing_is_told(rules):
 
 def test_a_car_off_the_road_that_is_paid_as_before_is_told(rules):
     assert rules(lambda params: params["speed"] ** 2) == ["off-track"]
+
+
+def test_pay_for_fast_cars_only_says_nothing_of_the_places_of_a_slower_one(rules):
+    assert "off-track" not in rules(
+        lambda params: 1.0 if params["speed"] > 2.0 and on_the_road(params) else 1e-5
+    )
+
+
+def test_a_driver_that_left_the_road_tells_nothing_of_laps(tried_of):
+    """Few actions, or fast ones only, cannot follow the centre line."""
+    tried = tried_of(lambda params: -1.0 - params["distance_from_center"])
+    trips = [
+        replace(trip, calls=[{**trip.calls[0], "is_offtrack": True}, *trip.calls[1:]])
+        for trip in tried.course.trips
+    ]
+    left = replace(tried, course=replace(tried.course, trips=trips))
+
+    assert tried.prefers_fast is not None
+    assert left.prefers_fast is None
+    assert report_of([left], DISCOUNT).warnings == []
 
 
 def test_a_lap_that_costs_more_than_its_end_is_told(rules):
@@ -118,7 +159,7 @@ def test_the_shipped_example_is_known_to_pay_a_slow_lap_more(rules):
 @pytest.fixture
 def values(course):
     """Rewards without a loophole that anything is said about."""
-    return [[float(k % 7) for k in range(len(calls))] for calls in course.sequences]
+    return [[float(k % 7) for k in range(len(calls))] for calls in course.course.sequences]
 
 
 @pytest.fixture

@@ -103,12 +103,22 @@ def test_nobody_without_deepracer_on_aws_is_bothered(tmp_path, logged):
     assert "IMPORT" not in logged()
 
 
-def test_who_asks_for_the_import_without_an_address_is_told_once(tmp_path, logged):
+def test_nothing_is_imported_without_an_address(tmp_path):
     duty, commands, _ = begun(tmp_path, "DR_IMPORT_MODEL_ON_COMPLETION=True")
     duty.finish(ending())
 
     assert commands.started == []
-    assert logged().count("skipped, because DR_DROA_URL is not set") == 1
+
+
+@pytest.mark.parametrize("wanted", ["DR_REGULAR_UPLOAD=60", "DR_UPLOAD_BEST_MODEL=True"])
+def test_regular_uploads_end_with_the_best_checkpoint_or_say_that_they_did_not(tmp_path, wanted):
+    duty, commands, _ = begun(tmp_path, wanted, ends=[REFUSED])
+
+    duty.finish(ending())
+
+    assert commands.names == ["upload-model -b"]
+    assert duty.end_result().code == 10
+    assert "It refused the model." in duty.end_result().message
 
 
 def test_no_import_if_it_is_switched_off(tmp_path):

@@ -74,21 +74,24 @@ def test_without_a_notice_the_training_goes_on(watch):
     assert watch().duty.check() is None
 
 
-def test_a_notice_of_two_minutes_ends_the_training_with_a_minute_to_save(watch):
+def test_a_notice_of_two_minutes_ends_the_training_with_half_a_minute_to_spare(watch):
     found = watch()
     announce(found)
 
     outcome = found.duty.check()
 
     assert (outcome.code, outcome.state) == (75, "interrupted")
-    assert outcome.save_within_s == 55.0
+    assert outcome.save_within_s == 90.0
     assert not outcome.stays_ended
     assert "--resume-or-start" in outcome.remedy
     found.duty.finish(Ending(outcome, None, lambda: False))
     assert found.laid.stopped
 
 
-@pytest.mark.parametrize(("left_s", "save_s"), [(30.0, 25.0), (2.0, 8.0), (None, 55.0)])
+@pytest.mark.parametrize(
+    ("left_s", "save_s"),
+    [(118.0, 88.0), (85.0, 55.0), (60.0, 55.0), (30.0, 25.0), (2.0, 8.0), (None, 55.0)],
+)
 def test_the_time_to_save_is_what_the_notice_leaves(watch, left_s, save_s):
     found = watch()
     announce(found, left_s=left_s)

@@ -160,6 +160,24 @@ def test_a_notice_with_a_slow_bucket_and_a_large_log(run, tmp_path):
     )
 
 
+def test_logs_are_saved_before_the_work_of_duties_and_their_lines_after_it(run, tmp_path):
+    log = log_file(tmp_path, "model", "trainer")
+    log.parent.mkdir(parents=True)
+    log.write_text("learned\n")
+    bucket, seen = SlowBucket(), []
+
+    class Late(Ends):
+        def finish(self, ending):
+            super().finish(ending)
+            seen.extend(key for key, _ in bucket.written if "/logs/" in key)
+            log.write_text("learned\nuploaded\n")
+
+    run(bucket, Late(interrupted("It goes.", 5.0, continues=True)))
+
+    [key] = [key for key in seen if key.endswith("trainer.log")]
+    assert bucket.get(key) == b"learned\nuploaded\n"
+
+
 def test_what_a_successor_needs_is_written_before_the_workers_have_exited(run):
     stubborn = "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\ntime.sleep(60)"
     bucket = SlowBucket()
@@ -167,7 +185,7 @@ def test_what_a_successor_needs_is_written_before_the_workers_have_exited(run):
 
     run(bucket, Ends(interrupted("It goes.", 3.0, continues=False)), script=stubborn)
 
-    assert bucket.first(keys.outcome("model")) - began_s < 0.9  # they get a third of the time
+    assert bucket.first(keys.outcome("model")) - began_s < 0.9  # they get half of the time
     assert read_outcome(ModelStore(bucket, "model")).stays_ended
 
 

@@ -127,15 +127,49 @@ def test_new_best_checkpoints_go_up_but_not_all_of_them_at_first(stage):
     assert it.commands.names == ["upload-model -b", "upload-model -b"]
 
 
-def test_an_interruption_uploads_last_best_and_archive_within_the_time(stage):
-    wanted = ["DR_REGULAR_UPLOAD=60", "DR_UPLOAD_BEST_MODEL=True"]
-    it = stage(*wanted, "DR_REGULAR_PHYSICAL_MODEL_UPLOAD=60", ends=[done(8), done(7), done(8)])
+def test_an_interruption_uploads_best_then_archive_each_within_what_is_left(stage):
+    it = stage(
+        *("DR_REGULAR_UPLOAD=60", "DR_REGULAR_PHYSICAL_MODEL_UPLOAD=60"), ends=[done(7), done(8)]
+    )
     it.watch.has(8, best=7)
 
     it.duty.finish(ending(INTERRUPTED, 100.0))
 
-    assert it.commands.names == ["upload-model -f", "upload-model -b", "upload-car-zip -f"]
-    assert all(0.0 < command.waited_s <= 60.0 for command in it.commands.started)
+    assert it.commands.names == ["upload-model -b", "upload-car-zip -f"]
+    assert all(90.0 < command.waited_s <= 100.0 for command in it.commands.started)
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    ["DR_REGULAR_UPLOAD=60", "DR_UPLOAD_BEST_MODEL=True", "DR_UPLOAD_MODEL_ON_COMPLETION=True"],
+)
+@pytest.mark.parametrize(("code", "left_s"), [(INTERRUPTED, 60.0), (143, None), (5, None)])
+def test_whoever_wants_uploads_has_the_best_model_after_every_end(stage, wanted, code, left_s):
+    it = stage(wanted, ends=[done(7)])
+    it.watch.has(8, best=7)
+
+    it.duty.finish(ending(code, left_s))
+
+    assert it.commands.names == ["upload-model -b"]
+
+
+def test_before_the_first_evaluation_an_end_uploads_the_last_checkpoint(stage):
+    it = stage("DR_UPLOAD_MODEL_ON_COMPLETION=True", ends=[done(8)])
+    it.watch.has(8)
+
+    it.duty.finish(ending(143))
+
+    assert it.commands.names == ["upload-model -f"]
+
+
+def test_an_end_after_an_upload_of_an_older_checkpoint_uploads_the_best(stage):
+    it = stage("DR_REGULAR_UPLOAD=1", ends=[done(8), done(7)])
+    it.watch.has(8, best=7)
+    it.after(61)
+
+    it.duty.finish(ending(INTERRUPTED, 60.0))
+
+    assert it.commands.names == ["upload-model -f", "upload-model -b"]
 
 
 def test_an_interruption_uploads_nothing_that_is_there(stage):
@@ -160,16 +194,17 @@ def test_a_running_upload_is_killed_when_the_time_is_over(stage):
     assert first.waited_s <= 6.0
 
 
-def test_a_stop_by_a_person_waits_little_for_an_upload_and_begins_none(stage):
+def test_a_stop_by_a_person_waits_little(stage):
     it = stage("DR_REGULAR_UPLOAD=1", "DR_UPLOAD_BEST_MODEL=True")
     it.watch.has(8, best=7)
     it.after(61)
 
     it.duty.finish(ending(143))
 
-    assert len(it.commands.started) == 1
-    assert it.commands.started[0].killed
-    assert it.commands.started[0].waited_s <= 5.0
+    running, last = it.commands.started
+    assert running.killed
+    assert running.waited_s <= 5.0
+    assert last.waited_s <= 30.0
 
 
 def test_a_training_that_lost_its_model_leaves_no_process_behind(stage):

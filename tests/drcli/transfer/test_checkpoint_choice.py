@@ -190,16 +190,18 @@ def test_checkpoints_in_which_only_a_teacher_has_learned_are_marked_and_are_not_
 
     found = list_checkpoints(ModelStore.of(CONFIG, bucket, PREFIX))
     take_choice(model, "last")
+    take_choice(model, "best")
     take_choice(model, 2)
 
     assert [(each.number, each.untaught, each.words) for each in found.checkpoints] == [
         (0, True, []),
         (1, True, []),
         (2, True, []),
-        (3, False, ["last"]),
+        (3, False, ["last", "best"]),
     ]
     assert shown == [
         f"Takes checkpoint 3 of {PREFIX}, the last: never evaluated.",
+        f"Takes checkpoint 3 of {PREFIX}, the last, because none has been evaluated.",
         f"Takes checkpoint 2 of {PREFIX}: never evaluated, because only its teacher has learned "
         "until there.",
     ]

@@ -30,6 +30,7 @@ from drcli.transfer.find_checkpoint import OwnModel
 from drcli.transfer.import_model import ImportOptions, copy_of_own, import_model, plan_import
 from droa_models import write_files
 from memory_bucket import MemoryBucket
+from minio_files import put
 
 from .conftest import no_bar, put_model
 
@@ -593,3 +594,16 @@ def test_files_of_the_racer_that_would_replace_the_models_are_named(importer, mo
 
     assert any("has another hyperparameters.json" in text for text in report.warnings)
     assert not any("another" in t for t in importer.run(model, "b", custom_files=True).warnings)
+
+
+def test_a_model_is_imported_from_the_folder_of_a_minio(importer, tmp_path):
+    bucket = tmp_path / "data" / "minio" / "bucket"
+    for name, data in tensorflow().items():
+        put(bucket / "old" / name, data, inline=len(data) < 1000)
+    put(bucket / "old" / "reward_function.py", REWARD, inline=True)
+
+    report = importer.run(bucket / "old")
+
+    assert report.checkpoint == "12_Step-7824.ckpt"
+    assert report.form == "TensorFlow checkpoint"
+    assert "reward_function.py" in report.taken

@@ -199,6 +199,7 @@ def test_a_number_that_there_is_not_is_one_sentence(trained):
         trained.start()
 
     assert "There is no checkpoint 99: the newest is 5." in str(caught.value)
+    assert "s3://" not in str(caught.value)  # the setting names the model
     assert "cannot be used" not in str(caught.value)
 
 

@@ -8,6 +8,7 @@ import pytest
 from drcli.base.clock import wait_until
 from drcli.records.run_record import log_file
 from drcli.web import model_action_routes
+from drcli.web.model_action_routes import TASKS, Clone
 from old_model import extract_old_model
 from stored_models import StoredModels
 
@@ -126,11 +127,32 @@ def test_what_an_evaluation_can_be_comes_from_settings_and_tracks(client, workin
         file.write("DR_EVAL_NUMBER_OF_TRIALS=4\nDR_LOCAL_S3_PRETRAINED=True\n")
         file.write(f"DR_LOCAL_S3_PRETRAINED_PREFIX={PREFIX}\n")
 
-    found = client.get("/api/model/choices", params={"prefix": PREFIX}).json()
+    found = asked(client, "evaluate")
 
-    assert found["laps"] == 4
-    assert "reinvent_base" in found["worlds"]
-    assert "HEAD_TO_MODEL" in found["race_types"]
+    assert found["laps"]["value"] == "4"
+    assert "reinvent_base" in dict(found["world"]["options"])
+    assert "HEAD_TO_MODEL" in dict(found["race_type"]["options"])
+    assert found["opponent"]["only"] == ["race_type", "HEAD_TO_MODEL"]
+
+
+def asked(client, about, **query):
+    """The fields of a question by their names."""
+    query = {"prefix": PREFIX, "about": about, **query}
+    answer = client.get("/api/model/question", params=query)
+    assert answer.status_code == 200, answer.text
+    return {each["name"]: each for each in answer.json()["fields"]}
+
+
+@pytest.mark.usefixtures("models")
+def test_every_question_names_what_its_request_takes(client):
+    wrong = client.get("/api/model/question", params={"prefix": PREFIX, "about": "sell"})
+    for about in ("start", "stop", "evaluate", "clone", "upload", "download", "delete"):
+        body = {"clone": Clone}.get(about) or TASKS[about].work.__annotations__["body"]
+        fields = {field.get("list", name) for name, field in asked(client, about).items()}
+        assert fields <= set(body.model_fields), about
+
+    assert wrong.status_code == 400
+    assert "start, stop, evaluate" in wrong.json()["error"]["message"]
 
 
 def send(client, name, data, upload=""):
@@ -193,13 +215,15 @@ def test_a_clone_takes_the_files_that_are_wanted_and_shows_what_would_change(
     (own / "reward_function.py").write_text("def reward_function(params):\n    return 2.0\n")
     (own / "hyperparameters.json").write_text('{"lr": 0.5}')
 
-    plan = client.get("/api/model/clone-plan", params={"prefix": "model"}).json()
+    query = {"prefix": "model", "about": "clone"}
+    plan = client.get("/api/model/question", params=query).json()
     wanted = {"to": "next", "take": ["reward_function.py"], "world": "willow"}
     made = act(client, "clone", **wanted, prefix="model")
 
-    changed = {each["name"]: each["diff"] for each in plan["files"]}
+    changed = {each["summary"].split()[0]: each["lines"] for each in plan["diffs"]}
     assert "-    return 2.0" in changed["reward_function.py"]
     assert changed["hyperparameters.json"]
+    assert [each["name"] for each in plan["fields"] if each.get("list") == "take"] == list(changed)
     assert made.status_code == 200, made.text
     assert "return 2.0" not in (own / "reward_function.py").read_text()
     assert "return 2.0" in (own / "reward_function.py.bak").read_text()

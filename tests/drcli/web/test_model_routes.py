@@ -7,6 +7,7 @@ import pytest
 from drcli.model import keys
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.transfer.report_place import report_file
+from drcli.web.page_words import for_page
 from stored_models import STAMP, StoredModels
 
 PREFIX = "team/model-1"
@@ -86,10 +87,11 @@ def test_broken_settings_are_one_sentence_with_a_remedy(client, working_folder):
 @pytest.mark.usefixtures("models")
 def test_a_model_is_described_with_the_name_of_its_next_clone(client):
     found = about(client).json()
+    query = {"prefix": PREFIX, "about": "clone"}
+    asked = client.get("/api/model/question", params=query).json()
 
     assert found["model"]["prefix"] == PREFIX
-    assert found["next_name"] == "team/model-2"
-    assert found["upload_bucket"] == ""
+    assert asked["fields"][0]["value"] == "team/model-2"
     assert found["training"]["iterations"] == 2
 
 
@@ -98,7 +100,9 @@ def test_checkpoints_are_those_of_the_command(client, dr, capsys):
     found = about(client, "checkpoints").json()
 
     dr("list-checkpoints", PREFIX, "--json")
-    assert found == json.loads(capsys.readouterr().out)
+    options = dict(found.pop("options"))
+    assert list(options)[:2] == ["best", "last"]
+    assert found == for_page(json.loads(capsys.readouterr().out))
 
 
 def test_the_reward_graph_has_episodes_means_and_the_best_checkpoint(client, models):
@@ -136,6 +140,9 @@ def test_an_evaluation_has_trials_penalties_and_its_video(client):
     one = found["evaluations"][0]
     assert (one["stamp"], one["world"], one["best_finished_s"]) == (STAMP, "reinvent_base", 12.345)
     assert (one["clean_laps"], one["best_lap_s"]) == (0, None)
+    assert one["label"].endswith("reinvent_base · checkpoint 0 · 0 of 1 laps clean")
+    assert one["rows"][0][3] == "Finished"
+    assert ["Best clean lap", "–", None] in one["figures"]
     assert one["summary"].endswith("the fastest in 12.35 s, 1 reset")
     assert one["trials"][0]["off_track"] == 1
     assert (one["off_track_penalty_s"], one["collision_penalty_s"]) == (5.0, 3.0)
@@ -158,7 +165,9 @@ def test_files_are_compared_with_another_model(client, models):
 
     found = about(client, "difference", other="parent").json()
 
-    assert found["before"]["model"] == "parent"
+    lr = next(row for row in found["sections"]["Hyperparameters"] if row[0] == "lr")
+    assert lr[1] == "0.01"
+    assert found["results"][0][0] == "track"
     assert about(client, "files").json()["files"]["reward_function.py"].startswith("def reward")
 
 

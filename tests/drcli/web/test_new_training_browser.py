@@ -125,7 +125,7 @@ def test_a_setting_is_found_changed_and_saved(served, visit, made):
 
     assert "DR_STALL_MINUTES=5" in (made / "system.env").read_text()
     help_of = page.locator("[data-key=DR_STALL_MINUTES] .help")
-    help_of.get_by_text("From system.env line").wait_for()
+    help_of.get_by_text("From system.env.").wait_for()
 
 
 TYPED = "# typed and not saved\n"

@@ -11,6 +11,7 @@ from starlette.testclient import TestClient
 from drcli.model import race_keys
 from drcli.races.race_records import DrivenCar, RaceResult
 from drcli.races.stored_race import put, read_race
+from drcli.web.race_routes import RaceForm
 from home_races import RACE, Home, lap
 
 BASE = "http://127.0.0.1:8100"
@@ -66,13 +67,13 @@ def test_a_race_from_its_form_to_its_end(home, client):
     ("form", "why"),
     [
         ({"name": ""}, "is empty"),
-        ({"max_laps": 0}, "--laps 0 is not from 1 to 100"),
-        ({"min_laps": 9}, "--min-laps 9 is not from 1 to 3"),
-        ({"closes": "yesterday"}, "--closes yesterday is neither"),
+        ({"max_laps": 0}, "“Laps” 0 is not from 1 to 100"),
+        ({"min_laps": 9}, "“Complete laps needed” 9 is not from 1 to 3"),
+        ({"closes": "yesterday"}, "“Closes” yesterday is neither"),
         ({"opens": "2h", "closes": "1h"}, "before it opens"),
         ({"sensors": ["EYES"]}, "EYES is not a sensor"),
-        ({"obstacles": 2}, "--obstacles needs --type OBJECT_AVOIDANCE"),
-        ({"race_type": "OBJECT_AVOIDANCE", "obstacles": -1}, "DR_OA_NUMBER_OF_OBSTACLES"),
+        ({"obstacles": 2}, "“Obstacles” needs “Kind of race” OBJECT_AVOIDANCE"),
+        ({"race_type": "OBJECT_AVOIDANCE", "obstacles": -1}, "“Obstacles”=-1"),
     ],
 )
 def test_a_rule_that_is_wrong_is_said_before_anything_is_written(home, client, form, why):
@@ -127,9 +128,10 @@ def test_rules_can_be_changed_until_somebody_has_driven(home, client):
     home.race()
     home.submit("ann")
     before = read_race(home.bucket, RACE).rules
-    options = client.get("/api/race/cup/rules").json()["wish"]
+    fields = client.get("/api/race/cup/rules").json()["fields"]
 
-    form = {**options, "max_laps": 5, "opens": "", "closes": "", "settings": None}
+    form = {each["key"]: each["value"] for each in fields}
+    form = {**form, "max_laps": 5, "opens": "", "closes": ""}
     changed = post(client, "race/cup/rules", **form)["race"]["rules"]
     assert (changed["max_laps"], changed["average_laps"], changed["changes"]) == (5, 3, 1)
     assert changed["seed"] == before.seed == 1
@@ -233,8 +235,26 @@ def test_what_a_submission_may_be_made_of(home, client, monkeypatch):
     models = client.get("/api/races/models").json()["models"]
     assert [model["prefix"] for model in models] == ["ann", "bob", "cem"]
     form = client.get("/api/races/form").json()
-    assert (form["world"], form["racer"], form["model"]) == ("bean", "Ann", "ann")
-    assert form["tracks"] == ["bean"]
+    assert (form["racer"], form["model"]) == ("Ann", "ann")
+    fields = {each["key"]: each for each in form["fields"]}
+    assert (fields["world"]["value"], fields["world"]["options"]) == ("bean", ["bean"])
+    assert fields["bots"]["only"] == ["HEAD_TO_BOT"]
+    assert set(fields) == set(RaceForm.model_fields)
+
+
+def test_what_the_page_asks_about_a_race_is_said_here(home, client):
+    home.race()
+    home.submit("ann")
+
+    run, taking, page = (
+        client.get(f"/api/race/cup/question?about={about}").json()
+        for about in ("run", "open", "page")
+    )
+
+    assert run["intro"].startswith("1 run waits in the queue.")
+    assert [each["name"] for each in run["fields"] + taking["fields"]] == ["video", "closes"]
+    assert (page["fields"], "no videos" in page["intro"]) == ([], True)
+    assert client.get("/api/race/cup/question?about=sale").status_code == 400
 
 
 def test_the_log_of_the_queue_is_shown_from_its_end(home, client):

@@ -105,10 +105,10 @@ def test_the_form_tells_values_their_places_and_limits(client, made):
     metrics = found["DR_LOCAL_S3_METRICS_PREFIX"]
     assert metrics["written"] == "$DR_LOCAL_S3_MODEL_PREFIX/metrics"
     assert metrics["value"] == "rl-deepracer-sagemaker/metrics"
-    assert found["DR_WORLD_NAME"]["source"].startswith("run.env line ")
-    assert found["DR_MAX_COST"]["source"] == "default"
+    assert found["DR_WORLD_NAME"]["origin"] == "From run.env."
+    assert found["DR_MAX_COST"]["origin"] == "Not set, so the default counts."
     assert found["DR_RACE_TYPE"]["choices"][0] == "TIME_TRIAL"
-    assert (found["DR_WORKERS"]["low"], found["DR_WORKERS"]["high"]) == (0, 1000)
+    assert "from 0 to 1000" in found["DR_WORKERS"]["help"]
 
 
 def test_secrets_are_not_shown(client, made):

@@ -44,7 +44,9 @@ def amazon(keys: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[Account]:
     monkeypatch.setattr(creation, "current_prices", lambda *_: {"a": 0.07, "b": 0.11})
     wheel = InstallSource("", "drcli-9-py3-none-any.whl", b"a wheel")
     monkeypatch.setattr(racer_files, "find_source", lambda _: wheel)
-    monkeypatch.setattr(stack_plan, "checked_settings", lambda *given: (given[-1], []))
+    monkeypatch.setattr(
+        stack_plan, "check_settings", lambda *given: stack_plan.Checked(given[4], {}, {}, [])
+    )
     with mock_aws():
         boto3.client("s3", REGION).create_bucket(Bucket="models")
         yield Account(REGION, None)

@@ -22,9 +22,9 @@ from drcli.model.files.hyperparameters import KEYS, TEXTS
 from drcli.model.files.model_metadata import Network
 from drcli.model.files.sensors import SENSORS
 from drcli.records.trace import CSV_HEADER
-from drcli.rewards import scripted_drive
+from drcli.rewards import course
+from drcli.rewards.course import ScriptedDriver
 from drcli.rewards.reward_parameter_texts import REWARD_PARAMETERS
-from drcli.rewards.scripted_drive import ScriptedDriver
 from drsim.episode.simulation import Simulation
 from drsim.track.worlds import load_track
 
@@ -221,9 +221,7 @@ def printed_names() -> set[str]:
 
 def chosen_names() -> set[str]:
     """Every word that a setting, a model's file or --checkpoint takes, and every driver."""
-    drivers = {
-        each.name for each in vars(scripted_drive).values() if isinstance(each, ScriptedDriver)
-    }
+    drivers = {each.name for each in vars(course).values() if isinstance(each, ScriptedDriver)}
     choices = {word for each in catalogue().values() for word in each.choices}
     words = {*typing.get_args(CheckpointWord), *typing.get_args(Network), *SENSORS}
     return drivers | choices | words

@@ -44,6 +44,7 @@ from drcli.outside.car.car_models import CarLoad, CarModel, CarModels, CarUpload
 from drcli.outside.droa.droa_api import read_model
 from drcli.outside.droa.droa_import import ImportReport
 from drcli.outside.droa.droa_metrics import PhaseMeans
+from drcli.outside.droa.droa_races import DroaSubmission, RemoteRace, RemoteRaces
 from drcli.races.organise import show_race
 from drcli.races.queue_process import QueueStarted, QueueStopped
 from drcli.races.race_records import DrivenCar, DrivenLap, RaceResult, RaceRules, RaceSubmission
@@ -722,7 +723,9 @@ def _answer_as_amazon(
     kinds = ("c7i-flex.12xlarge", "m6id.metal")
     plan = SimpleNamespace(
         options=StackOptions("my-run", bucket, kinds),
-        settings=SimpleNamespace(model_prefix=MODEL),
+        settings=SimpleNamespace(
+            model_prefix=MODEL, upload_s3_bucket=bucket, upload_s3_prefix=f"upload/{MODEL}"
+        ),
         source=SimpleNamespace(shown="drcli==1.0.0"),
         types=[SimpleNamespace(name=name) for name in kinds],
         zones=(f"{region}a", f"{region}b"),
@@ -730,10 +733,19 @@ def _answer_as_amazon(
         resumes="8_Step-4000.ckpt",
         notes=("The model is there already; the training goes on.",),
         files={},
+        not_imported="DR_DROA_URL is empty.",
     )
     answer("cli.commands.spot.find_source", plan.source)
     # Its checks would find what stands here for the report of `dr validate`.
-    monkeypatch.setattr("drcli.cli.commands.spot._checked", lambda *given: given[-1])
+    answer("outside.aws.creation.check_bucket", None)
+    monkeypatch.setattr("drcli.cli.commands.spot._checked", lambda *given: {})
+
+    def fetch_folder(_account: object, _stack: object, folder: Path, _environ: object) -> object:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "run.env").write_text(f"DR_LOCAL_S3_MODEL_PREFIX={MODEL}\n")
+        return {}
+
+    monkeypatch.setattr("drcli.outside.aws.stack_logs.fetch_folder", fetch_folder)
     answer("outside.aws.creation.prepare", plan)
     created = CreatedStack(
         "my-run", region, bucket, MODEL, kinds, "spot", 0.61, 8.74, 1.79e9, topic
@@ -753,7 +765,9 @@ def _answer_as_amazon(
     )
     answer("cli.commands.spot.our_stacks", [stack, stack])
     reports = iter((StackReport("my-run", *state, MODEL, bucket, *running), base))
-    monkeypatch.setattr("drcli.outside.aws.stack_report.report_on", lambda *_: next(reports))
+    monkeypatch.setattr(
+        "drcli.outside.aws.stack_report.report_on", lambda *_, **options: next(reports)
+    )
     answer("outside.aws.prices.read_advisor", None)
     answer("cli.commands.spot.find_types", [])
     offers = [
@@ -854,6 +868,10 @@ def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         find=lambda wanted: found,
         delete=lambda model_id: None,
     )
+    race = RemoteRace(
+        "2w7R6h2PNexQ9kD", "Spring", "TIME_TRIAL", "reinvent_base", True, "", 3, False
+    )
+    driven = DroaSubmission(DROA_SITE, "Spring", "car", 1, "COMPLETED", 31.25, 9.95, 3, 1)
     file = folder / "training-logs.tar.gz"
     file.write_bytes(b"logs")
     imported = ImportReport(DROA_SITE, DROA_ID, "car", "READY", 12, 12_000_000, "uploads/models/x")
@@ -865,6 +883,8 @@ def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "outside.droa.droa_metrics.metrics_summary": lambda *_: means,
         "outside.droa.droa_import.plan_import": lambda *_, **__: None,
         "outside.droa.droa_import.import_files": lambda *_, **__: imported,
+        "outside.droa.droa_races.list_races": lambda *_: RemoteRaces(DROA_SITE, [race]),
+        "outside.droa.droa_races.submit": lambda *_: driven,
         "outside.droa.droa_download.find_asset": lambda *_: "",
         "outside.droa.droa_download.download": lambda *_, **__: file,
     }

@@ -409,3 +409,4 @@ def test_it_is_said_before_a_training_where_the_model_can_go(dr, empty, capsys, 
     said = capsys.readouterr().err
     assert "can go to the physical car, but not to DeepRacer on AWS" in said
     assert '"neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"' in said
+    assert "`dr-export droa --distill`" in said

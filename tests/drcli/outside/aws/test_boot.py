@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -281,6 +282,91 @@ def test_a_complete_training_is_finished_although_work_at_its_end_failed(cloud, 
 def test_the_boot_program_knows_the_exit_codes_of_the_command():
     assert EndWorkFailed.code == boot.END_WORK_FAILED
     assert set(boot.FINAL) <= set(EXIT_CODES)
+
+
+@pytest.mark.parametrize("code", [2, 3, 7, 1, 4, 5, 75])
+def test_what_a_failed_training_printed_reaches_the_racer(cloud, machine, code):
+    ours = machine()
+    ours.boot()
+    ours.journal.write_text(
+        "Downloading ...\nError: run.env line 2: Oval is not a known track.\n  Try: Correct it.\n"
+    )
+
+    ours.after_service(code)
+
+    sentence = "Error: run.env line 2: Oval is not a known track. Try: Correct it."
+    assert f"ended with code {code}. {sentence}" in cloud.mark().text
+    assert sentence.encode() in cloud.get(f"logs/{ours.instance}-boot.log")
+
+
+def test_a_training_that_was_killed_is_said_to_be_with_its_last_lines(cloud, machine):
+    ours = machine()
+    ours.boot()
+    ours.journal.write_text("".join(f"Iteration {k}\n" for k in range(9)))
+
+    ours.after_service(-9, SERVICE_RESULT="oom-kill")
+
+    said = "was ended by signal KILL because the memory of the machine ran out."
+    assert cloud.mark().text.startswith(f"The training {said} Iteration 6 Iteration 7 Iteration 8")
+
+
+def test_lines_of_a_training_that_was_interrupted_are_no_reason(cloud, machine):
+    ours = machine()
+    ours.boot()
+    ours.journal.write_text("Interrupted. Continue with ...\n")
+    ours.metadata.interrupt()
+
+    ours.after_service(75)
+
+    assert cloud.mark().text == "The training ended with code 75. Reason: spot notice."
+
+
+def test_a_full_disk_keeps_nobody_from_learning_why(cloud, machine):
+    ours = machine()
+    ours.boot()
+    (ours.root / "var/log/drcli-boot.log").unlink()
+    (ours.root / "var/log/drcli-boot.log").mkdir()  # so nothing can be written there
+    ours.journal.write_text("Error: data/logs: there is no room on the disk.\n")
+
+    done = ours.boot("ended", EXIT_CODE="exited", EXIT_STATUS="3")
+
+    assert "no room on the disk" in done.stdout, "the console of the machine has it"
+    assert "no room on the disk" in cloud.mark().text
+    assert b"no room on the disk" in cloud.get(f"logs/{ours.instance}-boot.log")
+    assert cloud.wanted == 0
+
+
+def test_without_the_bucket_the_console_has_it_and_the_next_end_tries_again(cloud, machine):
+    ours = machine()
+    ours.boot()
+    ours.journal.write_text("Error: the bucket does not answer.\n")
+
+    done = ours.boot(
+        "ended", EXIT_CODE="exited", EXIT_STATUS="3", AWS_ENDPOINT_URL="http://127.0.0.1:1"
+    )
+
+    assert done.returncode == 0
+    assert "Error: the bucket does not answer." in done.stdout
+    assert not (ours.root / "run/drcli/leaving").exists()
+    assert not ours.after_service(3)
+    assert cloud.wanted == 0
+
+
+def test_variables_reach_the_training_as_they_are(cloud, machine):
+    value = 'a "b" $c `d` \\e # f'
+    change_plan(cloud, environment={"DR_ON_END": value, "DR_CLOUD": "aws"})
+    ours = machine()
+    ours.boot()
+    file = ours.root / "opt/drcli/environment"
+
+    shell = subprocess.run(
+        ["sh", "-c", f'set -a; . {file}; printf %s "$DR_ON_END"'],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+    assert shell.stdout == value
 
 
 @pytest.mark.parametrize("code", [75, 9, 8])

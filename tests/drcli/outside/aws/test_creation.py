@@ -19,7 +19,7 @@ from drcli.outside.aws.creation import StackOptions
 from drcli.outside.aws.instance_types import InstanceType
 from drcli.outside.aws.machine_marks import MachineMark, read_marks, stack_folder
 from drcli.outside.aws.machines import cost_of, machines_of
-from drcli.outside.aws.racer_files import InstallSource
+from drcli.outside.aws.racer_files import InstallSource, environment, files_to_send
 from drcli.outside.aws.stack_report import report_on
 from drcli.outside.aws.stacks import add_access, find_stack, need_stack, our_stacks
 from drcli.records.run_record import Lease
@@ -29,6 +29,13 @@ from drcli.transfer.transfer_buckets import parse_url, source_bucket
 WHEEL = InstallSource("", "drcli-9-py3-none-any.whl", b"a wheel")
 OPTIONS = StackOptions("run", "models", types=("c7i.xlarge", "c7g.xlarge"), image="ami-1e749f67")
 RUN_ENV = "DR_WORLD_NAME=reinvent_base\nDR_LOCAL_S3_MODEL_PREFIX=training/race/m-1\n"
+
+
+def prepare(amazon, settings, options: StackOptions, source: InstallSource, **variables: str):
+    """The plan of `dr-spot create`, after its checks."""
+    sent = files_to_send(settings)
+    given = environment(settings, options.bucket, amazon.region, options.stack, variables)
+    return creation.prepare(amazon, settings, options, source, sent, given)
 
 
 @pytest.fixture
@@ -44,7 +51,7 @@ def one_stack(shared_amazon, tmp_path_factory):
     folder = tmp_path_factory.mktemp("racer")
     (folder / "run.env").write_text(RUN_ENV)
     options = replace(OPTIONS, types=("c7i.xlarge",))
-    plan = creation.prepare(shared_amazon, load_settings(folder, environ={}), options, WHEEL)
+    plan = prepare(shared_amazon, load_settings(folder, environ={}), options, WHEEL)
     creation.carry_out(shared_amazon, plan)
     return need_stack(shared_amazon, "run")
 
@@ -71,7 +78,7 @@ def write_mark(amazon, stack, state: str, instance: str) -> None:
 
 @pytest.mark.nightly
 def test_a_stack_is_made_and_removed_and_only_the_model_stays(amazon, settings, options):
-    plan = creation.prepare(amazon, settings, options, WHEEL)
+    plan = prepare(amazon, settings, options, WHEEL)
     report = creation.carry_out(amazon, plan, pause=lambda seconds: None)
     stack, bucket = need_stack(amazon, "other"), amazon.bucket("models")
     ours = machines_of(amazon, stack, [])
@@ -102,7 +109,7 @@ def test_a_stack_is_made_and_removed_and_only_the_model_stays(amazon, settings, 
 
 
 def test_nothing_is_made_while_it_is_planned(amazon, settings, options):
-    creation.prepare(amazon, settings, options, WHEEL)
+    prepare(amazon, settings, options, WHEEL)
 
     assert find_stack(amazon, "other") is None
     assert amazon.bucket("models").list("") == []
@@ -111,7 +118,7 @@ def test_nothing_is_made_while_it_is_planned(amazon, settings, options):
 def test_a_name_that_is_taken_is_refused(amazon, settings, options, stack):
     assert [each.name for each in our_stacks(amazon)] == ["run"]
     with pytest.raises(SettingsError, match="There is a stack run"):
-        creation.prepare(amazon, settings, replace(options, stack="run"), WHEEL)
+        prepare(amazon, settings, replace(options, stack="run"), WHEEL)
 
 
 @pytest.mark.parametrize("name", ["", "1-run", "my_run", "a" * 65, "läufer"])
@@ -136,12 +143,12 @@ def test_names_that_amazon_does_not_take_are_refused(amazon, name):
 )
 def test_options_that_cannot_be_met_are_refused(amazon, settings, options, changes, sentence):
     with pytest.raises(SettingsError, match=sentence):
-        creation.prepare(amazon, settings, replace(options, **changes), WHEEL)
+        prepare(amazon, settings, replace(options, **changes), WHEEL)
 
 
 def test_a_price_that_no_machine_has_is_refused(amazon, settings, options):
     with pytest.raises(StorageError, match="No spot machine costs at most"):
-        creation.prepare(amazon, settings, replace(options, most_usd=0.000001), WHEEL)
+        prepare(amazon, settings, replace(options, most_usd=0.000001), WHEEL)
 
 
 def test_a_model_that_another_machine_trains_is_refused(amazon, settings, options):
@@ -149,20 +156,20 @@ def test_a_model_that_another_machine_trains_is_refused(amazon, settings, option
     lease.write_lease(ModelStore(amazon.bucket("models"), settings.model_prefix), owner)
 
     with pytest.raises(SettingsError, match="is being trained by process 1 on elsewhere"):
-        creation.prepare(amazon, settings, options, WHEEL)
+        prepare(amazon, settings, options, WHEEL)
 
 
 def test_a_prefix_with_other_objects_is_refused(amazon, settings, options):
     amazon.bucket("models").put("training/race/m-1/notes.txt", b"")
 
     with pytest.raises(SettingsError, match="no checkpoint"):
-        creation.prepare(amazon, settings, options, WHEEL)
+        prepare(amazon, settings, options, WHEEL)
 
 
 def test_a_longer_name_of_a_model_is_not_in_the_way(amazon, settings, options):
     amazon.bucket("models").put("training/race/m-10/notes.txt", b"")
 
-    assert creation.prepare(amazon, settings, options, WHEEL).resumes == ""
+    assert prepare(amazon, settings, options, WHEEL).resumes == ""
 
 
 def test_a_training_that_was_stopped_is_continued(amazon, settings, options, stack, monkeypatch):
@@ -171,7 +178,7 @@ def test_a_training_that_was_stopped_is_continued(amazon, settings, options, sta
     stopped = RunOutcome("one", "host", 1.0, 2.0, "stopped", code=143, stays_ended=True)
     write_outcome(ModelStore(bucket, prefix), stopped)
 
-    plan = creation.prepare(amazon, settings, options, WHEEL)
+    plan = prepare(amazon, settings, options, WHEEL)
     monkeypatch.setattr(creation, "create_stack", lambda *args, **named: stack)
     creation.carry_out(amazon, plan)
 
@@ -180,7 +187,7 @@ def test_a_training_that_was_stopped_is_continued(amazon, settings, options, sta
 
 
 def test_a_stack_that_cannot_be_made_leaves_no_files(amazon, settings, options, monkeypatch):
-    plan = creation.prepare(amazon, settings, options, WHEEL)
+    plan = prepare(amazon, settings, options, WHEEL)
 
     def fail(*args: object, **named: object) -> None:
         raise StorageError("No.", remedy="")
@@ -216,9 +223,68 @@ def test_files_and_tracks_of_an_experiment_are_sent(amazon, tmp_path, options):
     (own / "run.env").write_text(RUN_ENV)
     (tmp_path / "notes.env").write_text("SECRET=1\n")
 
-    plan = creation.prepare(amazon, load_settings(tmp_path, environ={}), options, WHEEL)
+    plan = prepare(amazon, load_settings(tmp_path, environ={}), options, WHEEL)
 
     assert sorted(plan.files) == ["experiments/fast/run.env", "run.env", "system.env"]
+
+
+def test_routes_and_the_files_of_stages_are_sent_and_what_is_outside_is_refused(tmp_path: Path):
+    elsewhere = tmp_path / "routes"
+    racer = tmp_path / "racer"
+    for folder in (elsewhere, racer / "custom_files", racer / "lists"):
+        folder.mkdir(parents=True)
+    for path in (
+        elsewhere / "mine.npy",
+        elsewhere / "other.npy",
+        racer / "lists" / "far.csv",
+        racer / "curriculum.yaml",
+        racer / "custom_files" / "reward_function.py",
+        racer / "custom_files" / "notes.txt",
+    ):
+        path.write_bytes(b"x")
+    (racer / "run.env").write_text(
+        "DR_WORLD_NAME=mine_cw\nDR_TRAIN_WORLDS=lists/far.csv,reinvent_base\n"
+    )
+    (racer / "system.env").write_text(f"DR_TRACKS_DIR={elsewhere}\n")
+    settings = load_settings(racer, environ={})
+
+    sent = files_to_send(settings, further=[racer / "curriculum.yaml"])
+
+    assert sorted(sent) == [
+        "curriculum.yaml",
+        "custom_files/reward_function.py",
+        "lists/far.csv",
+        "run.env",
+        "system.env",
+        "tracks/mine.npy",
+    ]
+    given = environment(settings, "models", "us-east-1", "run", {})
+    assert (given["DR_TRACKS_DIR"], given["DR_TRACKS_FETCH"]) == ("tracks", "always")
+    with pytest.raises(SettingsError, match="is outside of"):
+        files_to_send(settings, further=[elsewhere / "other.npy"])
+
+
+def test_settings_of_the_shell_count_on_the_machine_but_its_passwords_stay(tmp_path: Path):
+    (tmp_path / "run.env").write_text(
+        "DR_WORLD_NAME=bean\nDR_LOCAL_S3_MODEL_PREFIX=$TEAM/first\nDR_TRACKS_FETCH=never\n"
+    )
+    shell = {
+        "TEAM": "blue",
+        "HOME": "/home/racer",
+        "DR_WORKERS": "3",
+        "DR_LOCAL_S3_BUCKET": "here",
+        "DR_DROA_PASSWORD": "a-password",
+        "AWS_SECRET_ACCESS_KEY": "a-key",
+        "LANG": "C",
+    }
+    settings = load_settings(tmp_path, environ=shell)
+
+    given = environment(settings, "models", "us-east-1", "run", shell)
+
+    assert (given["TEAM"], given["DR_WORKERS"]) == ("blue", "3")
+    assert given["DR_LOCAL_S3_BUCKET"] == given["DR_UPLOAD_S3_BUCKET"] == "models"
+    assert not {"HOME", "LANG", "DR_DROA_PASSWORD", "AWS_SECRET_ACCESS_KEY"} & set(given)
+    assert "DR_TRACKS_FETCH" not in given
 
 
 def test_a_report_shows_machine_state_and_cost(amazon, stack):
@@ -315,7 +381,7 @@ def test_a_policy_in_the_bucket_gets_the_command_that_makes_it_a_model_there(
     amazon.bucket("models").put(f"{settings.model_prefix}/model_3.pb", b"graph")
 
     with pytest.raises(SettingsError, match="no checkpoint to resume from") as refused:
-        creation.prepare(amazon, settings, options, WHEEL)
+        prepare(amazon, settings, options, WHEEL)
 
     [command] = re.findall("`(.*)`", refused.value.remedy)
     *variables, program, flag, url, option, name = command.split()

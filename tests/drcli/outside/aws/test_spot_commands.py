@@ -9,10 +9,17 @@ import boto3
 import pytest
 
 from drcli.cli.app import main
+from drcli.config.loading import load_settings
+from drcli.model.model_store import ModelStore
+from drcli.model.training_state import write_outcome
 from drcli.outside.aws import stacks
 from drcli.outside.aws.prices import ADDRESS_VARIABLE
 from drcli.outside.aws.racer_files import environment, lay_out
 from drcli.outside.aws.training_template import KIND_TAG, MODEL_TAG, STACK_TAG
+from drcli.records.training_record import RunOutcome
+
+UBUNTU = "ami-1e749f67"
+"""An image that moto knows."""
 
 
 @pytest.fixture
@@ -143,6 +150,43 @@ def test_the_newest_log_is_shown(spot, training, amazon):
     assert (code, out) == (0, "two\nthree\n")
 
 
+def test_what_a_machine_has_printed_is_shown_without_the_bucket(spot, training, monkeypatch):
+    without = spot("logs", "run", "console")
+    ec2 = boto3.client("ec2", "us-east-1")
+    tags = [{"ResourceType": "instance", "Tags": [{"Key": STACK_TAG, "Value": "run"}]}]
+    made = ec2.run_instances(ImageId=UBUNTU, MinCount=1, MaxCount=1, TagSpecifications=tags)
+    instance = made["Instances"][0]["InstanceId"]
+
+    code, out, said = spot("logs", "run", "console", "-n", "2")
+
+    ec2.terminate_instances(InstanceIds=[instance])
+    assert (without[0], "has had no machine" in without[2]) == (1, True)
+    assert code == 0, said
+    assert instance in said
+    assert len(out.splitlines()) == 2
+
+
+@pytest.mark.parametrize("own", ["", "DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=here\n"])
+def test_a_training_is_watched_from_any_folder(spot, training, amazon, tmp_path, own):
+    if own:
+        (tmp_path / "run.env").write_text("DR_WORLD_NAME=bean\n")
+        (tmp_path / "system.env").write_text(own)
+    bucket = amazon.bucket("models")
+    bucket.put("spot/run/files/run.env", b"DR_WORLD_NAME=reinvent_base\nDR_WORKERS=3\n")
+    install = {"files": ["run.env"], "environment": {"DR_LOCAL_S3_PROFILE": "default"}}
+    bucket.put("spot/run/install.json", json.dumps(install).encode())
+    outcome = RunOutcome("s", "there", 1.0, 1.0, "finished", code=0, message="Over.", ended_at=2.0)
+    write_outcome(ModelStore(bucket, "training/m"), outcome)
+
+    code, out, said = spot("status", "run", "--json")
+
+    assert code == 0, said
+    report = json.loads(out)
+    assert (report["bucket"], report["prefix"]) == ("models", "training/m")
+    assert (report["state"], report["world"]) == ("finished", "reinvent_base")
+    assert "dr-spot stop run" in said
+
+
 def test_prices_are_compared(spot):
     code, out, said = spot("prices", "--type", "c7i.xlarge", "--json", "--sort_order", "spotprice")
 
@@ -202,7 +246,16 @@ def test_a_folder_of_the_old_kind_becomes_a_working_folder(tmp_path: Path):
     old, new = tmp_path / "custom-files", tmp_path / "new"
     (old / "examples").mkdir(parents=True)
     new.mkdir()
-    for name in ("run.env", "system.env", "worker-2.env", "reward_function.py", "README.md"):
+    (old / "tracks").mkdir()
+    for name in (
+        "run.env",
+        "system.env",
+        "worker-2.env",
+        "curriculum.yaml",
+        "reward_function.py",
+        "README.md",
+        "tracks/mine.npy",
+    ):
         (old / name).write_text(name)
 
     lay_out(old, new)
@@ -212,13 +265,18 @@ def test_a_folder_of_the_old_kind_becomes_a_working_folder(tmp_path: Path):
         "run.env",
         "system.env",
         "worker-2.env",
+        "curriculum.yaml",
+        "tracks/mine.npy",
         "custom_files/reward_function.py",
         "custom_files/README.md",
     }
 
 
-def test_a_bucket_for_uploads_that_is_named_is_kept():
-    ours = environment("models", "eu-west-1", "run", "away")
+def test_a_bucket_for_uploads_that_is_named_is_kept(tmp_path: Path):
+    (tmp_path / "run.env").write_text("DR_WORLD_NAME=bean\nDR_UPLOAD_S3_BUCKET=away\n")
+    settings = load_settings(tmp_path, environ={})
+
+    ours = environment(settings, "models", "eu-west-1", "run", {})
 
     assert "DR_UPLOAD_S3_BUCKET" not in ours
     assert ours["DEEPRACER_REGION"] == "eu-west-1"

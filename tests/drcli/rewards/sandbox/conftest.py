@@ -35,7 +35,7 @@ def request_of(track: Track) -> Callable[..., SandboxRequest]:
         return SandboxRequest(
             "mine.py",
             episodes,
-            [list(map(list, way.waypoints)) for way in (track, track.reversed())],
+            [way.waypoints for way in (track, track.reversed())],
             repeated=2,
             **options,
         )

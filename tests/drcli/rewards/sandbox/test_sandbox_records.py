@@ -15,6 +15,8 @@ from drcli.rewards.sandbox.run_sandbox import (
     SandboxRequest,
     SandboxResult,
     Timing,
+    read_course,
+    write_course,
 )
 
 RESULT = SandboxResult(
@@ -42,11 +44,24 @@ def test_a_result_comes_back_as_it_was(tmp_path):
 
 def test_a_request_comes_back_as_it_was(tmp_path):
     request = SandboxRequest(
-        "mine.py", [[{"speed": 1.0}]], [[[0.0, 1.0]], []], 1, None, True, "{}", 0.5
+        "mine.py", [[{"speed": 1.0}]], [[(0.0, 1.0)], []], 1, None, True, metadata="{}", call_s=0.5
     )
     request.write(tmp_path)
 
     assert SandboxRequest.read(tmp_path) == request
+
+
+def test_a_race_to_drive_comes_back_as_it_was(tmp_path, settings_of):
+    request = SandboxRequest("mine.py", drive=settings_of().race)
+    request.write(tmp_path)
+
+    assert SandboxRequest.read(tmp_path) == request
+
+
+def test_a_course_comes_back_as_it_was(tmp_path, course):
+    write_course(course.course, tmp_path)
+
+    assert read_course(tmp_path) == course.course
 
 
 def test_without_a_result_there_is_none(tmp_path):

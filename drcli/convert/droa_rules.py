@@ -23,10 +23,13 @@ from drcli.model.files.params_yaml import (
     read_parameters,
     split_world,
 )
-from drcli.outside.droa.droa_package import MOST_BYTES, MOST_FILES
 
 # Checks training_params.yaml before an import.
 
+
+MOST_BYTES = 1024**3
+MOST_FILES = 1_000
+"""The importer reads one page of a list."""
 
 FILE = "training_params.yaml"
 
@@ -225,7 +228,7 @@ def check_description(description: str) -> None:
 
 def package_problems(files: Mapping[str, bytes]) -> list[Problem]:
     """What it would refuse (errors) or lose (warnings)."""
-    return [*_layout(files), *_checkpoint(files), *_contents(files)]
+    return [*_layout(files), *_checkpoint(files), *content_problems(files)]
 
 
 def problem(file: str, message: str, remedy: str, severity: Severity = "error") -> Problem:
@@ -319,7 +322,8 @@ def _indexed(data: bytes) -> Iterator[str]:
             yield str(entry["name"])
 
 
-def _contents(files: Mapping[str, bytes]) -> Iterator[Problem]:
+def content_problems(files: Mapping[str, bytes]) -> Iterator[Problem]:
+    """Of those files that are there, which a training has before its first checkpoint."""
     objects: dict[str, dict[str, Any]] = {}
     for name in ("model_metadata.json", HYPERPARAMETERS):
         if files.get(name, b"").strip():
