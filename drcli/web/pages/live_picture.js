@@ -3,7 +3,7 @@
 import { get } from "/api.js";
 import { follow } from "/socket.js";
 import { number } from "/text.js";
-import { html, signal, useEffect, useRef, useState } from "/ui.js";
+import { html, signal, useEffect, useRef, useSeen, useState } from "/ui.js";
 
 const TRAIL_POINTS = 400;
 const MOST_TRAILS = 8;
@@ -41,13 +41,18 @@ const CAPTION_MS = 500; // pictures come faster than anybody reads
  * @param {{topic: string | null, name: string, label: string, size: number[], wait: string, car?: number | null, onCar?: (car: number | null) => void}} props
  *   `car`: pictures of another one are not shown; `onCar` hears whose picture is.
  */
-export function LivePicture({ topic, name, label, size, wait, car, onCar = () => {} }) {
+export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar = () => {} }) {
   const [width, height] = size;
+  const [seen, setSeen] = useState(false);
+  const figure = useSeen(setSeen);
+  const topic = seen ? wanted : null; // what is scrolled away is neither sent nor decoded
   const canvas = useRef(null);
   const [told, setTold] = useState(null);
   useEffect(() => {
-    setTold(null);
-    if (!topic) return undefined;
+    if (!topic) {
+      if (!wanted) setTold(null);
+      return undefined;
+    }
     const own = new AbortController();
     let newest = null;
     let last = { car: undefined, at: 0 };
@@ -88,11 +93,11 @@ export function LivePicture({ topic, name, label, size, wait, car, onCar = () =>
       own.signal,
     );
     return () => own.abort();
-  }, [topic]);
+  }, [topic, wanted]);
   const other = told && (car ?? null) !== null && told.car !== car;
   const after = told && (told.age < 10000 ? number(told.age, 0, "ms") : "more than 10 s");
   return html`
-    <figure class="live-picture">
+    <figure class="live-picture" ref=${figure}>
       <div class="live-frame" style=${{ aspectRatio: `${width} / ${height}` }}>
         <canvas ref=${canvas} role="img" aria-label=${label} width=${width} height=${height}></canvas>
         ${(!told || other) && html`<p class="live-over">${other ? "The picture of this car comes soon." : wait}</p>`}

@@ -17,6 +17,8 @@ const STATUS = {
   time_up: "time is up",
   stopped: "stopped",
 };
+const WORDS_MS = 500; // numbers that change faster cannot be read
+const MAP_MS = 100; // trails join places that are less than 0.6 m apart
 const statusText = (status) => STATUS[status] ?? String(status).replaceAll("_", " ");
 
 /** Probabilities of discrete actions as bars, or mean and spread; what the critic expects. */
@@ -122,6 +124,37 @@ function words({ place, activity, host, alive, restarts }, state) {
   ];
 }
 
+const here = (scene) =>
+  (scene?.cars ?? []).filter((each) => !each.world || each.world === scene.world);
+
+/** The cars on the track: only this is drawn again for every scene. `lines` are those of the newest iteration. */
+function LiveMap({ topic, name, evaluation, lines, track }) {
+  const scene = useTopic(topic, MAP_MS).value?.scene ?? null;
+  const trails = useRef(new Map());
+  const cars = here(scene);
+  const shown = cars.find((each) => each.car === scene.shown?.car);
+  const racers = scene?.racers ?? [];
+  const many = racers.length > 1;
+  const colorOf = (each) =>
+    many ? rgb(racers[each.racer]?.rgb) : each.phase === "evaluation" ? "c2" : "c1";
+  const paths = useMemo(
+    () => (evaluation ? addTrails(trails.current, cars, colorOf) : lines ? lapLines(lines) : []),
+    [evaluation ? scene : lines],
+  );
+  const marks = (shown ? [shown, ...cars.filter((each) => each !== shown)] : cars).map((each) => ({
+    x: each.x,
+    y: each.y,
+    yaw: (each.yaw_deg * Math.PI) / 180,
+    color: colorOf(each),
+    name: many ? racers[each.racer].model : each === shown ? `car ${each.car + 1}` : "",
+  }));
+  const objects = (scene?.shown?.objects ?? []).map(({ x, y, yaw_deg: yaw }) => [
+    ...[x, y, (yaw * Math.PI) / 180],
+  ]);
+  return html`<${TrackMap} label=${`Map of the track with the cars of ${name}`} height=${null} track=${track}
+    paths=${paths} cars=${marks} objects=${objects} />`;
+}
+
 /**
  * @param {{runId: number, name: string, facts: Object}} props facts: where it can be seen, what it does, whose picture
  */
@@ -134,48 +167,23 @@ export function Worker({ runId, name, facts }) {
   const live = facts.place === "live";
   const topic = (view) => (watched && live ? `live:${runId}:${name}:${view}` : null);
   const state = useTopic(topic("state")).value ?? {};
-  const scene = useTopic(topic("scene")).value?.scene ?? null;
+  const scene = useTopic(topic("scene"), WORDS_MS).value?.scene ?? null;
   const worker = /^sim-(\d+)$/.exec(name)?.[1];
   const laps = useTopic(watched && worker ? `laps:${runId}:${worker}` : null);
   const world = scene?.world ?? facts.world;
   const track = useTrack(world);
-  const trails = useRef(new Map());
   const known = useRef(0);
   const [choose] = useAction((car) => post("/api/live/car", { run_id: runId, worker: name, car }));
 
-  const cars = (scene?.cars ?? []).filter((each) => !each.world || each.world === scene.world);
+  const cars = here(scene);
   const shown = cars.find((each) => each.car === scene.shown?.car);
   const racers = scene?.racers ?? [];
   const many = racers.length > 1;
-  const colorOf = (each) =>
-    many ? rgb(racers[each.racer]?.rgb) : each.phase === "evaluation" ? "c2" : "c1";
   known.current = Math.max(
     known.current,
     facts.car === null ? 0 : (facts.car ?? -1) + 1,
     ...cars.map((each) => each.car + 1),
   );
-  const paths = useMemo(
-    () =>
-      evaluation
-        ? addTrails(trails.current, cars, colorOf)
-        : laps.value
-          ? lapLines(laps.value)
-          : [],
-    [evaluation ? scene : laps.value],
-  );
-  const marks = (shown ? [shown, ...cars.filter((each) => each !== shown)] : cars).map((each) => ({
-    x: each.x,
-    y: each.y,
-    yaw: (each.yaw_deg * Math.PI) / 180,
-    color: colorOf(each),
-    name: many ? racers[each.racer].model : each === shown ? `car ${each.car + 1}` : "",
-  }));
-  const objects = (scene?.shown?.objects ?? []).map(({ x, y, yaw_deg: yaw }) => [
-    x,
-    y,
-    (yaw * Math.PI) / 180,
-  ]);
-
   const [does, hint] = words(facts, state);
   const title = !evaluation
     ? name
@@ -215,8 +223,7 @@ export function Worker({ runId, name, facts }) {
         </div>`
         }
         <div class="live-map">
-          <${TrackMap} label=${`Map of the track with the cars of ${name}`} height=${null} track=${track.lines}
-            paths=${paths} cars=${live ? marks : []} objects=${live ? objects : []} />
+          <${LiveMap} topic=${topic("scene")} name=${name} evaluation=${evaluation} lines=${laps.value} track=${track.lines} />
           <p class="live-legend quiet">${track.error ? `There is no map: ${track.error.message}` : legend(scene, cars, { many, evaluation, laps: laps.value, place: facts.place })}</p>
         </div>
         ${

@@ -64,10 +64,12 @@ function useFollowed(how, topic) {
 /**
  * The newest value of a topic: null before the first, the last good one beside an error.
  * @param {string | null} topic null for none
+ * @param {number} every milliseconds between two values that are taken; those in between are left out
  * @returns {{value: any, error: any}}
  */
-export function useTopic(topic) {
+export function useTopic(topic, every = 0) {
   const good = useRef({ topic: null, value: null });
+  const taken = useRef({ at: 0, timer: 0 });
   return useFollowed((name, listener, signal) => {
     follow(
       name,
@@ -76,7 +78,15 @@ export function useTopic(topic) {
           listener(good.current.topic === name ? good.current.value : null, data.error);
         else {
           good.current = { topic: name, value: data };
-          listener(data, null);
+          const take = () => {
+            if (signal.aborted) return;
+            taken.current.at = Date.now();
+            listener(good.current.value, null);
+          };
+          clearTimeout(taken.current.timer);
+          const wait = taken.current.at + every - Date.now();
+          if (every && wait > 0) taken.current.timer = setTimeout(take, wait);
+          else take();
         }
       },
       signal,
