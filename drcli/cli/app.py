@@ -57,6 +57,9 @@ def _handle(error: UnicodeError) -> tuple[str | bytes, int]:
 
 _PERMISSIONS = "Correct its permissions, or choose another place."
 _ROOM = "Free some disk space, and run the command again."
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Plain also without a name, which errors about an open file do not have."""
+
 _NOT_OUR_BUGS = {
     errno.ENAMETOOLONG: "Choose a shorter name or path.",
     errno.ELOOP: "Correct the symbolic links on the way to it.",
@@ -107,18 +110,22 @@ def _run(arguments: list[str]) -> None:
             _end_interrupted()
         if os.environ.get("DR_DEBUG"):
             raise
-        if isinstance(error, OSError) and error.errno in _NOT_OUR_BUGS and error.filename:
-            place = shown(os.fsdecode(error.filename))
-            remedy = _NOT_OUR_BUGS[error.errno]
-            terminal.fail(
-                f"{place} cannot be used: {os.strerror(error.errno)}.", remedy, SettingsError.code
-            )
+        if isinstance(error, OSError) and _is_not_ours(error):
+            name = error.filename
+            place = shown(os.fsdecode(name)) if name else "The disk of the working folder"
+            number = error.errno or 0
+            what = f"{place} cannot be used: {os.strerror(number)}."
+            terminal.fail(what, _NOT_OUR_BUGS[number], SettingsError.code)
             raise SystemExit(SettingsError.code) from None
         if broken := installation.installation_error(error):
             terminal.fail(str(broken), broken.remedy, broken.code)
             raise SystemExit(broken.code) from None
         _report_bug(error)
         raise SystemExit(1) from None
+
+
+def _is_not_ours(error: OSError) -> bool:
+    return error.errno in _NOT_OUR_BUGS and bool(error.filename or error.errno in _FULL)
 
 
 def _end_interrupted() -> NoReturn:

@@ -1,5 +1,6 @@
 """The command line as a whole: names, exit codes, and what a failure looks like."""
 
+import errno
 import io
 import json
 import os
@@ -292,6 +293,16 @@ def test_an_explained_failure_is_a_sentence_a_remedy_and_a_code(dr, failing, cap
     assert ended == code
     assert printed.out == ""
     assert printed.err == "Error: It broke.\n  Try: Mend it.\n"
+
+
+def test_a_disk_that_is_full_under_an_open_file_is_no_bug(dr, failing, capsys):
+    failing(OSError(errno.ENOSPC, "No space left on device"))
+
+    assert dr("stop-training") == 3
+
+    said = capsys.readouterr().err
+    assert "The disk of the working folder cannot be used: No space left on device." in said
+    assert "Free some disk space" in said
 
 
 def test_a_stop_that_somebody_wanted_is_no_error(dr, failing, capsys):

@@ -16,7 +16,7 @@ def started(monkeypatch):
     """Consoles that were started, with their settings; `runs` is one that runs already."""
     calls = []
 
-    def start(directory, config, *, again=False):
+    def start(directory, config, *, again=False, environ=None):
         calls.append((config, again))
         token = "secret" if config.asks_token else ""
         record = ViewerRecord(4242, 1.0, config.host, config.port, token)
