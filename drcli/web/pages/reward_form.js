@@ -10,7 +10,7 @@ import { Failure, Table, html, useRef, useState } from "/ui.js";
 
 const PATH = "/api/reward";
 const PAGE = crypto.getRandomValues(new Uint32Array(2)).join("-");
-const CHECK_MS = 200;
+const CHECK_MS = 120;
 
 const isOwn = (each) => /reward_function\.py$/.test(each.file ?? "");
 
