@@ -208,7 +208,7 @@ FAILS = {
     "at the finish": ("return 1.0 if params['progress'] < 100 else bonus", "Correct the name"),
     "steering and speed": (
         "return 1.0 if params['steering_angle'] * params['speed'] != 24.0 else None",
-        "Return a number",
+        "a path without `return` gives None",
     ),
     "an unknown package": ("import cv2_contrib\n    return 1.0", "`pip install cv2_contrib`"),
 }
