@@ -262,6 +262,8 @@ INTERRUPTING = Call("stop-evaluation", "Stopped the evaluation of s3://bucket/mo
 IN_BACKGROUND = [
     Call("start-evaluation -q", "Evaluation of model s3://bucket/model starting.", 0, LONG),
     Call("find-robomaker -e", ""),
+    Call("start-evaluation -q", "An evaluation of s3://bucket/model is running", 1, LONG),
+    Call("stop-evaluation", "Stopped the evaluation"),
     Call("start-evaluation -q --json", "prefix checkpoint pid simtrace metrics", 0, LONG),
     Call("stop-evaluation --json", "stopped server"),
     Call("stop-evaluation", "No evaluation is running."),

@@ -22,25 +22,25 @@ def share_of(picture: np.ndarray, value: float) -> float:
     return float((np.abs(picture - color) < 3).all(axis=-1).mean())
 
 
-def test_the_map_is_bright_where_the_road_pays_and_dark_beside_it(tried_of):
+def test_the_map_is_bright_where_the_road_pays_and_dark_beside_it(course, tried_of):
     tried = tried_of(lambda params: 0.0 if params["is_offtrack"] else 1.0)
 
-    picture = pixels(draw_reward(tried))
+    picture = pixels(draw_reward(course, tried))
 
     assert share_of(picture, 1.0) > 3 * share_of(picture, 0.0) > 0.01
 
 
-def test_the_picture_is_dark_text_on_white(tried_of):
-    picture = pixels(draw_reward(tried_of(lambda params: params["x"])))
+def test_the_picture_is_dark_text_on_white(course, tried_of):
+    picture = pixels(draw_reward(course, tried_of(lambda params: params["x"])))
 
     assert (picture[0, 0] == 255).all()
     assert (picture == 255).all(axis=-1).mean() > 0.5
 
 
-def test_a_constant_reward_and_any_name_of_a_file_can_be_drawn(tried_of):
+def test_a_constant_reward_and_any_name_of_a_file_can_be_drawn(course, tried_of):
     tried = replace(tried_of(lambda params: 1.0), name="赛道 $x$ }.py")
 
-    assert share_of(pixels(draw_reward(tried)), 0.5) > 0.05
+    assert share_of(pixels(draw_reward(course, tried)), 0.5) > 0.05
 
 
 def test_obstacles_are_on_the_map(obstacle_course):
@@ -49,11 +49,11 @@ def test_obstacles_are_on_the_map(obstacle_course):
     assert obstacle_course.drive.track.on_road(centers).all()
 
 
-def test_two_functions_make_one_wide_picture(tried_of):
+def test_two_functions_make_one_wide_picture(course, tried_of):
     first = tried_of(lambda params: 1.0 - params["distance_from_center"])
     second = tried_of(lambda params: params["speed"])
 
-    picture = pixels(draw_comparison(first, second))
+    picture = pixels(draw_comparison(course, first, second))
 
     assert picture.shape[1] >= 1400
     assert picture.shape[1] > picture.shape[0]

@@ -65,6 +65,7 @@ from drcli.run.join_training import JoinReport
 from drcli.run.journal import JournalEvent, JournalReport
 from drcli.run.many_evaluations import BestStart, TableReport, TableRow, training_command
 from drcli.run.plan import RunPlan, StartOptions
+from drcli.run.stack_plan import Checked
 from drcli.run.status import RunReport
 from drcli.run.stopping import Stopped, StopReport
 from drcli.run.support_bundle import BundledFile, BundleReport
@@ -738,7 +739,9 @@ def _answer_as_amazon(
     answer("cli.commands.spot.find_source", plan.source)
     # Its checks would find what stands here for the report of `dr validate`.
     answer("outside.aws.creation.check_bucket", None)
-    monkeypatch.setattr("drcli.cli.commands.spot._checked", lambda *given: {})
+    monkeypatch.setattr(
+        "drcli.run.stack_plan.check_settings", lambda *given: Checked(given[4], {}, {}, [])
+    )
 
     def fetch_folder(_account: object, _stack: object, folder: Path, _environ: object) -> object:
         folder.mkdir(parents=True, exist_ok=True)
