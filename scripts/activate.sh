@@ -7,7 +7,7 @@
 # EXPERIMENT takes run.env and custom_files from experiments/EXPERIMENT, FILE replaces run.env.
 #
 # Prints nothing, and may be sourced again. On an error it prints one line on stderr, returns 1 and
-# changes nothing. The commands do not need it: they read the files themselves.
+# sets nothing. The commands do not need it: they read the files themselves.
 
 _DR_SCRIPT=${BASH_SOURCE:-$0}
 

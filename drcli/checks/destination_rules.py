@@ -8,7 +8,12 @@ from drcli.checks.compatibility_rules import not_in_reference
 from drcli.config.settings import Settings
 from drcli.config.track_names import COMMUNITY
 from drcli.convert.car_rules import action_problems, sensor_problems, stack_problems
-from drcli.convert.droa_rules import FILE, NAME_RULE, content_problems
+from drcli.convert.droa_rules import (
+    NAME_RULE,
+    content_problems,
+    race_problems,
+    track_problems,
+)
 from drcli.model import keys
 from drcli.model.files.custom_files import InputFile
 from drcli.model.files.network_shape import Design
@@ -16,6 +21,7 @@ from drcli.model.files.params_yaml import (
     COUNTER_CLOCKWISE,
     DROA_TRACKS,
     droa_parameters,
+    read_parameters,
     split_world,
     training_parameters,
 )
@@ -50,15 +56,13 @@ def _droa(settings: Settings, files: Mapping[str, InputFile], design: Design) ->
         keys.MODEL_METADATA_FILE: files[keys.MODEL_METADATA_FILE].data,
         keys.REWARD_FUNCTION_FILE: files[keys.REWARD_FUNCTION_FILE].data,
         f"ip/{keys.HYPERPARAMETERS_FILE}": droa_hyperparameters(design.parameters),
-        FILE: droa_parameters(training_parameters(settings), route),
     }
-    for each in content_problems(package):
-        if each.file == FILE:  # another track can be named when it goes there
-            place = settings.place("DR_WORLD_NAME")
-            remedy = f"{each.remedy} Or name one then: `dr-export droa --world TRACK`."
-            yield Problem("", "warning", *place, each.message, remedy)
-        else:
-            yield each
+    yield from content_problems(package)
+    values = read_parameters(droa_parameters(training_parameters(settings), route))
+    yield from (replace(each, file="run.env") for each in race_problems(values))
+    for each in track_problems(values):  # another can be named when the model goes there
+        remedy = f"{each.remedy} Or name one then: `dr-export droa --world TRACK`."
+        yield Problem("", "warning", *settings.place("DR_WORLD_NAME"), each.message, remedy)
     if not NAME_RULE.fullmatch(settings.model_prefix):
         what = f"{settings.model_prefix} cannot be its name there: letters, digits and hyphens."
         remedy = "Give another with `dr-droa import --model-name NAME`."

@@ -29,8 +29,8 @@ EXPORTED = "DR_TRAIN_COMPOSE_FILE"
 PROFILES = (".profile", ".bash_profile", ".bash_login", ".bashrc", ".zprofile", ".zshrc")
 
 _SOURCES = re.compile(
-    rb"""^(?P<before>(?:[^#]*[;&\s])?(?:source|\.)\s+)(?P<quote>["']?)"""
-    rb"""(?P<script>[^"'\s;&|]+/bin/activate\.sh)(?P=quote)"""
+    rb"""^(?P<before>(?:(?:[^#'"]|"[^"]*"|'[^']*')*[;&\s])?(?:source|\.)\s+)(?P<quote>["']?)"""
+    rb"""(?P<script>[^"'\s;&|]+/bin/activate\.sh)(?P=quote)(?![^\s;&|)])"""
 )
 
 
@@ -100,19 +100,18 @@ def winning_functions(
     def problem(place: Place, what: str, remedy: str) -> Problem:
         return Problem("V-14", "warning", *place, what, remedy)
 
-    adopt = "Run `dr-init --adopt`, which keeps a copy."
     if is_reference(directory / ACTIVATE):
         what = (
-            f"{ACTIVATE} is that of DeepRacer-for-Cloud: in a shell that sources it, its functions "
-            "win over the programs, such as dr-start-training."
+            "bin/activate.sh is that of DeepRacer-for-Cloud: in a shell that sources it, its "
+            "functions win over the programs, such as dr-start-training."
         )
-        yield problem(Place(ACTIVATE), what, adopt)
+        yield problem(Place(ACTIVATE), what, "Run `dr-init --adopt`, which keeps a copy.")
     for line in login_lines(home or Path("~").expanduser()):
         what = (
             f"{line} sources {line.script}, so that every new shell has the functions of "
             "DeepRacer-for-Cloud, which win over the programs."
         )
-        remedy = f"{adopt[:-1]} and offers to change that line."
+        remedy = "Run `dr-init --adopt`, which keeps a copy and offers to change that line."
         yield problem(Place(f"~/{line.profile.name}", line.number), what, remedy)
     exported = any(name.startswith("BASH_FUNC_dr-start-training") for name in environ)
     if EXPORTED in environ or exported:

@@ -41,7 +41,7 @@ _ROUNDING = 1e-9
 
 
 def race_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
-    yield from _track(values)
+    """Race and car; `track_problems` are those of the track."""
     yield from _car(values)
     race = values.get("RACE_TYPE")
     if race == "OBJECT_AVOIDANCE":
@@ -55,7 +55,7 @@ def race_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
         )
 
 
-def _track(values: Mapping[str, Any]) -> Iterator[Problem]:
+def track_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
     world = str(values.get("WORLD_NAME") or "")
     track, named = split_world(world)
     if named is not None and track in DROA_TRACKS:
@@ -353,6 +353,7 @@ def content_problems(files: Mapping[str, bytes]) -> Iterator[Problem]:
             remedy = "Correct that file."
             yield problem("training_params.yaml", f"It cannot be read: {e}.", remedy)
         else:
+            yield from track_problems(values)
             yield from race_problems(values)
     if files.get("reward_function.py", b"").strip():
         yield from _reward(files["reward_function.py"])

@@ -8,8 +8,10 @@ import math
 import os
 import sys
 import time
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate
 from typing import cast
 
 import numpy as np
@@ -299,15 +301,19 @@ def evaluate(
     wall_clock = (begin, begin + time.monotonic() - began_s)
     trials: list[list[TrialMetrics]] = []
     colors = race.car_color, OPPONENT_COLOR if len(entered) > 1 else ""
+    by_racer = [[each for each in driven if each.racer == racer] for racer in range(len(entered))]
+    kept = len(starts)
+    if not (continuous or fresh_laps):
+        lengths = [max(len(each.rows) for each in trial) for trial in zip(*by_racer, strict=True)]
+        kept = trials_in_time(lengths, most_steps)
+    if late := len(starts) - kept:
+        minutes = f"DR_EVAL_MAX_MINUTES={s.eval_max_minutes:g}"
+        notes.append(f"{counted(late, 'trial')} left out, which would end after {minutes}.")
     for racer, entry in enumerate(entered):
-        own = [episode for episode in driven if episode.racer == racer]
+        own = by_racer[racer][:kept]
         episodes: list[Episode] = laps_of(own[0]) if continuous else [*own]
         if not continuous:
-            episodes, late = in_time(episodes, sys.maxsize if fresh_laps else most_steps)
             schedule(episodes, 0.0)
-            if late and racer == 0:
-                minutes = f"DR_EVAL_MAX_MINUTES={s.eval_max_minutes:g}"
-                notes.append(f"{counted(late, 'trial')} left out: {minutes} was over.")
         # Only the first lap of a continuous race has a start.
         begun = {plan.number: plan for plan in starts}
         trials.append([_recorded(episode, begun.get(episode.number)) for episode in episodes])
@@ -331,18 +337,12 @@ def evaluate(
     return EvaluationTrials(trials, notes)
 
 
-def in_time(episodes: list[Episode], most_steps: int) -> tuple[list[Episode], int]:
-    """Trials that end within a time when they are driven one after the other, and how many not.
+def trials_in_time(lengths: Sequence[int], most_steps: int) -> int:
+    """How many trials end in time when they are driven one after the other; `lengths` in steps.
 
     The first one always counts: it was cut off at that time.
     """
-    kept, steps = episodes[:1], len(episodes[0].rows)
-    for episode in episodes[1:]:
-        steps += len(episode.rows)
-        if steps > most_steps:
-            break
-        kept.append(episode)
-    return kept, len(episodes) - len(kept)
+    return max(1, bisect_right([*accumulate(lengths)], most_steps))
 
 
 def _recorded(episode: Episode, plan: Plan | None) -> TrialMetrics:

@@ -27,6 +27,7 @@ _ALWAYS = (
     "DR_RANDOMIZE_TEXTURES",
     "DR_EVAL_MAX_RESETS",
     "DR_EVAL_MAX_LAP_SECONDS",
+    "DR_EVAL_MAX_MINUTES",
     "DR_EVAL_START_",
     "DR_EVAL_RESET_BEHIND_DIST",
 )
@@ -69,6 +70,7 @@ def settings_of_rules(settings: Settings, rules: RaceRules) -> Settings:
         "eval_average_laps": rules.average_laps,
         "eval_debug_reward": False,
         "eval_start_offset": catalogue()["DR_EVAL_START_OFFSET"].default,
+        "eval_max_minutes": catalogue()["DR_EVAL_MAX_MINUTES"].default,
     }
     place, sources, problems = Place("race"), dict(settings.sources), []
     for name, text in rules.settings.items():

@@ -34,7 +34,7 @@ _logger = get_logger(__name__)
 
 EXIT_S = 10.0
 LOOK_PATIENCE_S, LOGS_PATIENCE_S, RELEASE_PATIENCE_S = 2.0, 9.0, 2.0
-"""A stopped process has 30 s."""
+"""A stopped process has a minute, and its best model half of it."""
 
 RECORD_PATIENCE_S = 2.0
 EXIT_SHARE, LOGS_SHARE, LAST_LINES_SHARE = 0.5, 0.5, 0.1

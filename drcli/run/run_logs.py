@@ -212,7 +212,8 @@ class LogUpload:
             self._due.clear()
             ends = self._ending.is_set()
             self._upload()
-            self._sent.set()
+            if ends or not self._due.is_set():  # else the lines that `send` is about are missing
+                self._sent.set()
 
     def _upload(self) -> None:
         try:

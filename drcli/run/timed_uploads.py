@@ -134,7 +134,9 @@ class TimedUploads(Duty):
         if self._at_end and score is not None and score.name != self._at_target:
             is_best = score is self._watch.best
             name = "best checkpoint" if is_best else "last checkpoint"
-            left_s = ending.left_s() if hurried else until_s - self._clock()
+            left_s = ending.left_s()
+            if not hurried:
+                left_s = min(left_s, until_s - self._clock())
             self._upload_last(Upload(name, BEST if is_best else LAST, None), left_s, ending)
         for upload in self._uploads if hurried else ():
             if upload.command[0] != "upload-model" and self._is_new(upload):

@@ -135,6 +135,10 @@ def files_in_folder(path: Path) -> SourceFiles:
         raise error
 
     for parent, below, names in os.walk(path, onerror=refuse):
+        if len(sizes) > MOST_FILES:
+            raise SettingsError(
+                f"{path} has more than {MOST_FILES:,} files.", remedy="Name the folder of a model."
+            )
         if minio_folder.META in names:
             below.clear()
             name = Path(parent).relative_to(path).as_posix()
@@ -148,10 +152,6 @@ def files_in_folder(path: Path) -> SourceFiles:
             file = Path(parent, name)
             if file.is_file() and not is_left_behind(name):
                 sizes[file.relative_to(path).as_posix()] = file.stat().st_size
-        if len(sizes) > MOST_FILES:
-            raise SettingsError(
-                f"{path} has more than {MOST_FILES:,} files.", remedy="Name the folder of a model."
-            )
 
     def read(name: str) -> bytes:
         is_object = name in objects

@@ -50,7 +50,6 @@ class _Content(msgspec.Struct):
     parity_drives: int = msgspec.field(name="EcN")
     block_bytes: int = msgspec.field(name="EcBSize")
     parts: list[int] = msgspec.field(name="PartNums")
-    part_bytes: list[int] = msgspec.field(name="PartSizes")
     size: int = msgspec.field(name="Size")
     written_ns: int = msgspec.field(name="MTime")
     of_minio: dict[str, bytes] | None = msgspec.field(name="MetaSys", default=None)
@@ -165,6 +164,8 @@ def read(path: Path) -> bytes:
     """
     try:
         return MinioObject.open(path).read()
+    except ValueError as e:
+        raise _damaged(path, str(e)) from e
     except OSError as e:
         raise _damaged(path, f"{META} cannot be read ({e.strerror or e})") from e
 
@@ -185,11 +186,11 @@ def size_of(path: Path) -> int | None:
 def unread_models(storage: StorageConfig, directory: Path, bucket: Bucket) -> list[str]:
     """Models in MinIO's folder that the local bucket does not have, by their prefix."""
     root = directory / FOLDER / bucket.name
-    if storage.cloud != "local" or not root.is_dir():
+    if storage.cloud != "local":
         return []
     found = []
     for parent, below, _ in os.walk(root):
-        if any(Path(parent, pointer).exists() for pointer in POINTERS):
+        if any(os.path.exists(f"{parent}/{pointer}") for pointer in POINTERS):  # noqa: PTH110
             found.append(Path(parent).relative_to(root).as_posix())
         left_out = ("model", *_BESIDE_MODELS)
         below[:] = sorted(each for each in below if each not in left_out and each[0] != ".")

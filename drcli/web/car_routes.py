@@ -13,6 +13,7 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 from starlette.types import Receive, Scope, Send
 
+from drcli.base.errors import SettingsError
 from drcli.base.installation import lazy_imports
 from drcli.outside.car.car_address import CarAddress, NotLoggedIn, read_address
 from drcli.outside.car.car_certificate import readable
@@ -75,7 +76,13 @@ def _parts(answer: "CarAnswer") -> Iterator[bytes]:
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def address() -> CarAddress:
-        return read_address(folder.settings().car_address, "DR_CAR_ADDRESS")
+        text = folder.settings().car_address
+        if not text:
+            raise SettingsError(
+                "No car is named.",
+                remedy="Write its address into DR_CAR_ADDRESS on the page “Settings”.",
+            )
+        return read_address(text, "DR_CAR_ADDRESS")
 
     def show(_: Request) -> Any:
         place = address()

@@ -139,7 +139,7 @@ def evaluate(reader: ModelReader, prefix: str, query: dict[str, str]) -> dict[st
         field(
             "opponent",
             "Opponent",
-            settings.eval_opp_s3_model_prefix or models[0][0],
+            settings.eval_opp_s3_model_prefix or prefix,
             options=models,
             only=["race_type", "HEAD_TO_MODEL"],
         ),

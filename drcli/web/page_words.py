@@ -14,12 +14,15 @@ COMMANDS = {
     "dr config": "the page “Settings”",
     "dr docs settings": "the page “Settings”",
     "dr init": "the page “New training”",
+    "dr-car list": "the page “Car”",
+    "dr-car status": "the page “Car”",
     "dr-analyze": "“Analyse” on the page of the model",
     "dr-delete-model": "“Delete” on the page of the model",
     "dr-doctor": "“Validate now” on the page “New training”",
     "dr-evaluate": "“Evaluate” on the page of the model",
     "dr-explain": "the help at each field",
-    "dr-export": "“Download” on the page of the model",
+    "dr-export car": "“Download” on the page of the model",
+    "dr-export onnx": "“Download” on the page of the model",
     "dr-history": "the page “Models”",
     "dr-import": "“Import a model” on the page “Models”",
     "dr-increment-training": "“Clone” on the page of the model",
@@ -42,18 +45,26 @@ COMMANDS = {
     "dr-race submit": "“Submit a model”",
     "dr-race withdraw": "“Withdraw”",
     "dr-reward check": "the check beside the reward function",
+    "dr-spot create": "“Start a spot training” on the page “Spot”",
+    "dr-spot create-base": "“Make a bucket” on the page “Spot”",
+    "dr-spot delete": "“Delete” on the page “Spot”",
+    "dr-spot list": "the page “Spot”",
+    "dr-spot stop": "“Stop and save” on the page “Spot”",
     "dr-start-loganalysis": "“Analyse” on the page of the model",
     "dr-start-training --resume": "“Resume the training” on the page of the model",
     "dr-start-training": "“Start the training” on the page “New training”",
     "dr-status": "the page “Live”",
     "dr-stop-evaluation": "“Stop the evaluation” on the page of the model",
     "dr-stop-training": "“Stop the training” on the page “Live”",
-    "dr-tracks fetch": "“Start the training”, which asks first",
+    "dr-tracks fetch": "“Start the training” (which asks first)",
     "dr-tracks list": "the list of tracks on the page “New training”",
     "dr-upload-model": "“Upload” on the page of the model",
     "dr-validate": "“Validate now” on the page “New training”",
 }
 """What does the same in the page; empty: it is meant for a terminal."""
+
+_ONLY_THERE = ("--distill", "--model")
+"""Options that the page does not have."""
 
 _COMMAND = re.compile(r"`(dr[- ][a-z][^`]*)`(?! in a terminal)")
 _LINE = re.compile(r"(\.env) line \d+")
@@ -64,7 +75,7 @@ def in_page(text: str) -> str:
 
     def words(found: re.Match[str]) -> str:
         known = [name for name in COMMANDS if found[1].startswith(name)]
-        if not known:
+        if not known or any(option in found[1].split() for option in _ONLY_THERE):
             return f"{found[0]} in a terminal"
         place = COMMANDS[max(known, key=len)] or found[0]
         begins = not text[: found.start()].rstrip(" ") or text[: found.start()].endswith(". ")

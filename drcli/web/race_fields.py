@@ -108,6 +108,7 @@ FIELDS = (
 _LABELS = {
     each.option or f"--{each.key.removesuffix('_s').replace('_', '-')}": each for each in FIELDS
 } | {f"--{each.key}": each for each in FIELDS if each.key in ("obstacles", "bots", "world")}
+_LABELS["--checkpoint"] = RuleField("checkpoint", "Checkpoint", _WHO, "choice")
 _OPTION = re.compile(r"--[a-z]+(?:-[a-z]+)*|\bDR_[A-Z0-9_]+")
 _SAID = {
     "name of the race": "name",

@@ -170,7 +170,6 @@ def _field(
         "kind": control,
         "choices": _choices(setting, control),
         "meaning": setting.meaning,
-        "default": setting.default_text,
         "help": _help(setting, control, secret=secret),
         "origin": " ".join(_origin(name, entry, value, written or "", secret=secret)),
         "start": "" if secret else start,

@@ -17,6 +17,7 @@ from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.creation import Market
 from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_template
 from drcli.run import stack_plan
+from drcli.run.track_fetch import missing_tracks
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.served_folder import ServedFolder
 from drcli.web.tasks import Progress
@@ -110,7 +111,10 @@ class Spot:
             checked.variables,
             stack_plan.not_imported(before),
         )
-        return ours, plan, [*map(str, checked.warnings), *plan.notes]
+        notes = [*map(str, checked.warnings), *plan.notes]
+        if missing := missing_tracks(checked.settings):
+            notes.append(f"The machine downloads tracks of the community: {', '.join(missing)}.")
+        return ours, plan, notes
 
 
 def _plan(at: Spot, body: PlanStack, progress: Progress) -> Any:

@@ -183,6 +183,8 @@ class Tasks:
         for each in [] if kept is None else kept.tasks[-MOST_KEPT:]:
             said = _GOES_ON if each.goes_on else _STOPPED
             remedy = "" if each.goes_on else "Start it again if you need its result."
+            if each.kind.startswith("spot-"):
+                remedy = "Amazon may go on with it, which costs money: see the page “Spot”."
             task = Task(
                 next(self._numbers),
                 *(each.kind, each.subject, each.title),

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,6 @@ from drcli.config.track_names import COMMUNITY
 from drcli.tracks.track_list import list_tracks
 from drcli.web.answers import BadRequest, answers
 from drcli.web.served_folder import ServedFolder
-
-if TYPE_CHECKING:
-    import numpy as np
 
 with lazy_imports():
     from drcli.drive import racer_limit

@@ -206,6 +206,11 @@ def cure_of(reason: str, missing: str) -> str:
         )
     if reason.startswith(_RETURNED):
         value = reason.removeprefix(_RETURNED)
+        if value.partition(",")[0].rstrip(")").endswith("j"):
+            return (
+                "A root of a negative number is complex: limit what is below it, as in "
+                "`max(0.0, x) ** 0.5`."
+            )
         return next((cure for begins, cure in _RETURNS if value.startswith(begins)), "")
     return ""
 

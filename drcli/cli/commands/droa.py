@@ -500,6 +500,11 @@ def droa_submit(
                 terminal.say(f"The race {entered.name} takes no more submissions.")
                 return
             waiting = None if no_wait else terminal.waiting
+            if turn > 1 and chosen.status != "READY":
+                raise StorageError(
+                    f"The model {chosen.name} has the status {chosen.status}.",
+                    remedy="It is submitted in the next turn.",
+                )
             report = droa_races.submit(droa, entered, chosen, waiting)
         except StorageError as error:
             if turn == 1 or turn == times:

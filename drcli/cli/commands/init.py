@@ -254,7 +254,7 @@ def _adopt(folder: Path, *, force: bool) -> None:
     report = new_folder.write(plan)
     lines = adoption.login_lines(Path("~").expanduser())
     mended = None
-    if lines and _may_mend(lines, force=force):
+    if lines and _may_mend(folder, lines, force=force):
         mended = new_folder.write(adoption.plan_logins(folder, lines))
     elif lines:
         told = "; ".join(f"{line} (source {line.script})" for line in lines)
@@ -281,11 +281,13 @@ def _adopt(folder: Path, *, force: bool) -> None:
     terminal.suggest(steps, elsewhere=True)
 
 
-def _may_mend(lines: Sequence["adoption.LoginLine"], *, force: bool) -> bool:
+def _may_mend(folder: Path, lines: Sequence["adoption.LoginLine"], *, force: bool) -> bool:
     if force or not prompts.may_ask():
         return force
     told = " and ".join(map(str, lines))
-    question = f"{told}: each new shell loads DeepRacer-for-Cloud's functions. Load this instead"
+    question = (
+        f"{told}: each new shell loads DeepRacer-for-Cloud's functions. Load {folder} instead"
+    )
     return prompts.ask(question, "yes", ("yes", "no")) == "yes"
 
 

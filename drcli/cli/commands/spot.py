@@ -296,7 +296,6 @@ def _folder(files: Path | None) -> Iterator[Path]:
 
 
 _EVERY, _CONSOLE = "all", "console"
-_WAITS = "`dr-spot list` shows what the stack waits for."
 
 
 @app.command("list")
@@ -432,7 +431,10 @@ def logs(
     if name == _CONSOLE:
         there = _machines(ours, found)
         if not there:
-            raise Absent(f"{stack} has had no machine.", remedy=_WAITS)
+            raise Absent(
+                f"{stack} has had no machine.",
+                remedy="`dr-spot list` shows what the stack waits for.",
+            )
         terminal.say(f"== {there[-1]}")
         last = stack_logs.read_console(ours, there[-1], lines)
     else:
@@ -526,7 +528,10 @@ def ssh(stack: StackName, region: Region = None, profile: Profile = None) -> Non
     found = need_stack(ours, stack, "training")
     there = [each for each in _machines(ours, found) if each.state == "running"]
     if not there:
-        raise Absent(f"No machine of {stack} is running.", remedy=_WAITS)
+        raise Absent(
+            f"No machine of {stack} is running.",
+            remedy="`dr-spot list` shows what the stack waits for.",
+        )
     command = ["aws", "ssm", "start-session", "--target", there[-1].instance]
     command += ["--region", ours.region]
     command += ["--profile", ours.profile] if ours.profile else []

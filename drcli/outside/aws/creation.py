@@ -403,8 +403,8 @@ class Planned(_NewStack):
             f"installs {self.installs}.",
             f"The best model is in {self.uploads_to} after every end and every interruption.",
             self.not_imported
-            and f"It is not imported into DeepRacer on AWS, as DR_IMPORT_MODEL_ON_COMPLETION asks: "
-            f"{self.not_imported}",
+            and "DR_IMPORT_MODEL_ON_COMPLETION asks for an import into DeepRacer on AWS, which the "
+            f"machine does not do: {self.not_imported}",
             price,
             end,
         ]

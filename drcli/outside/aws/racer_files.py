@@ -1,6 +1,7 @@
 """Files and environment that a machine needs."""
 
 import hashlib
+import os
 import re
 import shutil
 import subprocess
@@ -68,7 +69,11 @@ def environment(
     texts = b"".join(_read(path) for path in _settings_files(settings).values()).decode(
         "utf-8", "replace"
     )
-    referred = set(_REFERENCE.findall(texts)) - _OF_THE_MACHINE
+    referred = {
+        name
+        for name in _REFERENCE.findall(texts)
+        if name not in _OF_THE_MACHINE and not name.startswith("AWS_")
+    }
     set_here = {name for name, place in settings.sources.items() if place.file == "environment"}
     found = {
         **{name: plain[name] for name in sorted(referred | set_here) if name in plain},
@@ -150,6 +155,7 @@ def _settings_files(settings: Settings) -> dict[str, Path]:
 
 
 def _below(path: Path, folder: Path) -> str:
+    path = Path(os.path.normpath(path))
     if not path.is_relative_to(folder):
         raise SettingsError(
             f"{path} is outside of {folder}, so the machine would not have it.",

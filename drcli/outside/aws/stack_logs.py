@@ -1,13 +1,14 @@
 """What is seen of a stack's training from here: logs, and the folder of its machine."""
 
-import json
 from collections.abc import Mapping
-from pathlib import Path
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
 from typing import Any
 
-from drcli.base.errors import Absent
-from drcli.base.files import make_folder, write_private
+from drcli.base.errors import Absent, StorageError
+from drcli.base.files import find_files, make_folder, write_private
 from drcli.base.installation import lazy_imports
+from drcli.base.json_record import decode_json
 from drcli.bucket.bucket import ObjectInfo, ObjectMissing
 from drcli.bucket.s3_errors import error_code
 from drcli.config import secret_environment
@@ -19,6 +20,18 @@ from drcli.outside.aws.stacks import Stack
 
 with lazy_imports():
     from botocore import exceptions as boto
+
+
+_OF_PROGRAMS = ("AWS_", "LD_", "DYLD_", "PYTHON")
+"""Variables that decide what programs load, and whose keys they use."""
+
+
+@dataclass(frozen=True)
+class _Install:
+    """What the boot script reads first."""
+
+    files: list[str] = field(default_factory=list)
+    environment: dict[str, str] = field(default_factory=dict)
 
 
 def list_logs(account: Account, stack: Stack, part: str = "") -> list[ObjectInfo]:
@@ -86,12 +99,21 @@ def fetch_folder(
         settings, and the bucket of the stack.
     """
     bucket = account.bucket(stack.bucket)
-    install: dict[str, Any] = {"files": [], "environment": {}}
+    key, install = install_key(stack.name), _Install()
     try:
-        install = json.loads(bucket.get(install_key(stack.name)))
-        files = {name: bucket.get(file_key(stack.name, name)) for name in install["files"]}
+        install = decode_json(_Install, bucket.get(key))
+        if outside := [name for name in install.files if not _is_below(name)]:
+            raise ValueError(f"it names the file {outside[0]}")
+        files = {name: bucket.get(file_key(stack.name, name)) for name in install.files}
     except ObjectMissing:
         files = {}
+    except ValueError as error:
+        raise StorageError(
+            f"s3://{bucket.name}/{key} is not what `dr-spot create` writes: {error}.",
+            remedy=f"Remove the stack with `dr-spot delete {stack.name}`, and create it again.",
+        ) from error
+    for old in find_files(folder, "*.env"):
+        old.unlink()
     for name, data in {"run.env": b"", **files}.items():
         make_folder((folder / name).parent)
         write_private(folder / name, data)
@@ -100,9 +122,12 @@ def fetch_folder(
         for name, value in environ.items()
         if not name.startswith("DR_") or secret_environment.is_secret(name, value)
     }
-    given = dict(install["environment"])
-    for name in ("AWS_DEFAULT_REGION", "DR_LOCAL_S3_PROFILE"):
-        given.pop(name, None)
+    # Whoever may write to the bucket must not decide what programs here load.
+    given = {
+        name: value
+        for name, value in install.environment.items()
+        if name.startswith("DR_") or not (name in environ or name.startswith(_OF_PROGRAMS))
+    }
     return {
         **kept,
         **given,
@@ -111,4 +136,10 @@ def fetch_folder(
         "DR_LOCAL_S3_BUCKET": stack.bucket,
         "DR_LOCAL_S3_MODEL_PREFIX": stack.model,
         "DR_LOCAL_S3_PROFILE": account.profile or "default",
+        "DR_UPLOAD_S3_PROFILE": account.profile or "default",
     }
+
+
+def _is_below(name: str) -> bool:
+    path = PurePosixPath(name)
+    return not path.is_absolute() and ".." not in path.parts

@@ -114,8 +114,8 @@ def refuse_closed(droa: Droa, race: RemoteRace) -> None:
     """Raises SettingsError unless the race takes submissions now."""
     if not race.is_open:
         raise SettingsError(
-            f"The race {race.name} at {droa.place} takes no submissions now (until "
-            f"{second(race.closes_at)} UTC).",
+            f"The race {race.name} at {droa.place} takes no submissions now (it closes or "
+            f"has closed at {second(race.closes_at)} UTC).",
             remedy="`dr-droa races` shows which races are open.",
         )
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, field
+from io import FileIO
 from pathlib import Path
 from threading import Event
 from time import monotonic
@@ -305,7 +306,7 @@ class SandboxServer:
             self._process.stdin.flush()
 
     def close(self) -> None:
-        with self._process:
+        with contextlib.suppress(BrokenPipeError), self._process:  # what is unsent stays unsent
             self._process.kill()  # its copies end with it
 
 
@@ -314,7 +315,7 @@ class _Attempt:
 
     def __init__(self, server: subprocess.Popen[bytes]) -> None:
         assert server.stdout is not None
-        self._told = server.stdout
+        self._told = FileIO(server.stdout.fileno(), closefd=False)  # `select` sees no buffer
         self._pid: int | None = None
         self._code: int | None = None
 
@@ -418,11 +419,11 @@ class Sandbox:
         faults = self._folder / FAULTS_FILE
         trace = faults.read_text("utf-8", "replace") if faults.is_file() else ""
         try:
-            result = SandboxResult.read(self._folder)
             self.course = read_course(self._folder)
+            result = SandboxResult.read(self._folder)
         except RecordError as why:
             what = f"The reward function has overwritten the result of the sandbox: {why}."
-            return SandboxResult(failures=[Failure("ends", what)])
+            return SandboxResult(failures=[Failure("ends", what)], values=self._no_values())
         if result is None:
             raise installation_error() or RuntimeError(
                 f"The sandbox did not start (exit code {code}):\n{trace}"
@@ -445,6 +446,9 @@ class Sandbox:
         _, line = stuck_place(trace)
         source = source_line(self._copy, line)
         failure = Failure(kind, f"The reward function {what}.", line or None, source)
-        sequences = self._request.sequences if self.course is None else self.course.sequences
-        values: list[list[float | None]] = [[None] * len(calls) for calls in sequences]
+        values = self._no_values()
         return SandboxResult(problems=result.problems, failures=[failure], values=values)
+
+    def _no_values(self) -> list[list[float | None]]:
+        sequences = self._request.sequences if self.course is None else self.course.sequences
+        return [[None] * len(calls) for calls in sequences]

@@ -1,6 +1,6 @@
 // The form with all rules of a race, to make one or to change one. What it comes to is checked while it is filled.
 
-import { Field, SelectField, TextField, leadTo, useChecked } from "/fields.js";
+import { SelectField, TextField, leadTo, useChecked } from "/fields.js";
 import { aboutField } from "/race_words.js";
 import { DraftNote } from "/steps.js";
 import { useAction, useGet } from "/store.js";

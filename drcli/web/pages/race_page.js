@@ -133,7 +133,7 @@ function Actions({ id, race, act, after, take }) {
       );
     });
   const [asked] = useAction(async (name, question) => {
-    const body = await question;
+    const body = await question();
     if (body) await act(name, body);
   });
   const close = async () => {
@@ -149,10 +149,10 @@ function Actions({ id, race, act, after, take }) {
     <p class="actions race-actions">
       ${open && button("Submit a model", submit, "main")}
       ${race.runner && race.here && button("Stop the queue", stop)}
-      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => asked("run", ask.howToDrive(id)), open ? null : "main")}
+      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => asked("run", () => ask.howToDrive(id)), open ? null : "main")}
       <a class="button" href=${nightLink(id)}>Race night</a>
       ${(open || scheduled) && button("Close for submissions", close)}
-      ${!open && button(scheduled ? "Open now" : "Open again", () => asked("open", ask.untilWhen(id)))}
+      ${!open && button(scheduled ? "Open now" : "Open again", () => asked("open", () => ask.untilWhen(id)))}
       ${button("Save as CSV", () => after(() => ask.keep(id, "table.csv", `${id}.csv`)))}
       ${button("Save as a page", () => after(() => ask.savePage(id)))}
       ${button("Log of the queue", () => after(() => ask.showLog(id)))}

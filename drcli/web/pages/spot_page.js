@@ -7,7 +7,18 @@ import { runTask } from "/model_tasks.js";
 import { notify } from "/notices.js";
 import { useAction, useGet } from "/store.js";
 import { capital, moment, number } from "/text.js";
-import { Button, Choice, Empty, Failure, Table, Tiles, html, useEffect, useState } from "/ui.js";
+import {
+  Button,
+  Choice,
+  Empty,
+  Failure,
+  Table,
+  Tiles,
+  html,
+  useEffect,
+  useRef,
+  useState,
+} from "/ui.js";
 
 export const title = "Spot machines";
 
@@ -41,9 +52,12 @@ function costText(stacks) {
 }
 
 export function Page() {
-  const { value: found, error, reload } = useGet("/api/spot");
+  const { value, error, reload } = useGet("/api/spot");
+  const good = useRef(null);
+  if (value) good.current = value;
+  const found = good.current;
   const [log, setLog] = useState("");
-  const [values, setValues] = useState({ stack: "", place: "", market: "spot", hours: "12" });
+  const [values, setValues] = useState({ stack: "", place: null, market: "spot", hours: "12" });
   useEffect(() => {
     const timer = setInterval(() => document.hidden || reload(), EVERY_MS);
     return () => clearInterval(timer);
@@ -93,7 +107,7 @@ export function Page() {
 }
 
 const Missing = () => html`
-  <p>Spot machines need an account at Amazon and its access keys on this machine. <a href="#/settings">Settings</a> has the profile (DR_LOCAL_S3_PROFILE) and the region (DR_AWS_APP_REGION).</p>`;
+  <p>Spot machines need an account at Amazon and its access keys on this machine: run <code>aws configure</code>. With DR_CLOUD=aws, <a href="#/settings">Settings</a> has the profile (DR_LOCAL_S3_PROFILE); the region is DR_AWS_APP_REGION.</p>`;
 
 const askWhat = ({ stacks, bucket }, values) => {
   const places = [
@@ -117,7 +131,7 @@ const askWhat = ({ stacks, bucket }, values) => {
       {
         name: "place",
         label: "Bucket of the model",
-        value: values.place || places[0][0],
+        value: values.place ?? places[0][0],
         options: places,
       },
       { name: "market", label: "Machine", value: values.market, options: MARKETS },
@@ -152,7 +166,9 @@ function Stack({ stack, act, showsLog, onLog }) {
     const content = training ? "" : (await get(path("removal", name))).content;
     const lost = training
       ? "A training that runs loses what it has done since its last checkpoint; its model stays in the bucket."
-      : `${content} All of it is deleted with the bucket, and cannot be restored.`;
+      : content
+        ? `${content} All of it is deleted with the bucket, and cannot be restored.`
+        : "Its bucket does not exist any more.";
     const values = await ask({
       title: `Delete ${name}`,
       action: "Delete it",

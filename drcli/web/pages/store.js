@@ -74,6 +74,7 @@ export function useTopic(topic, every = 0) {
     follow(
       name,
       (data) => {
+        clearTimeout(taken.current.timer);
         if (data.error)
           listener(good.current.topic === name ? good.current.value : null, data.error);
         else {
@@ -83,7 +84,6 @@ export function useTopic(topic, every = 0) {
             taken.current.at = Date.now();
             listener(good.current.value, null);
           };
-          clearTimeout(taken.current.timer);
           const wait = taken.current.at + every - Date.now();
           if (every && wait > 0) taken.current.timer = setTimeout(take, wait);
           else take();

@@ -306,12 +306,13 @@ def _judge(
         violated = status[car] != _IN_PROGRESS and not finished
         s.crashes[car] += status[car] == _CRASHED
         terminated[car] = finished or (violated and s.resets[car] >= max_resets)
-        time_up = 0 < max_lap_steps <= s.lap_steps[car] and not lap_done
-        truncated[car] = not terminated[car] and (time_up or s.steps[car] >= max_steps)
+        over = s.steps[car] >= max_steps
+        time_up = max_lap_steps > 0 and not lap_done and (over or s.lap_steps[car] >= max_lap_steps)
+        truncated[car] = not terminated[car] and (time_up or over)
         s.over[car] |= terminated[car] or truncated[car]
         if truncated[car] and time_up:
             status[car] = _TIME_UP
-        elif truncated[car]:
+        elif truncated[car] and not lap_done:
             # Traces have no word for a step limit; readers count these as cars that got nowhere.
             status[car] = _IMMOBILIZED
         elif violated and not terminated[car]:

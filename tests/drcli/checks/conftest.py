@@ -101,6 +101,8 @@ def folder(
     """A folder whose bucket is in memory and whose sandbox needs no process."""
     made = Folder(working_folder)
 
+    monkeypatch.setattr("drcli.config.adoption.PROFILES", ())
+    monkeypatch.delenv("DR_TRAIN_COMPOSE_FILE", raising=False)
     monkeypatch.setattr("drcli.checks.validate.open_bucket", lambda *_, **__: made.bucket)
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", try_here)
     return made

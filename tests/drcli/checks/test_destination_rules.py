@@ -54,6 +54,11 @@ def test_a_usual_model_can_go_everywhere(folder, dr, capsys, place, name):
             {"droa"},
             "imports os",
         ),
+        (
+            lambda f: f.settings(DR_RACE_TYPE="OBJECT_AVOIDANCE", DR_OA_NUMBER_OF_OBSTACLES=8),
+            {"droa"},
+            "NUMBER_OF_OBSTACLES=8 is not from 1 to 6",
+        ),
     ],
 )
 def test_each_place_refuses_what_it_has_not(folder, dr, capsys, spoil, refusing, words):

@@ -113,6 +113,7 @@ def told(folder, drive_once, monkeypatch):
         (function("return 5"), ["V-20"], ("It returned int", "float(reward)")),
         (function("pass"), ["V-20"], ("it returned None", "a path without `return` gives None")),
         (function("return '1.0'"), ["V-20"], ("it returned '1.0'", "without quotes")),
+        (function("return (0.5 - 1.0) ** 0.5"), ["V-20"], ("A root of a negative number",)),
         (function("return 1.0,"), ["V-20"], ("it returned (1.0,)", "makes a tuple")),
         (
             function("return np.ones(2)", before="import numpy as np"),

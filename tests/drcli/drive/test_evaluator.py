@@ -14,7 +14,7 @@ from drcli.base.errors import SettingsError
 from drcli.convert.build_network import weights_of
 from drcli.convert.frozen_graph import encode_policy
 from drcli.convert.runtimes import EnginePolicy
-from drcli.drive.evaluator import enter, entries, evaluate, in_time
+from drcli.drive.evaluator import enter, entries, evaluate, trials_in_time
 from drcli.learn.policy import Observation, decide
 from drcli.records.evaluation_task import PolicySource, RaceRecording
 from drcli.records.job import Job
@@ -159,7 +159,7 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     racer.run_env(*lines, "DR_EVAL_MAX_MINUTES=0.025")
     short = evaluate(replace(job, config=racer.settings().run), stop_signal, [entry], threads=1)
     assert [len(trials) for trials in short.racers] == [1]
-    assert "3 trials left out: DR_EVAL_MAX_MINUTES=0.025 was over." in short.notes
+    assert "3 trials left out, which would end after DR_EVAL_MAX_MINUTES=0.025." in short.notes
 
     fresh = evaluate(job, stop_signal, [entry], threads=1, fresh_laps=3)
     others = evaluate(replace(job, seed=4), stop_signal, [entry], threads=1, fresh_laps=3)
@@ -182,8 +182,4 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     ],
 )
 def test_trials_that_would_end_after_the_limit_of_an_evaluation_do_not_count(rows, most, kept):
-    episodes = [SimpleNamespace(rows=[None] * count) for count in rows]
-
-    found, late = in_time(episodes, most)
-
-    assert (found, late) == (episodes[:kept], len(rows) - kept)
+    assert trials_in_time(rows, most) == kept

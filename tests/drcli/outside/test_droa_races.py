@@ -76,9 +76,12 @@ def test_a_call_that_fails_is_tried_again_at_the_next_time(droa, fake, capsys, m
     fake.add_model("car")
     race = fake.add_race("Spring")
 
+    turns = []
+
     def pause(seconds):
-        if seconds > 60 and len(fake.submissions[race]) == 1 and not fake.faults:
-            fake.faults = [(400, {}, b'{"message": "busy"}')]
+        if seconds > 60:
+            turns.append(seconds)
+            fake.faults = [(400, {}, b'{"message": "busy"}')] if len(turns) == 1 else []
 
     monkeypatch.setattr("drcli.cli.commands.droa.pause", pause)
 

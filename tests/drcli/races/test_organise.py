@@ -27,6 +27,7 @@ def test_a_race_takes_what_its_options_do_not_say_from_the_settings_once(home):
     run_env.write_text(
         run_env.read_text() + "DR_EVAL_OFF_TRACK_PENALTY=2\nDR_SIM_LATENCY=0.05\n"
         "DR_EVAL_START_POSITION=0.5\nDR_EVAL_MAX_LAP_SECONDS=90\n"
+        "DR_EVAL_MAX_MINUTES=30\n"
     )
     report = create_race(home.settings, home.bucket, RaceOptions(" Friday   Cup ", max_laps=5))
     run_env.write_text("DR_WORLD_NAME=willow\n")
@@ -39,8 +40,10 @@ def test_a_race_takes_what_its_options_do_not_say_from_the_settings_once(home):
     assert (driven.world_name, driven.eval_number_of_trials) == ("bean", 5)
     assert (driven.eval_off_track_penalty, driven.sim_latency) == (2.0, 0.05)
     assert (driven.eval_start_position, driven.eval_max_lap_seconds) == (0.5, 90.0)
+    assert driven.eval_max_minutes == 30.0
     assert shown_settings(rules) == {
         "DR_EVAL_MAX_LAP_SECONDS": "90.0",
+        "DR_EVAL_MAX_MINUTES": "30.0",
         "DR_EVAL_START_POSITION": "0.5",
         "DR_SIM_LATENCY": "0.05",
     }

@@ -1,11 +1,14 @@
 """The check of a reward function that is being written."""
 
+import subprocess
+import sys
 from threading import Event
 
 import pytest
 
 from drcli.rewards import live_check
 from drcli.rewards.live_check import LiveCheck
+from drcli.rewards.sandbox.run_sandbox import _Attempt
 
 GOOD = b'def reward_function(params):\n    return float(params["progress"])\n'
 
@@ -53,6 +56,24 @@ def test_a_text_that_ends_its_process_does_not_end_the_next_one(live, settings):
     assert check(live, settings, ends, whole=False).picture is None
     assert "SIGKILL" in check(live, settings, ends).problems[0].message
     assert check(live, settings, GOOD, whole=False).picture is not None
+
+
+def test_lines_of_a_server_that_come_together_are_read_one_by_one():
+    child = subprocess.Popen([sys.executable, "-c", "print(7); print(3)"], stdout=subprocess.PIPE)
+    with child:
+        child.wait()
+        assert _Attempt(child).wait(5.0) == 3
+
+
+def test_a_server_that_has_died_is_replaced(live, settings):
+    check(live, settings, GOOD, whole=False)
+    dead = live._server
+    dead._process.kill()
+    dead._process.wait()
+    dead._tell(b"x")
+
+    assert check(live, settings, GOOD, whole=False).picture is not None
+    assert live._server is not dead
 
 
 def test_a_text_that_is_given_up_ends_at_once(live, settings):

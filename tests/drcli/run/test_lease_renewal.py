@@ -12,10 +12,10 @@ from drcli.model.history import History
 from drcli.model.lease import Ownership, read_lease, write_lease
 from drcli.model.model_store import ModelStore
 from drcli.records.checkpoint import Counters
-from drcli.records.iteration import IterationRecord
 from drcli.records.rollout import Driving, Manifest, session_of_worker
 from drcli.run.interruption_watch import LEASE_POLL_S, RENEW_S, Renewal
 from drcli.train.rollouts import RolloutReader, RolloutWriter
+from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
 PREFIX = "model"
@@ -257,7 +257,7 @@ class Training:
             arrived = reader.wait_manifests(number, [name], [0], enough=1)
             assert arrived, "somebody wrote over the rollouts of the owner"
             yield
-            record = iteration(number, driven_by=self.number)
+            record = iteration_record(number, episodes=self.number)
             number += 1
             weights = f"weights of {self.number}".encode()
             store.save(number, 0, weights, counters=Counters(learned=record))
@@ -319,14 +319,6 @@ class World:
                     training.step()
             if self.rng.random() < 0.2:
                 self.try_to_start()
-
-
-def iteration(number: int, driven_by: int) -> IterationRecord:
-    numbers = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
-    values = {**numbers, "iteration": number, "checkpoint": "", "episodes": driven_by}
-    return IterationRecord(
-        **{**values, "best_lap_s": None, "evaluation_progress": [], "evaluation_lap_s": []}
-    )
 
 
 @pytest.mark.parametrize("seed", range(20))

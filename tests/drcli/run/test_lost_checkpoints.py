@@ -95,7 +95,7 @@ def test_the_refusal_says_what_is_lost_and_what_is_left(trained):
 
     said = str(refused.value)
     assert "trained for 4 iterations" in said
-    assert "Lost: 5 checkpoints (0 to 4)" in said
+    assert "Lost: 4 checkpoints (1 to 4)" in said
     assert "the learning curve of 4 iterations (0 to 3), traces of 2 iterations" in said
 
 

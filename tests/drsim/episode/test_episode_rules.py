@@ -271,6 +271,17 @@ def test_a_lap_that_takes_too_long_ends_the_race_with_its_time_up():
     assert episodes.state.over[0]
 
 
+def test_the_time_of_all_laps_ends_the_race_with_its_time_up_too():
+    episodes = begun(EpisodeRules(laps=2, max_resets=9, max_steps=30, max_lap_steps=25))
+    drive_lap(episodes)
+
+    verdicts = [judge(episodes, 0.02 * step + 0.001) for step in range(1, 10)]
+
+    assert not any(verdict.truncated[0] for verdict in verdicts[:-1])
+    assert verdicts[-1].truncated[0]
+    assert verdicts[-1].status[0] == Status.TIME_UP
+
+
 def test_waiting_for_a_penalty_counts_as_time_of_the_lap():
     rules = EpisodeRules(max_resets=9, off_track_penalty_s=1.0, max_lap_steps=17)
     episodes = begun(rules)

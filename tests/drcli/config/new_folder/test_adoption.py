@@ -80,6 +80,9 @@ def test_it_can_be_repeated(dr, theirs, capsys):
         ("[ -f x ] && . ~/other/bin/activate.sh -e fast", "[ -f x ] && . '{mine}' -e fast"),
         ('source "$HOME/other/bin/activate.sh" # mine', "source '{mine}' # mine"),
         ("# source ~/other/bin/activate.sh", "# source ~/other/bin/activate.sh"),
+        ("alias dr='cd ~; source ~/other/bin/activate.sh'",) * 2,
+        ('echo "; source ~/other/bin/activate.sh"',) * 2,
+        ("source ~/other/bin/activate.sh.old",) * 2,
         ("source ~/conda/bin/activate.sh", "source ~/conda/bin/activate.sh"),
     ],
 )

@@ -260,13 +260,15 @@ def test_routes_and_the_files_of_stages_are_sent_and_what_is_outside_is_refused(
     ]
     given = environment(settings, "models", "us-east-1", "run", {})
     assert (given["DR_TRACKS_DIR"], given["DR_TRACKS_FETCH"]) == ("tracks", "always")
-    with pytest.raises(SettingsError, match="is outside of"):
-        files_to_send(settings, further=[elsewhere / "other.npy"])
+    for outside in (elsewhere / "other.npy", racer / ".." / "routes" / "other.npy"):
+        with pytest.raises(SettingsError, match="is outside of"):
+            files_to_send(settings, further=[outside])
 
 
 def test_settings_of_the_shell_count_on_the_machine_but_its_passwords_stay(tmp_path: Path):
     (tmp_path / "run.env").write_text(
         "DR_WORLD_NAME=bean\nDR_LOCAL_S3_MODEL_PREFIX=$TEAM/first\nDR_TRACKS_FETCH=never\n"
+        "# $AWS_PROFILE\n"
     )
     shell = {
         "TEAM": "blue",
@@ -275,6 +277,7 @@ def test_settings_of_the_shell_count_on_the_machine_but_its_passwords_stay(tmp_p
         "DR_LOCAL_S3_BUCKET": "here",
         "DR_DROA_PASSWORD": "a-password",
         "AWS_SECRET_ACCESS_KEY": "a-key",
+        "AWS_PROFILE": "mine",
         "LANG": "C",
     }
     settings = load_settings(tmp_path, environ=shell)
@@ -283,7 +286,8 @@ def test_settings_of_the_shell_count_on_the_machine_but_its_passwords_stay(tmp_p
 
     assert (given["TEAM"], given["DR_WORKERS"]) == ("blue", "3")
     assert given["DR_LOCAL_S3_BUCKET"] == given["DR_UPLOAD_S3_BUCKET"] == "models"
-    assert not {"HOME", "LANG", "DR_DROA_PASSWORD", "AWS_SECRET_ACCESS_KEY"} & set(given)
+    kept = {"HOME", "LANG", "DR_DROA_PASSWORD", "AWS_SECRET_ACCESS_KEY", "AWS_PROFILE"}
+    assert not kept & set(given)
     assert "DR_TRACKS_FETCH" not in given
 
 

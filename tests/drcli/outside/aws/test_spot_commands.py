@@ -15,6 +15,8 @@ from drcli.model.training_state import write_outcome
 from drcli.outside.aws import stacks
 from drcli.outside.aws.prices import ADDRESS_VARIABLE
 from drcli.outside.aws.racer_files import environment, lay_out
+from drcli.outside.aws.stack_logs import fetch_folder
+from drcli.outside.aws.stacks import need_stack
 from drcli.outside.aws.training_template import KIND_TAG, MODEL_TAG, STACK_TAG
 from drcli.records.training_record import RunOutcome
 
@@ -185,6 +187,47 @@ def test_a_training_is_watched_from_any_folder(spot, training, amazon, tmp_path,
     assert (report["bucket"], report["prefix"]) == ("models", "training/m")
     assert (report["state"], report["world"]) == ("finished", "reinvent_base")
     assert "dr-spot stop run" in said
+
+
+@pytest.mark.parametrize(
+    "install",
+    [
+        {"files": ["../../../out.env"], "environment": {}},
+        {"files": ["/tmp/out.env"], "environment": {}},
+        {"files": "run.env"},
+        ["run.env"],
+    ],
+)
+def test_what_others_wrote_into_the_bucket_changes_nothing_outside_its_folder(
+    spot, training, amazon, tmp_path, install
+):
+    amazon.bucket("models").put("spot/run/install.json", json.dumps(install).encode())
+
+    code, _, said = spot("status", "run")
+
+    assert code == 4
+    assert "spot/run/install.json is not what `dr-spot create` writes" in said
+    assert not list(tmp_path.rglob("out.env"))
+
+
+def test_variables_of_programs_are_not_taken_from_the_bucket(training, amazon, tmp_path):
+    given = {
+        "LD_PRELOAD": "a.so",
+        "PYTHONPATH": ".",
+        "AWS_PROFILE": "x",
+        "PATH": "",
+        "TEAM": "blue",
+    }
+    install = {"files": [], "environment": {**given, "DR_WORKERS": "3"}}
+    amazon.bucket("models").put("spot/run/install.json", json.dumps(install).encode())
+    (tmp_path / "worker-2.env").write_text("of an earlier stack")
+    stack = need_stack(amazon, "run", "training")
+
+    found = fetch_folder(amazon, stack, tmp_path, {"PATH": "/bin"})
+
+    assert (found["PATH"], found["TEAM"], found["DR_WORKERS"]) == ("/bin", "blue", "3")
+    assert not {"LD_PRELOAD", "PYTHONPATH", "AWS_PROFILE"} & set(found)
+    assert not (tmp_path / "worker-2.env").exists()
 
 
 def test_prices_are_compared(spot):
