@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 import threading
@@ -111,7 +112,7 @@ def test_what_is_missing_or_too_old_is_completed_by_pip(monkeypatch, line, words
     assert error is not None
     assert error.code == 7
     assert re.search(words, str(error))
-    assert f"{sys.executable} -m pip install drcli" in error.remedy
+    assert f"{shlex.quote(sys.executable)} -m pip install drcli" in error.remedy
 
 
 def test_everything_that_drcli_requires_can_be_imported_here():
