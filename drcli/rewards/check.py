@@ -378,12 +378,12 @@ def try_in_each_race(
             [file],
             course,
             directory,
-            races,
-            tolerated,
-            given_up,
-            metadata,
-            hyperparameters,
-            sandbox_of,
+            races=races,
+            tolerated=tolerated,
+            given_up=given_up,
+            metadata=metadata,
+            hyperparameters=hyperparameters,
+            sandbox_of=sandbox_of,
         )
     return tried
 

@@ -205,7 +205,10 @@ class Source:
 
     @cached_property
     def words(self) -> frozenset[str]:
-        """In quotes, and arguments of functions, so all parameters that it reads."""
+        """In quotes, and arguments of functions, so all parameters that it reads.
+
+        As `drsim.episode.reward.names_in`, without loading the simulation.
+        """
         nodes = list(ast.walk(self.tree))
         quoted = {str(node.value) for node in nodes if isinstance(node, ast.Constant)}
         return frozenset(quoted | {node.arg for node in nodes if isinstance(node, ast.arg)})

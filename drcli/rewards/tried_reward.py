@@ -121,6 +121,7 @@ def try_rewards(
     files: Sequence[InputFile],
     course: Course | DriveConfig,
     directory: Path,
+    *,
     races: list[DriveConfig] | None = None,
     tolerated: float = 0.0,
     given_up: Event | None = None,

@@ -2,7 +2,8 @@
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,8 +13,10 @@ from drcli.bucket.endpoint import read_profile
 from drcli.config import loading
 from drcli.config.settings import Settings
 from drcli.config.value_types import HOME_REGION
+from drcli.outside.aws import racer_files
 from drcli.outside.aws.aws_account import PROFILE_SETTING, Account
 from drcli.outside.aws.racer_files import environment, files_to_send
+from drcli.run.track_fetch import missing_tracks
 
 with lazy_imports():
     from drcli.checks import stage_rules, validate
@@ -21,6 +24,10 @@ with lazy_imports():
 
 BUCKET_VARIABLE = "BUCKET"
 """As deepracer-on-the-spot."""
+
+
+Waiting = Callable[[str], AbstractContextManager[None]]
+"""Shows what takes a while."""
 
 
 def account_of(
@@ -77,6 +84,52 @@ class Checked:
     files: dict[str, bytes]
     variables: dict[str, str]
     warnings: list[Problem]
+
+
+def prepare(
+    folder: Path,
+    account: Account,
+    options: "creation.StackOptions",
+    before: Settings,
+    install: str,
+    shown: Path,
+    waiting: Waiting,
+) -> "creation.StackPlan":
+    """Check a training as its machine will, and estimate its cost; changes nothing.
+
+    Args:
+        folder: Of the settings and files.
+        account: Where it is to run.
+        options: Of the stack.
+        before: `read_settings` of the folder.
+        install: What the machine installs, as `find_source` takes it.
+        shown: What messages call the folder.
+        waiting: Called with what is done next.
+
+    Raises:
+        ProblemsError: Settings, files or reward function are wrong.
+        SettingsError: An option is wrong, or a file cannot be sent.
+        StorageError: Amazon does not answer or refuses.
+    """
+    creation.check_options(options)
+    with waiting("Checking settings, files and reward function ..."):
+        checked = check_settings(folder, account, options.bucket, options.stack, before, shown)
+    with waiting("Preparing what the machine installs ..."):
+        source = racer_files.find_source(install)
+    with waiting(f"Asking Amazon for quotas and prices in {account.region} ..."):
+        plan = creation.prepare(
+            account,
+            checked.settings,
+            options,
+            source,
+            checked.files,
+            checked.variables,
+            not_imported(before),
+        )
+    notes = [*map(str, checked.warnings), *plan.notes]
+    if missing := missing_tracks(checked.settings):
+        notes.append(f"The machine downloads tracks of the community: {', '.join(missing)}.")
+    return replace(plan, notes=tuple(notes))
 
 
 def check_settings(

@@ -190,6 +190,7 @@ def unread_models(storage: StorageConfig, directory: Path, bucket: Bucket) -> li
         return []
     found = []
     for parent, below, _ in os.walk(root):
+        # `Path.exists` raises where a folder of another user may not be entered.
         if any(os.path.exists(f"{parent}/{pointer}") for pointer in POINTERS):  # noqa: PTH110
             found.append(Path(parent).relative_to(root).as_posix())
         left_out = ("model", *_BESIDE_MODELS)

@@ -174,7 +174,6 @@ def _field(
         "origin": " ".join(_origin(name, entry, value, written or "", secret=secret)),
         "start": "" if secret else start,
         "value": hidden(name, value),
-        "written": None if written is None else hidden(name, written),
         "set": bool(value),
         "secret": secret,
         "file": files.run_file if setting.file == "run.env" else SYSTEM,

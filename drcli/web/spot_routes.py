@@ -1,8 +1,9 @@
 """Trainings on spot machines of Amazon, as `dr-spot` makes, shows and ends them."""
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
@@ -14,21 +15,21 @@ from drcli.base.installation import lazy_imports
 from drcli.base.json_record import plain
 from drcli.outside.aws import stacks
 from drcli.outside.aws.aws_account import Account
-from drcli.outside.aws.creation import Market
+from drcli.outside.aws.creation import Market, StackPlan
 from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_template
 from drcli.run import stack_plan
-from drcli.run.track_fetch import missing_tracks
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.served_folder import ServedFolder
 from drcli.web.tasks import Progress
 
 with lazy_imports():
-    from drcli.outside.aws import creation, racer_files, stack_end, stack_logs, stack_report
+    from drcli.outside.aws import creation, stack_end, stack_logs, stack_report
     from drcli.transfer import copy_custom_files
 
 LOG_LINES = 200
 STOP_PATIENCE_S = 600.0
 _SAME_USD = 0.0005
+_IF_CUT = "Amazon may go on with it, which costs money: see the page “Spot”."
 
 
 class OfStack(Body):
@@ -77,8 +78,14 @@ class Spot:
             settings = self.folder.settings()
         return stack_plan.account_of(settings)
 
-    def prepared(self, body: PlanStack, progress: Progress) -> "tuple[Account, Any, list[str]]":
-        """Account, `StackPlan` and warnings; nothing is changed."""
+    def prepared(self, body: PlanStack, progress: Progress) -> tuple[Account, StackPlan]:
+        """Nothing is changed."""
+
+        @contextmanager
+        def waiting(what: str) -> Iterator[None]:
+            progress(what)
+            yield
+
         directory = self.folder.directory
         before = stack_plan.read_settings(directory)
         ours = stack_plan.account_of(before)
@@ -94,38 +101,18 @@ class Spot:
             topic=topic,
         )
         stacks.check_name(body.stack)
-        creation.check_options(options)
-        progress("Checks settings, files and reward function.")
-        checked = stack_plan.check_settings(
-            directory, ours, options.bucket, body.stack, before, directory
-        )
-        progress("Prepares what the machine installs.")
-        source = racer_files.find_source("")
-        progress(f"Asks Amazon for quotas and prices in {ours.region}.")
-        plan = creation.prepare(
-            ours,
-            checked.settings,
-            options,
-            source,
-            checked.files,
-            checked.variables,
-            stack_plan.not_imported(before),
-        )
-        notes = [*map(str, checked.warnings), *plan.notes]
-        if missing := missing_tracks(checked.settings):
-            notes.append(f"The machine downloads tracks of the community: {', '.join(missing)}.")
-        return ours, plan, notes
+        return ours, stack_plan.prepare(directory, ours, options, before, "", directory, waiting)
 
 
 def _plan(at: Spot, body: PlanStack, progress: Progress) -> Any:
-    ours, plan, notes = at.prepared(body, progress)
+    ours, plan = at.prepared(body, progress)
     planned = creation.Planned.of(plan, ours.region)
     said = [str(line) for line in planned.view() if line]
-    return {**plain(planned), "said": said, "notes": notes}
+    return {**plain(planned), "said": said, "notes": plan.notes}
 
 
 def _create(at: Spot, body: CreateStack, progress: Progress) -> Any:
-    ours, plan, _ = at.prepared(body, progress)
+    ours, plan = at.prepared(body, progress)
     agreed, now = body.agreed_usd_per_hour, plan.estimate.most
     if now is not None and (agreed is None or now > agreed + _SAME_USD):
         was = "not known" if agreed is None else f"{agreed:.3f} USD per hour"
@@ -213,9 +200,8 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
 
         def start(_: Request, body: OfStack) -> Any:
             said = title.format(body=body)
-            task = folder.tasks.start(
-                f"spot-{name}", body.stack, said, lambda progress: work(at, body, progress)
-            )
+            own = partial(work, at, body)
+            task = folder.tasks.start(f"spot-{name}", body.stack, said, own, if_cut=_IF_CUT)
             return {"task": task.id}
 
         declared = work.__annotations__["body"]

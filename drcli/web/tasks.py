@@ -28,6 +28,7 @@ MOST_AT_ONCE = 12
 MOST_WAITING = 40
 CLOSING_S = 1.0
 _STOPPED = "The console was stopped before this was done."
+_AGAIN = "Start it again if you need its result."
 
 _GOES_ON = "The console was stopped while this was under way; it goes on without it."
 
@@ -51,6 +52,7 @@ class Task:
         began: Unix seconds.
         ended: Unix seconds.
         goes_on: Whether it is completed even if the console ends.
+        if_cut: What to do if the end of the console cuts it short.
     """
 
     id: int
@@ -64,6 +66,7 @@ class Task:
     began: float = 0.0
     ended: float | None = None
     goes_on: bool = False
+    if_cut: str = _AGAIN
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,7 @@ class _CutShort:
     began: float
     ended: float
     goes_on: bool
+    remedy: str = _AGAIN
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,7 @@ class Tasks:
         function: Callable[[Progress], Any],
         *,
         goes_on: bool = False,
+        if_cut: str = _AGAIN,
     ) -> Task:
         """Run a function in a thread, as a `Task`.
 
@@ -121,8 +126,9 @@ class Tasks:
                 raise BadRequest(f"{title}: this is already under way.", 409)
             if len(open_tasks) >= MOST_WAITING:
                 raise BadRequest("Too many tasks are under way; wait for one to end.", 429)
+            given = kind, subject, title
             task = Task(
-                next(self._numbers), kind, subject, title, began=time.time(), goes_on=goes_on
+                next(self._numbers), *given, began=time.time(), goes_on=goes_on, if_cut=if_cut
             )
             self._tasks[task.id] = task
             for old in [each.id for each in self._tasks.values() if each.ended is not None]:
@@ -164,6 +170,7 @@ class Tasks:
             _CutShort(
                 *(task.kind, task.subject, task.title, task.began, now),
                 task.goes_on and before.state == "running",
+                task.if_cut,
             )
             for before, task in zip(begun, after, strict=True)
             if task.state != "done" or task.goes_on
@@ -182,9 +189,7 @@ class Tasks:
             self._kept.unlink(missing_ok=True)
         for each in [] if kept is None else kept.tasks[-MOST_KEPT:]:
             said = _GOES_ON if each.goes_on else _STOPPED
-            remedy = "" if each.goes_on else "Start it again if you need its result."
-            if each.kind.startswith("spot-"):
-                remedy = "Amazon may go on with it, which costs money: see the page “Spot”."
+            remedy = "" if each.goes_on else each.remedy
             task = Task(
                 next(self._numbers),
                 *(each.kind, each.subject, each.title),

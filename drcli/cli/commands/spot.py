@@ -26,7 +26,7 @@ from drcli.cli.working_folder import working_folder
 from drcli.outside.aws import stacks
 from drcli.outside.aws.instance_types import default_types, find_types
 from drcli.outside.aws.machine_marks import read_marks
-from drcli.outside.aws.racer_files import find_source, lay_out
+from drcli.outside.aws.racer_files import lay_out
 from drcli.outside.aws.stacks import (
     check_name,
     create_stack,
@@ -46,7 +46,6 @@ with lazy_imports():
     from drcli.config import loading
     from drcli.outside.aws import creation, machines, stack_end, stack_logs, stack_report
     from drcli.outside.aws import prices as aws_prices
-    from drcli.run import track_fetch
     from drcli.transfer import copy_custom_files
 
 
@@ -232,39 +231,22 @@ def create(
             image,
             tuple(subnets or ()),
         )
-        creation.check_options(stack_options)
-        with terminal.waiting("Checking settings, files and reward function ..."):
-            checked = stack_plan.check_settings(
-                folder, ours, stack_options.bucket, stack, before, files or folder
-            )
-        terminal.warn(*map(str, checked.warnings))
-        loaded = checked.settings
-        if missing := track_fetch.missing_tracks(loaded):
-            terminal.say(f"The machine downloads tracks of the community: {', '.join(missing)}.")
-        with terminal.waiting("Preparing what the machine installs ..."):
-            source = find_source(install)
-        with terminal.waiting(f"Asking Amazon for quotas and prices in {ours.region} ..."):
-            plan = creation.prepare(
-                ours,
-                loaded,
-                stack_options,
-                source,
-                checked.files,
-                checked.variables,
-                stack_plan.not_imported(before),
-            )
+        plan = stack_plan.prepare(
+            folder, ours, stack_options, before, install, files or folder, terminal.waiting
+        )
+        terminal.warn(*plan.notes)
         if show_template:
             terminal.write(json.dumps(plan.template, indent=2) + "\n")
             return
-        terminal.warn(*plan.notes)
         planned = creation.Planned.of(plan, ours.region)
         if dry_run:
             show(planned)
             return
         terminal.say("\n".join(str(line) for line in planned.view() if line))
         prompts.agree("Start it?", yes=yes, remedy="Add --yes to start it without a question.")
-        if loaded.custom_files.folder.is_dir():
-            copy_custom_files.upload_custom_files(loaded.custom_files, loaded.storage, terminal.say)
+        own = plan.settings
+        if own.custom_files.folder.is_dir():
+            copy_custom_files.upload_custom_files(own.custom_files, own.storage, terminal.say)
         with terminal.waiting(f"Making the stack {stack} ..."):
             report = creation.carry_out(ours, plan)
     show(report)

@@ -103,7 +103,7 @@ def test_the_form_tells_values_their_places_and_limits(client, made):
     found = fields(client)
 
     metrics = found["DR_LOCAL_S3_METRICS_PREFIX"]
-    assert metrics["written"] == "$DR_LOCAL_S3_MODEL_PREFIX/metrics"
+    assert metrics["start"] == "$DR_LOCAL_S3_MODEL_PREFIX/metrics"
     assert metrics["value"] == "rl-deepracer-sagemaker/metrics"
     assert found["DR_WORLD_NAME"]["origin"] == "From run.env."
     assert found["DR_MAX_COST"]["origin"] == "Not set, so the default counts."

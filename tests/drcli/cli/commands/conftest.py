@@ -65,7 +65,6 @@ from drcli.run.join_training import JoinReport
 from drcli.run.journal import JournalEvent, JournalReport
 from drcli.run.many_evaluations import BestStart, TableReport, TableRow, training_command
 from drcli.run.plan import RunPlan, StartOptions
-from drcli.run.stack_plan import Checked
 from drcli.run.status import RunReport
 from drcli.run.stopping import Stopped, StopReport
 from drcli.run.support_bundle import BundledFile, BundleReport
@@ -725,7 +724,10 @@ def _answer_as_amazon(
     plan = SimpleNamespace(
         options=StackOptions("my-run", bucket, kinds),
         settings=SimpleNamespace(
-            model_prefix=MODEL, upload_s3_bucket=bucket, upload_s3_prefix=f"upload/{MODEL}"
+            model_prefix=MODEL,
+            upload_s3_bucket=bucket,
+            upload_s3_prefix=f"upload/{MODEL}",
+            custom_files=SimpleNamespace(folder=Path("no-files")),
         ),
         source=SimpleNamespace(shown="drcli==1.0.0"),
         types=[SimpleNamespace(name=name) for name in kinds],
@@ -736,12 +738,7 @@ def _answer_as_amazon(
         files={},
         not_imported="DR_DROA_URL is empty.",
     )
-    answer("cli.commands.spot.find_source", plan.source)
-    # Its checks would find what stands here for the report of `dr validate`.
-    answer("outside.aws.creation.check_bucket", None)
-    monkeypatch.setattr(
-        "drcli.run.stack_plan.check_settings", lambda *given: Checked(given[4], {}, {}, [])
-    )
+    answer("run.stack_plan.prepare", plan)
 
     def fetch_folder(_account: object, _stack: object, folder: Path, _environ: object) -> object:
         folder.mkdir(parents=True, exist_ok=True)
@@ -749,7 +746,6 @@ def _answer_as_amazon(
         return {}
 
     monkeypatch.setattr("drcli.outside.aws.stack_logs.fetch_folder", fetch_folder)
-    answer("outside.aws.creation.prepare", plan)
     created = CreatedStack(
         "my-run", region, bucket, MODEL, kinds, "spot", 0.61, 8.74, 1.79e9, topic
     )

@@ -130,7 +130,9 @@ def test_a_result_that_racers_code_has_written_is_refused_with_a_reason(begin):
     text = (
         "import os\nfrom pathlib import Path\n"
         "def reward_function(params):\n"
-        "    Path(__file__).with_name('result.json').write_text('{}')\n"
+        "    made = Path(__file__).with_name(f'{os.getpid()}')\n"
+        "    made.write_text('{}')\n"  # whole at once, as copies of the process write it too
+        "    made.rename(made.with_name('result.json'))\n"
         "    os._exit(0)\n"
     )
 
