@@ -4,6 +4,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
@@ -86,6 +87,9 @@ def moment(option: str, text: str, now: datetime) -> datetime:
             remedy="Write a date such as 2026-11-20, or an age such as 30m, 12h, 7d or 3w.",
         ) from None
 
+
+Waiting = Callable[[str], AbstractContextManager[None]]
+"""Shows what takes a while, as long as it does."""
 
 # Waiting for a condition, with growing pauses.
 

@@ -118,6 +118,7 @@ class LiveCheck:
     def __init__(self) -> None:
         self._courses: dict[str, DrivenCourse] = {}
         self._server: SandboxServer | None = None
+        self._served: list[str] = []
 
     def check(
         self,
@@ -191,9 +192,10 @@ class LiveCheck:
     ) -> Sandbox:
         if request.races is None:  # of another race, which is not drawn
             return Sandbox(request, text, directory)
-        if self._server is None or not self._server.is_for(request):
+        served = [_key(own, None) for own in request.races]  # other files of tracks change it
+        if self._server is None or self._served != served or not self._server.is_for(request):
             self.close()
-            self._server = SandboxServer(request, directory)
+            self._server, self._served = SandboxServer(request, directory), served
         return Sandbox(request, text, directory, self._server, grid_only=grid_only)
 
     def close(self) -> None:

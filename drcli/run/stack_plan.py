@@ -2,11 +2,11 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drcli.base.clock import Waiting
 from drcli.base.errors import Problem, ProblemsError, SettingsError
 from drcli.base.installation import lazy_imports
 from drcli.bucket.endpoint import read_profile
@@ -24,10 +24,6 @@ with lazy_imports():
 
 BUCKET_VARIABLE = "BUCKET"
 """As deepracer-on-the-spot."""
-
-
-Waiting = Callable[[str], AbstractContextManager[None]]
-"""Shows what takes a while."""
 
 
 def account_of(

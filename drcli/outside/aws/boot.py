@@ -30,6 +30,7 @@ ROOT = os.environ.get("DRCLI_SPOT_ROOT", "")
 HOME, USER = "/opt/drcli", "drcli"
 RACER, PYTHON = HOME + "/racer", HOME + "/venv/bin/python"
 LEAVING = "/run/drcli/leaving"
+TOLD = "/run/drcli/told"
 FAILURES = "/run/drcli/failures"
 """In memory: a full disk must not keep failures from being counted."""
 
@@ -301,7 +302,9 @@ class Machine:
                 step()
             except BootFailed as error:
                 failed.append(str(error))
-        self.tell(f"Training {state}: {self.stack}"[:100], text)
+        if not at(TOLD).exists():  # an end that is tried again sends no second message
+            self.tell(f"Training {state}: {self.stack}"[:100], text)
+            write(TOLD, state)
         for group in self.groups:
             try:
                 self.ask(

@@ -10,12 +10,13 @@ from pathlib import Path, PurePosixPath
 from typing import Annotated
 from urllib.parse import unquote, urlsplit
 
+from drcli.base.clock import Waiting
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.files import hand_out
 from drcli.base.installation import lazy_imports
 from drcli.base.report import View, size_text, table
 from drcli.outside.droa.droa_api import DELETABLE, AssetType, Droa, RemoteModel
-from drcli.outside.droa.droa_import import POLL_S, Progress, Waiting
+from drcli.outside.droa.droa_import import POLL_S, Progress
 from drcli.outside.droa.droa_metrics import PhaseMeans
 from drcli.outside.web_request import ATTEMPTS, explain, polls
 

@@ -10,6 +10,7 @@ from pathlib import PurePosixPath
 from typing import Annotated, Any
 
 from drcli.base import errors as notices
+from drcli.base.clock import Waiting
 from drcli.base.errors import DrError, ProblemsError, SettingsError, StorageError, of_severity
 from drcli.base.installation import lazy_imports
 from drcli.base.report import counted, size_text
@@ -126,7 +127,6 @@ IMPORT_PATIENCE_S = 1800.0
 """The server's check may take 15 minutes."""
 
 Progress = Callable[[str, int], AbstractContextManager[Watch]]
-Waiting = Callable[[str], AbstractContextManager[None]]
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,12 @@ Source: aws-solutions/deepracer-on-aws, operations ListLeaderboards, CreateSubmi
 ListSubmissions.
 """
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
+from drcli.base.clock import Waiting
 from drcli.base.errors import SettingsError, StorageError, shown
 from drcli.base.report import Col, View, bold, counted, second, table
 from drcli.outside.droa.droa_api import Droa, RemoteModel, text_at, value_at
@@ -20,8 +20,6 @@ PATIENCE_S = 3600.0
 """A submission waits until those before it have been driven, up to 20 minutes each."""
 
 OVER = ("COMPLETED", "FAILED", "CANCELED")
-
-Waiting = Callable[[str], AbstractContextManager[None]]
 
 
 @dataclass(frozen=True)
@@ -113,9 +111,10 @@ def find_race(droa: Droa, wanted: str) -> RemoteRace:
 def refuse_closed(droa: Droa, race: RemoteRace) -> None:
     """Raises SettingsError unless the race takes submissions now."""
     if not race.is_open:
+        verb = "closed" if _is_past(race.closes_at, datetime.now(UTC)) else "closes"
         raise SettingsError(
-            f"The race {race.name} at {droa.place} takes no submissions now (it closes or "
-            f"has closed at {second(race.closes_at)} UTC).",
+            f"The race {race.name} at {droa.place} takes no submissions now; it {verb} at "
+            f"{second(race.closes_at)} UTC.",
             remedy="`dr-droa races` shows which races are open.",
         )
 

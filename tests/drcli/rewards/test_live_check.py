@@ -76,6 +76,17 @@ def test_a_server_that_has_died_is_replaced(live, settings):
     assert live._server is not dead
 
 
+def test_another_file_of_a_track_begins_a_new_process(live, settings):
+    check(live, settings, GOOD, whole=False)
+    before, kept = live._server, live._served
+    live._served = ["of the file before"]
+
+    check(live, settings, GOOD, whole=False)
+
+    assert live._server is not before
+    assert live._served == kept
+
+
 def test_a_text_that_is_given_up_ends_at_once(live, settings):
     given_up = Event()
     given_up.set()
