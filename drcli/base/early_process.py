@@ -119,8 +119,8 @@ class Early:
 
     def dismiss(self) -> None:
         """End it; those that it has divided off end themselves."""
+        self.process.kill()  # before it sees the end of the pipe and ends by itself
         self.pipe.close()
-        self.process.kill()
         self.process.wait()
 
 
