@@ -1,6 +1,5 @@
 // One lap at one step: camera, numbers, choices of the policy, reward and its parameters.
 
-import { traceTitle } from "/episode_chooser.js";
 import { capital, number } from "/text.js";
 import { Choice, Failure, Folded, Tiles, html, useEffect, useMemo, useRef, useState } from "/ui.js";
 
@@ -40,7 +39,7 @@ export function EpisodePane({ data, row, name, color, links }) {
   const inTrace = lap.step[0] === 1 ? "" : ` (${number(lap.step[row])} in the trace)`;
   return html`
     <section class="episode-pane" aria-label=${`${name}: ${data.query.model}`}>
-      <h2><span class=${`swatch ink-${color}`}></span>${traceTitle(facts)}, episode ${summary?.number}</h2>
+      <h2><span class=${`swatch ink-${color}`}></span>${facts.title}, episode ${summary?.number}</h2>
       <p class="quiet">${`${data.query.model}${facts.world ? ` on ${facts.world}` : ""}: ${summary?.text ?? ""}, progress ${number(summary?.progress, 1, "%")}, ${number(summary?.seconds, 2, "s")}`}</p>
       ${facts.notes.map((note) => html`<p key=${note} class="problem">${note}</p>`)}
       ${problems.map((error) => html`<${Failure} key=${error.message} error=${error} />`)}

@@ -14,17 +14,18 @@ function risingRows(x) {
 }
 
 /**
- * @param {{title: string, unit?: string, digits?: number, lines: {name: string, of: (data: any) => number[], dash?: number[]}[],
+ * @param {{title: string, unit?: string, digits?: number, lines: Record<string, string>, values?: any[][][],
  *   laps: any[], names: string[], colors: string[], over: string, x: number[][], at: number, rows: number[],
- *   seek: (x: number) => void, version?: string}} props
- *   x is what each lap is aligned by, `version` changes with what the lines show.
+ *   seek: (x: number) => void}} props
+ *   x is what each lap is aligned by; lines are names and columns of the laps; values are those of each lap and line
+ *   that is no column.
  */
-export function Curve({ title, unit = "", digits = 2, lines, version = "", ...laid }) {
+export function Curve({ title, unit = "", digits = 2, lines, values: given, ...laid }) {
   const { laps, names, colors, over, x, at, rows, seek } = laid;
   const two = laps.length > 1;
   const values = useMemo(
-    () => laps.map((data) => lines.map((line) => line.of(data))),
-    [laps, version],
+    () => given ?? laps.map(({ lap }) => Object.values(lines).map((column) => lap[column])),
+    [laps, given],
   );
   const data = useMemo(() => {
     const tables = laps.map((_, k) => {
@@ -34,11 +35,11 @@ export function Curve({ title, unit = "", digits = 2, lines, version = "", ...la
     return two ? uPlot.join(tables) : tables[0];
   }, [values, over]);
   const series = laps.flatMap((_, k) =>
-    lines.map(({ name, dash }) => ({
+    Object.keys(lines).map((name, n) => ({
       name: `${names[k]} ${name}`,
       group: two ? names[k] : name,
       color: colors[k],
-      dash,
+      dash: n ? [4, 3] : undefined,
     })),
   );
   const read = () =>

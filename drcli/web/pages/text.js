@@ -30,12 +30,6 @@ export function duration(seconds) {
   return minutes ? `${minutes} min ${String(whole % 60).padStart(2, "0")} s` : `${whole} s`;
 }
 
-/** The name of an evaluation, fourteen digits of its local time, as a time; other names stay as they are. */
-export function stampText(stamp) {
-  const found = /^(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)$/.exec(stamp);
-  return found ? `${found[1]}-${found[2]}-${found[3]} ${found[4]}:${found[5]}:${found[6]}` : stamp;
-}
-
 /** A lap time as the console writes it: MM:SS.mmm. */
 export function lapTime(seconds) {
   if (seconds === null || seconds === undefined) return "–";
