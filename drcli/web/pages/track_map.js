@@ -180,10 +180,8 @@ export function TrackMap(props) {
   useLayoutEffect(() => {
     ground.current = null;
   }, [map, paths, dots, numbers, theme.value]);
-  useEffect(() => {
-    const frame = requestAnimationFrame(draw);
-    return () => cancelAnimationFrame(frame);
-  });
+  // With what else has changed: an effect after it would cost a second picture of the page.
+  useLayoutEffect(draw);
   useEffect(() => {
     const resize = new ResizeObserver(() => newest.current());
     resize.observe(canvas.current);
