@@ -3,7 +3,7 @@
 import { clearNotices, dismiss, notices, notify } from "/notices.js";
 import { mendLink } from "/mend.js";
 import { follow, onConnection } from "/socket.js";
-import { route, useGet } from "/store.js";
+import { route, theme, useGet } from "/store.js";
 import { Empty, Prose, html, render, signal, useEffect, useState } from "/ui.js";
 
 const PAGES = [
@@ -150,17 +150,14 @@ function Connection() {
 }
 
 function Theme() {
-  const root = document.documentElement;
-  const [theme, setTheme] = useState(root.dataset.theme);
-  const other = theme === "dark" ? "light" : "dark";
+  const other = theme.value === "dark" ? "light" : "dark";
   const change = () => {
-    root.dataset.theme = other;
+    document.documentElement.dataset.theme = other;
     try {
       localStorage.setItem("dr-theme", other);
     } catch {
       /* storage is switched off */
     }
-    setTheme(other);
     dispatchEvent(new Event("themechange"));
   };
   return html`<button id="theme" type="button" class="plain" aria-label="Dark or light" onClick=${change}>
