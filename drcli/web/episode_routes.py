@@ -24,6 +24,7 @@ from drcli.view.playback.stored_traces import models_with_traces, parse_name, st
 from drcli.web.answers import BadRequest, answers
 from drcli.web.episode_words import trace_text, trace_title
 from drcli.web.hub import Read
+from drcli.web.live_words import distant_words, lines_text
 from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Rows, Snapshot, Value
 
@@ -235,7 +236,8 @@ class LapReader:
             lines = read_lap_lines(ModelStore(run.model.bucket, run.prefix), newest, self._worker)
         self._read = run.prefix, newest
         iteration = newest if newest >= 0 else None
-        return Snapshot.of(self._topic, {"iteration": iteration, "lines": lines})
+        found = {"iteration": iteration, "lines": lines, "text": lines_text(iteration)}
+        return Snapshot.of(self._topic, found)
 
 
 def topics(folder: ServedFolder) -> Sequence[BaseRoute]:
@@ -246,7 +248,11 @@ def topics(folder: ServedFolder) -> Sequence[BaseRoute]:
         return LapReader(topic, look_at(run), int(worker)).read
 
     def elsewhere(topic: str, run: str) -> Read:
-        return lambda: Snapshot.of(topic, distant_run(look_at(run)()))  # null says that nobody does
+        def read() -> Snapshot:
+            found = distant_run(look_at(run)())
+            return Snapshot.of(topic, plain(found) | distant_words(found))
+
+        return read
 
     poll, number = folder.hub.poll, r"(\d{1,2})"
     poll(f"episodes:{number}", EPISODES_S, lambda topic, run: EpisodeRows(topic, look_at(run)).read)

@@ -5,7 +5,7 @@ import { mendLink } from "/mend.js";
 import { follow, onConnection } from "/socket.js";
 import { route, useGet } from "/store.js";
 import { ThemeButton } from "/theme_colors.js";
-import { Empty, Prose, html, render, signal, useEffect, useState } from "/ui.js";
+import { Empty, Failure, Told, html, render, signal, useEffect, useState } from "/ui.js";
 
 const PAGES = [
   { path: "/", name: "Live", module: "/live_page.js" },
@@ -85,8 +85,7 @@ function Main() {
 
 const Broken = ({ error, again }) => html`
   <h1>This page cannot be shown</h1>
-  <p><${Prose} text=${error.message} /></p>
-  ${error.remedy && html`<p><${Prose} text=${error.remedy} /></p>`}
+  <${Failure} error=${error} />
   <p><button type="button" onClick=${again}>Try again</button></p>`;
 
 function Menu() {
@@ -154,10 +153,7 @@ const Notices = () =>
   notices.value.map(
     ({ id, text, kind, remedy, link }) => html`
       <div key=${id} class=${`notice ${kind}`}>
-        <p>
-          <${Prose} text=${text} />${remedy && html` <span class="remedy"><${Prose} text=${remedy} /></span>`}
-          ${link && html` <a href=${link.href}>${link.text}</a>`}
-        </p>
+        <p><${Told} text=${text} remedy=${remedy} link=${link} /></p>
         <button type="button" class="plain" aria-label="Close this notice" onClick=${() => dismiss(id)}>×</button>
       </div>`,
   );

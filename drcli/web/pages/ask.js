@@ -1,8 +1,11 @@
-// A dialog with fields and one action.
+// A dialog with fields and one action. What was typed is kept until it was taken, or cancelled.
 
 import { dialog } from "/dialogs.js";
+import { useDraft } from "/drafts.js";
 import { Field, SelectField } from "/fields.js";
-import { html, useState } from "/ui.js";
+import { DraftNote } from "/steps.js";
+import { route, useAction } from "/store.js";
+import { Failure, html, useState } from "/ui.js";
 
 /**
  * @typedef {Object} AskedField
@@ -35,10 +38,11 @@ function given(fields, values) {
   return found;
 }
 
-const control = (field, values, set) => {
+const control = (field, values, set, refused) => {
   const { name, label, options, help, lines, more = {} } = field;
-  const common = { key: name, label, help, hidden: isHidden(field, values) };
-  const change = (value) => set({ ...values, [name]: value });
+  const problems = refused?.key === name ? [refused] : [];
+  const common = { key: name, label, help, problems, hidden: isHidden(field, values) };
+  const change = (value) => set(name, value);
   if (typeof field.value === "boolean")
     return html`<p key=${name}><label class="form-check">
       <input type="checkbox" checked=${values[name]} onChange=${(event) => change(event.currentTarget.checked)} /> ${label}
@@ -56,32 +60,62 @@ const control = (field, values, set) => {
     onInput=${(event) => change(event.currentTarget.value)} />`} />`;
 };
 
-function Form({ title, intro, fields, action, danger, confirm, close }) {
-  const [values, setValues] = useState(
-    Object.fromEntries(fields.map(({ name, value }) => [name, value])),
-  );
-  const submit = (event) => {
-    event.preventDefault();
-    close(given(fields, values));
+function Form({ title, intro, fields, action, danger, confirm, send, close }) {
+  const draft = useDraft(confirm === null ? `ask:${route.value.path}:${title}` : null, null);
+  const start = Object.fromEntries(fields.map(({ name, value }) => [name, value]));
+  const values = { ...start, ...draft.edits };
+  const [refused, setRefused] = useState(null);
+  const set = (name, value) => {
+    setRefused(null);
+    const { [name]: _, ...others } = draft.edits;
+    draft.set(value === start[name] ? others : { ...others, [name]: value });
   };
+  const leave = (value) => {
+    draft.set({});
+    close(value);
+  };
+  const [submit, busy] = useAction(async () => {
+    const found = given(fields, values);
+    try {
+      leave(send ? await send(found) : found);
+    } catch (error) {
+      const { message } = error;
+      setRefused({ severity: "error", key: "", message, ...error, ...error.problems?.[0] });
+    }
+  });
   return html`
-    <form class="ask" onSubmit=${submit}>
+    <form class="ask" onSubmit=${(event) => {
+      event.preventDefault();
+      submit();
+    }}>
       <h2 id="ask-title">${title}</h2>
       ${typeof intro === "string" ? html`<p>${intro}</p>` : intro}
-      ${fields.map((field) => control(field, values, setValues))}
+      ${fields.map((field) => control(field, values, set, refused))}
+      <${DraftNote} draft=${draft} />
+      ${refused && !(refused.key in start) && html`<${Failure} error=${refused} />`}
       <p class="actions">
-        <button type="button" onClick=${() => close(null)}>Cancel</button>
-        <button type="submit" class=${danger ? "danger" : "main"} disabled=${confirm !== null && values.confirm !== confirm}>${action}</button>
+        <button type="button" onClick=${() => leave(null)}>Cancel</button>
+        <button type="submit" class=${danger ? "danger" : "main"} aria-disabled=${busy ? "true" : null}
+          disabled=${confirm !== null && values.confirm !== confirm}>${action}</button>
       </p>
     </form>`;
 }
 
 /**
  * Ask for values.
- * @param {{title: string, action: string, intro?: any, fields: (AskedField | null | false)[], danger?: boolean, confirm?: string | null}} spec `confirm`: what must be typed into the field of that name
- * @returns {Promise<Object | null>} values by name; null if it was left
+ * @param {{title: string, action: string, intro?: any, fields: (AskedField | null | false)[], danger?: boolean, confirm?: string | null,
+ *   send?: ((values: Object) => Promise<any>) | null}} spec `confirm`: what must be typed into the field of that name; `send`
+ *   takes the values: what it refuses is said in the dialog, which stays
+ * @returns {Promise<any>} values by name, or the answer of `send`; null if it was left
  */
-export function ask({ intro = null, fields, danger = false, confirm = null, ...spec }) {
-  const props = { ...spec, intro, fields: fields.filter(Boolean), danger, confirm };
+export function ask({
+  intro = null,
+  fields,
+  danger = false,
+  confirm = null,
+  send = null,
+  ...spec
+}) {
+  const props = { ...spec, intro, fields: fields.filter(Boolean), danger, confirm, send };
   return dialog((close) => html`<${Form} ...${props} close=${close} />`, { label: "ask-title" });
 }

@@ -73,9 +73,9 @@ function Own({ car, reload }) {
 }
 
 function Send({ car, reload }) {
-  const list = useTopic("models").value?.models ?? [];
+  const list = (useTopic("models").value?.models ?? []).map(({ model }) => model.prefix);
   const [chosen, setChosen] = useState("");
-  const prefix = chosen || list[0]?.prefix;
+  const prefix = chosen || list[0];
   const [send, busy] = useAction(async () => {
     const { model, usable, why } = await runTask("/api/car/send", { prefix });
     notify(usable ? `The car has ${model} now.` : `The car cannot load ${model} now: ${why}.`);
@@ -83,7 +83,7 @@ function Send({ car, reload }) {
   });
   if (!list.length) return html`<p class="quiet">The bucket has no model yet.</p>`;
   return html`
-    <${SelectField} label="Model of the bucket" value=${prefix} options=${list.map((each) => each.prefix)} onChange=${setChosen}
+    <${SelectField} label="Model of the bucket" value=${prefix} options=${list} onChange=${setChosen}
       help="Its best checkpoint is sent. A model of the same name on the car is replaced." />
     <p class="actions"><${Button} class="main" busy=${busy} onClick=${send}>Send to ${car.car}<//></p>`;
 }

@@ -32,7 +32,7 @@ function ownTab() {
   }
 }
 
-const keyOf = (name) => `${PREFIX}${name}:${tab}`;
+const keyOf = (name) => name && `${PREFIX}${name}:${tab}`;
 
 function read(key) {
   if (memory.has(key)) return memory.get(key);
@@ -44,6 +44,7 @@ function read(key) {
 }
 
 function write(key, draft) {
+  if (!key) return;
   if (draft) memory.set(key, draft);
   else memory.delete(key);
   try {
@@ -67,7 +68,7 @@ function strangers(name) {
 
 /**
  * What was changed in a form and is not saved.
- * @param {string} name of the form, with its folder
+ * @param {string | null} name of the form, with its folder; null keeps it as long as the form is shown
  * @param {any} version of what is edited now
  * @returns {{edits: Record<string, any>, version: any, restored: number | null, set: (edits: Record<string, any>) => void,
  *   saved: (written: Record<string, any>, version?: any) => void,

@@ -27,14 +27,15 @@ export function Notes({ prefix, path, version }) {
     });
   };
   const edit = async ({ number, text: before }) => {
-    const values = await ask({
-      title: number === 0 ? "Describe the model" : `Edit note ${number}`,
+    const changed = await ask({
+      title: number === 0 ? `Describe ${prefix}` : `Edit note ${number} of ${prefix}`,
       action: "Save",
       fields: [
         { name: "text", label: "Text", value: before, lines: true, more: { required: true } },
       ],
+      send: ({ text: written }) => put(path, { number, text: written }),
     });
-    if (values) send(() => put(path, { number, text: values.text }));
+    if (changed) reload();
   };
   const drop = async (note) => {
     if (await confirmed("Remove this note?", { action: "Remove", detail: note.text }))

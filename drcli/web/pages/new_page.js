@@ -3,6 +3,7 @@
 import { get, post } from "/api.js";
 import { ActionStep, SensorStep, useMetadata } from "/action_space_form.js";
 import { confirmed } from "/dialogs.js";
+import { useDraft } from "/drafts.js";
 import { Field, Problems, TextField, leadTo, wantedLine } from "/fields.js";
 import { HyperparameterStep } from "/hyperparameter_form.js";
 import { notify } from "/notices.js";
@@ -193,7 +194,7 @@ function Form({ parts, reload, query }) {
             fields(stop, "stop"),
           )}
           <${ValidateStep} number=${NUMBERS.validate} saveAll=${saveAll} lead=${lead} />
-          <${StartStep} number=${NUMBERS.start} saveAll=${saveAll} lead=${lead} changes=${changes} />
+          <${StartStep} folder=${form.directory} number=${NUMBERS.start} saveAll=${saveAll} lead=${lead} changes=${changes} />
         </div>
       <//>
     </div>`;
@@ -201,8 +202,8 @@ function Form({ parts, reload, query }) {
 
 /** A folder without run.env: write the files of a new one, then go on. */
 function NewFolder({ folder, made }) {
-  const [name, setName] = useState("first-model");
-  const [begin, setBegin] = useState("preset:");
+  const draft = useDraft(`${folder.directory}/new-folder`, null);
+  const { name = "first-model", begin = "preset:" } = draft.edits;
   const [error, setError] = useState(null);
   const write = async (replace) => {
     const [kind, chosen] = begin.split(":");
@@ -213,6 +214,7 @@ function NewFolder({ folder, made }) {
         `${done.written.length} files written to ${done.folder}.${done.model ? ` ${done.model} is the trained model.` : ""}`,
       );
       for (const warning of done.warnings) notify(warning, "warn");
+      draft.set({});
       made();
     } catch (failure) {
       const detail = `${failure.message} The old files are kept as .bak.`;
@@ -238,10 +240,10 @@ function NewFolder({ folder, made }) {
       event.preventDefault();
       create();
     }}>
-      <${TextField} label="Name of the first model" value=${name} onInput=${setName} problems=${problems} help="Letters, digits and . _ - /. It can be changed in the next step." />
+      <${TextField} label="Name of the first model" value=${name} onInput=${(text) => draft.set({ ...draft.edits, name: text })} problems=${problems} help="Letters, digits and . _ - /. It can be changed in the next step." />
       <${Field} label="Begin with" control=${(
         common,
-      ) => html`<select ...${common} value=${begin} onChange=${(event) => setBegin(event.currentTarget.value)}>
+      ) => html`<select ...${common} value=${begin} onChange=${(event) => draft.set({ ...draft.edits, begin: event.currentTarget.value })}>
         <option value="preset:">The usual start: stay near the middle of the road</option>
         <optgroup label="Settings and files for a purpose">${options("preset", folder.presets)}</optgroup>
         <optgroup label="A trained model, to drive at once or to train on">${options("model", folder.models)}</optgroup>

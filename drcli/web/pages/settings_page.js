@@ -1,5 +1,6 @@
 // run.env and system.env as forms by group.
 
+import { useDraft } from "/drafts.js";
 import { notify } from "/notices.js";
 import { Problems, TextField, leadTo } from "/fields.js";
 import { DraftNote, useSettings } from "/steps.js";
@@ -79,19 +80,21 @@ function Form({ form, reload, query }) {
       .filter((each) => each.line && !each.key)
       .map(
         (each) => html`<${WrongLine} key=${each.where} problem=${each}
-      version=${form.versions[each.file]} mended=${reload} />`,
+      folder=${form.directory} version=${form.versions[each.file]} mended=${reload} />`,
       )}
     ${groups.map((group) => html`<${Group} key=${group.name} ...${group} edits=${edits} filtered=${filtered} />`)}`;
 }
 
 /** A line of which nobody knows the setting: it is written again, or becomes a comment. */
-function WrongLine({ problem, version, mended }) {
+function WrongLine({ problem, folder, version, mended }) {
   const { file, line, where } = problem;
-  const [text, setText] = useState("");
+  const draft = useDraft(`${folder}/${where}`, version);
+  const { text = "" } = draft.edits;
   const [error, setError] = useState(null);
   const [write, busy] = useAction(async (written) => {
     try {
       await put(`${PATH}/line`, { file, line, text: written, version });
+      draft.set({});
       notify(`${where} is written; the old file is kept as .bak.`);
       mended();
     } catch (failure) {
@@ -103,7 +106,7 @@ function WrongLine({ problem, version, mended }) {
       event.preventDefault();
       write(text);
     }}>
-      <${TextField} label=${`Write ${where} again`} value=${text} onInput=${setText} placeholder="NAME=value, # comment, or nothing"
+      <${TextField} label=${`Write ${where} again`} value=${text} onInput=${(typed) => draft.set(typed ? { text: typed } : {})} placeholder="NAME=value, # comment, or nothing"
         problems=${error ? (error.problems ?? [{ severity: "error", message: error.message, remedy: error.remedy }]) : []} />
       <button type="submit" aria-disabled=${busy ? "true" : null}>Replace the line</button>
     </form>`;

@@ -3,6 +3,7 @@
 import { get } from "/api.js";
 import { ask } from "/ask.js";
 import { confirmed } from "/dialogs.js";
+import { useDraft } from "/drafts.js";
 import { runTask } from "/model_tasks.js";
 import { notify } from "/notices.js";
 import { useAction, useGet } from "/store.js";
@@ -57,7 +58,8 @@ export function Page() {
   if (value) good.current = value;
   const found = good.current;
   const [log, setLog] = useState("");
-  const [values, setValues] = useState({ stack: "", place: null, market: "spot", hours: "12" });
+  const draft = useDraft("spot", null);
+  const values = { stack: "", place: null, market: "spot", hours: "12", ...draft.edits };
   useEffect(() => {
     const timer = setInterval(() => document.hidden || reload(), EVERY_MS);
     return () => clearInterval(timer);
@@ -70,13 +72,14 @@ export function Page() {
   const [start, starting] = useAction(async () => {
     const given = await askWhat(found, values);
     if (!given) return;
-    setValues(given);
+    draft.set(given);
     const { stack, market } = given;
     const base = given.place.startsWith("base:") ? given.place.slice(5) : "";
     const body = { stack, market, base, ttl_minutes: 60 * Number(given.hours) };
     const plan = await act("plan", body);
     if (!(await agreed(plan))) return;
     await act("create", { ...body, agreed_usd_per_hour: plan.most_usd_per_hour });
+    draft.set({});
   });
   const [makeBucket, making] = useAction(async () => {
     const given = await ask({

@@ -2,9 +2,11 @@
 
 import { post } from "/api.js";
 import { confirmed } from "/dialogs.js";
+import { useDraft } from "/drafts.js";
 import { Problems, TextField } from "/fields.js";
 import { taskEnd } from "/model_tasks.js";
 import { notify } from "/notices.js";
+import { DraftNote } from "/steps.js";
 import { useAction, useGet, useTopic } from "/store.js";
 import { Button, Failure, html, useEffect, useState } from "/ui.js";
 
@@ -116,11 +118,12 @@ async function consent(how, facts) {
     : null;
 }
 
-export function StartStep({ number, saveAll, lead, changes }) {
+export function StartStep({ folder, number, saveAll, lead, changes }) {
   const { value: facts, error: broken, reload } = useGet("/api/start");
   const run = useTopic("run").value;
   const tasks = useTopic("tasks").value?.tasks ?? [];
-  const [wanted, setWanted] = useState(/** @type {Record<string, string>} */ ({}));
+  const draft = useDraft(`${folder}/start`, null);
+  const wanted = draft.edits;
   const [mine, setMine] = useState(0);
   const [error, setError] = useState(null);
   useEffect(() => {
@@ -140,6 +143,7 @@ export function StartStep({ number, saveAll, lead, changes }) {
       const result = await taskEnd(id);
       notify(`The training of ${result.model} runs. ${result.ends}`);
       for (const text of result.warnings) notify(text, "warn");
+      draft.set({});
       location.hash = "#/";
     } catch (failure) {
       setError(failure);
@@ -151,12 +155,16 @@ export function StartStep({ number, saveAll, lead, changes }) {
   const task = tasks.find((each) => each.id === mine);
   const state = busy && mine ? task?.text || "Starting ..." : error ? "Not started." : "";
   const idle = facts && !facts.trains && !busy;
-  const set = (key) => (text) => setWanted({ ...wanted, [key]: text });
+  const set = (key) => (text) => {
+    const { [key]: _, ...others } = wanted;
+    draft.set(text ? { ...others, [key]: text } : others);
+  };
   return html`
     <section class="step" id="step-start" aria-labelledby="title-start">
       <h2 id="title-start" tabindex="-1">${number}. Start</h2>
       ${broken && html`<${Failure} error=${broken} />`}
       ${facts && aboutModel(facts).map((text) => html`<p>${text}</p>`)}
+      <${DraftNote} draft=${draft} />
       <div class="fields narrow">
         ${(facts?.goals ?? []).map(
           (

@@ -16,7 +16,7 @@ import {
 } from "/map_parts.js";
 import { number, short } from "/text.js";
 import { theme } from "/theme_colors.js";
-import { html, useEffect, useMemo, useRef, useState } from "/ui.js";
+import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "/ui.js";
 
 const NOTHING = [];
 const WHOLE = { zoom: 1, x: 0, y: 0 };
@@ -88,7 +88,8 @@ export function TrackMap({
       if (numbers && track) drawWaypoints(pen, camera, track);
     });
   }, [track, bounds, size, part, paths, cells, dots, numbers, theme.value]);
-  useEffect(() => {
+  // With what else has changed: an effect after it would cost a second picture of the page.
+  useLayoutEffect(() => {
     if (!ground) return;
     paint(canvas.current, size, (pen) => {
       pen.drawImage(ground, 0, 0, ...size);
