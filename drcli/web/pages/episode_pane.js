@@ -77,27 +77,11 @@ export function EpisodePane({ data, row, name, color, links }) {
 }
 
 function CameraPicture({ data, row, name }) {
-  const canvas = useRef(null);
   const [damaged, setDamaged] = useState(null);
   const { blob, explained } = data.picture(row);
-  useEffect(() => {
-    let here = true;
-    const draw = async () => {
-      try {
-        const bitmap = await createImageBitmap(blob);
-        if (!here) return;
-        if (canvas.current.width !== bitmap.width) canvas.current.width = bitmap.width;
-        canvas.current.getContext("2d").drawImage(bitmap, 0, 0);
-        bitmap.close();
-      } catch {
-        if (here) setDamaged(blob);
-      }
-    };
-    if (blob) draw();
-    return () => {
-      here = false;
-    };
-  }, [blob]);
+  const url = useMemo(() => blob && URL.createObjectURL(blob), [blob]);
+  useEffect(() => () => URL.revokeObjectURL(url), [url]);
+  const newest = useLast(url);
   const note = () => {
     if (!data.facts.outline) return "The track is not known here, so there are no pictures.";
     if (!blob) return data.problem ? "There is no picture." : "The picture is drawn …";
@@ -109,8 +93,8 @@ function CameraPicture({ data, row, name }) {
   };
   return html`
     <figure class="camera">
-      <canvas ref=${canvas} width=${160 * Math.max(data.facts.eyes, 1)} height="120" role="img"
-        aria-label=${`Camera of the ${name} at step ${row + 1}`}></canvas>
+      <img src=${newest} width=${160 * Math.max(data.facts.eyes, 1)} height="120"
+        alt=${`Camera of the ${name} at step ${row + 1}`} onError=${() => setDamaged(blob)} />
       <p class="camera-note quiet">${note()}</p>
     </figure>`;
 }

@@ -1,17 +1,11 @@
 // Curves along one or two laps, with a line at the step that is shown; a click goes to its step.
 
-import { lastAt } from "/lap_player.js";
-import { Plot } from "/plot.js";
+import { lastAt, valueAt } from "/lap_player.js";
+import { Plot, aligned } from "/plot.js";
 import { number } from "/text.js";
 import { html, useMemo } from "/ui.js";
 
 const AXES = { time: { x: "seconds" }, progress: { x: "progress in %" } };
-
-/** The rows at which x is greater than ever before: a plot needs an x that rises strictly. */
-function risingRows(x) {
-  let last = -Infinity;
-  return x.flatMap((value, k) => (value > last ? [((last = value), k)] : []));
-}
 
 /**
  * @param {{title: string, unit?: string, digits?: number, lines: Record<string, string>, values?: any[][][],
@@ -27,13 +21,10 @@ export function Curve({ title, unit = "", digits = 2, lines, values: given, ...l
     () => given ?? laps.map(({ lap }) => Object.values(lines).map((column) => lap[column])),
     [laps, given],
   );
-  const data = useMemo(() => {
-    const tables = laps.map((_, k) => {
-      const rising = risingRows(x[k]);
-      return [x[k], ...values[k]].map((column) => rising.map((row) => column[row]));
-    });
-    return two ? uPlot.join(tables) : tables[0];
-  }, [values, over]);
+  const data = useMemo(
+    () => aligned(laps.flatMap((_, k) => values[k].map((y) => ({ x: x[k], y })))),
+    [values, over],
+  );
   const series = laps.flatMap((_, k) =>
     Object.keys(lines).map((name, n) => ({
       name: `${names[k]} ${name}`,
@@ -51,22 +42,16 @@ export function Curve({ title, unit = "", digits = 2, lines, values: given, ...l
 }
 
 /** Seconds from the beginning of a lap to a progress. */
-function timeAt({ lap, progress }, share) {
-  const row = lastAt(progress, share);
-  const next = Math.min(row + 1, progress.length - 1);
-  const gain = progress[next] - progress[row];
-  const part = gain > 0 ? Math.min(Math.max((share - progress[row]) / gain, 0), 1) : 0;
-  return lap.time_s[row] + part * (lap.time_s[next] - lap.time_s[row]);
-}
+const timeAt = ({ lap, progress }, share) => valueAt(progress, lap.time_s, share);
 
 /** How many seconds the second lap is ahead of the first at each progress that both reach. @param {any} props */
 export function Gain({ laps, colors, over, rows, seek }) {
   const [first, second] = laps;
   const data = useMemo(() => {
     const most = Math.min(first.progress.at(-1), second.progress.at(-1));
-    const shares = risingRows(first.progress)
-      .map((row) => first.progress[row])
-      .filter((share) => share >= second.progress[0] && share <= most);
+    const shares = [...new Set(first.progress)].filter(
+      (share) => share >= second.progress[0] && share <= most,
+    );
     return [shares, shares.map((share) => timeAt(first, share) - timeAt(second, share))];
   }, [laps]);
   const starts = laps.map((each) => each.facts.episodes[Number(each.query.episode)]?.start_percent);

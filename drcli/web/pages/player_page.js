@@ -4,7 +4,7 @@ import { EpisodeChooser } from "/episode_chooser.js";
 import { useLaps } from "/episode_data.js";
 import { EpisodePane } from "/episode_pane.js";
 import { Curve, Gain } from "/lap_curves.js";
-import { Playback, carAt, lastAt, pressKey, usePlayer } from "/lap_player.js";
+import { Playback, carAt, lastAt, pressKey, usePlayer, valueAt } from "/lap_player.js";
 import { setQuery, useGet } from "/store.js";
 import { number } from "/text.js";
 import { TrackMap } from "/track_map.js";
@@ -233,12 +233,7 @@ function Player({ laps, query }) {
 }
 
 /** Progress of the lap after so many seconds more than at a progress. */
-function progressAfter(data, progress, seconds) {
-  const { time_s: time } = data.lap;
-  const row = lastAt(data.progress, progress);
-  const next = Math.min(row + 1, data.rows - 1);
-  const gain = data.progress[next] - data.progress[row];
-  const span = time[next] - time[row];
-  if (!(span > 0)) return progress + seconds * 5;
-  return gain > 1e-6 ? progress + (seconds / span) * gain : data.progress[next] + 1e-6;
+function progressAfter({ lap, progress }, at, seconds) {
+  if (at >= progress.at(-1)) return at + 5 * seconds; // another lap has come further
+  return valueAt(lap.time_s, progress, valueAt(progress, lap.time_s, at) + seconds);
 }
