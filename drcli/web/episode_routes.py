@@ -10,6 +10,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import StorageError
+from drcli.base.json_record import plain
 from drcli.bucket.bucket import ObjectDamaged, ObjectInfo, ObjectMissing, read_record
 from drcli.model import keys
 from drcli.model.growing_file import combined_metrics
@@ -22,6 +23,7 @@ from drcli.view.playback.player_handle import PlayerHandle, facts_of
 from drcli.view.playback.stored_traces import models_with_traces, stored_traces
 from drcli.web.answers import BadRequest, answers
 from drcli.web.hub import Read
+from drcli.web.live_words import distant_words, lines_text
 from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Rows, Snapshot, Value
 
@@ -226,7 +228,8 @@ class LapReader:
             lines = read_lap_lines(ModelStore(run.model.bucket, run.prefix), newest, self._worker)
         self._read = run.prefix, newest
         iteration = newest if newest >= 0 else None
-        return Snapshot.of(self._topic, {"iteration": iteration, "lines": lines})
+        found = {"iteration": iteration, "lines": lines, "text": lines_text(iteration)}
+        return Snapshot.of(self._topic, found)
 
 
 def topics(folder: ServedFolder) -> Sequence[BaseRoute]:
@@ -237,7 +240,11 @@ def topics(folder: ServedFolder) -> Sequence[BaseRoute]:
         return LapReader(topic, look_at(run), int(worker)).read
 
     def elsewhere(topic: str, run: str) -> Read:
-        return lambda: Snapshot.of(topic, distant_run(look_at(run)()))  # null says that nobody does
+        def read() -> Snapshot:
+            found = distant_run(look_at(run)())
+            return Snapshot.of(topic, plain(found) | distant_words(found))
+
+        return read
 
     poll, number = folder.hub.poll, r"(\d{1,2})"
     poll(f"episodes:{number}", EPISODES_S, lambda topic, run: EpisodeRows(topic, look_at(run)).read)

@@ -21,9 +21,10 @@ from drcli.live.live_record import LIVE_VIEWS, MOST_CAR, LiveMessage, LiveView
 from drcli.records.run_record import RunRecord
 from drcli.web.answers import BadRequest, Body, accepts
 from drcli.web.hub import Publish
+from drcli.web.live_words import LOST, scene_words, state_words
 from drcli.web.served_folder import ServedFolder
 from drcli.web.shared_feed import SharedFeed
-from drcli.web.topics import Marker, Message, Picture, Snapshot
+from drcli.web.topics import Marker, Message, Picture, Snapshot, text_message
 
 WORKERS_S = 1.0
 WORKER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -38,15 +39,17 @@ class LiveText:
     text: str
 
     @staticmethod
-    def of(topic: str, message: LiveMessage) -> "LiveText":
-        """ValueError if it is not JSON."""
+    def of(topic: str, worker: str, message: LiveMessage) -> "LiveText":
+        """ValueError if it is damaged."""
+        is_scene = message.view == "scene"
+        words = scene_words(message.scene, worker) if is_scene else state_words(message.state)
         data = {
             "step_s": message.step_s,
             "car": message.car,
             message.view: json.loads(message.data),
+            "words": words,
         }
-        text = json.dumps({"topic": topic, "data": data}, allow_nan=False, separators=(",", ":"))
-        return LiveText(text)
+        return LiveText(text_message(topic, data))
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
         return (None if since is self else self.text), self
@@ -90,13 +93,13 @@ class LiveViews:
             publish(Picture(topic, message.data, facts | size))
             return
         with suppress(ValueError):  # damaged; the next one comes soon
-            publish(LiveText.of(topic, message))
+            publish(LiveText.of(topic, worker, message))
 
     def _gone(self, run_id: int, worker: str) -> None:
         opened = self._open.get((run_id, worker, "state"))
         if opened is not None:
             topic, publish = opened
-            publish(Snapshot.of(topic, {"gone": True}))
+            publish(Snapshot.of(topic, {"gone": True, "words": LOST}))
 
 
 class _LiveSource:

@@ -368,7 +368,7 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     def difference(request: Request) -> Any:
         known = reader.known()
         bucket = reader.bucket(reader.folder.settings())
-        other = checked(request.query_params.get("other"), "other model")
+        other = checked(request.query_params.get("other"))
         mine = prefix_of(request)
         found = compare(compared(bucket, known, other), compared(bucket, known, mine))
         sections = {

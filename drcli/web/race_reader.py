@@ -287,7 +287,8 @@ def _entry(entry: SubmissionEntry) -> dict[str, Any]:
     """With its laps, or what became of it."""
     said = "; ".join(entry.lap_text) or ENTRY_STATES.get(entry.state, entry.state)
     failure = f": {entry.message} {entry.remedy}" if entry.message else ""
-    return plain(entry) | {"said": in_page(f"{said}{failure}")}
+    shown: dict[str, Any] = plain(entry) | {"said": in_page(f"{said}{failure}")}
+    return shown
 
 
 _PAIR_STATES = {

@@ -21,15 +21,11 @@ from drcli.web.served_folder import ServedFolder
 
 with lazy_imports():
     from drcli.drive import racer_limit
+    from drcli.tracks import outline
     from drsim import errors as drsim_errors
     from drsim.track import worlds
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
-
-
-def _line(points: NDArray[np.float64]) -> list[list[float]]:
-    rounded: list[list[float]] = np.round(points, 3).tolist()
-    return rounded
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
@@ -46,14 +42,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
                 str(error),
                 remedy="`dr-tracks list` shows those that there are.",
             ) from error
-        return {
-            "name": track.name,
-            "closed": track.closed,
-            "length_m": track.length_m,
-            "center": _line(track.center),
-            "inner": _line(track.inner),
-            "outer": _line(track.outer),
-        }
+        return outline.outline(track)
 
     def limit(request: Request) -> Any:
         settings, asked = folder.settings(), request.query_params

@@ -1,6 +1,6 @@
 // Curves along one or two laps, with a line at the step that is shown; a click goes to its step.
 
-import { lastAt } from "/episode_data.js";
+import { lastAt } from "/lap_player.js";
 import { Plot } from "/plot.js";
 import { number } from "/text.js";
 import { html, useMemo } from "/ui.js";

@@ -34,7 +34,7 @@ export function useTrack(world) {
   return state.world === world ? state : { lines: null, error: null };
 }
 
-const CAPTION_MS = 500; // pictures come faster than anybody reads
+const CAPTION_MS = 450; // pictures come faster than anybody reads
 
 /**
  * A picture of a worker that is replaced by each newer one; its size never changes.
@@ -54,44 +54,32 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
       return undefined;
     }
     const own = new AbortController();
-    let newest = null;
+    let [newest, drawing] = [null, false];
     let last = { car: undefined, at: 0 };
-    let drawing = false;
     const draw = async () => {
       drawing = true;
       while (newest && !own.signal.aborted) {
         const { facts, blob } = newest;
         newest = null;
-        try {
-          const picture = await createImageBitmap(blob);
-          const place = canvas.current;
-          if (!place) break;
-          if (place.width !== picture.width)
-            Object.assign(place, { width: picture.width, height: picture.height });
-          place.getContext("2d").drawImage(picture, 0, 0);
-          picture.close();
-          const age = Date.now() - 1000 * facts.step_s;
-          Object.assign(place.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
-          const whose = facts.car ?? null;
-          if (whose !== last.car || Date.now() - last.at > CAPTION_MS) {
-            last = { car: whose, at: Date.now() };
-            setTold({ car: whose, age });
-            onCar(whose);
-          }
-        } catch {
-          /* a damaged picture; the next one comes soon */
-        }
+        // A damaged one is left out; the next one comes soon.
+        const picture = await createImageBitmap(blob).catch(() => null);
+        if (!picture || !canvas.current) continue;
+        canvas.current.getContext("bitmaprenderer").transferFromImageBitmap(picture);
+        const [now, whose] = [Date.now(), facts.car ?? null];
+        const age = now - 1000 * facts.step_s;
+        Object.assign(canvas.current.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
+        if (whose === last.car && now - last.at < CAPTION_MS) continue;
+        last = { car: whose, at: now };
+        setTold({ car: whose, age });
+        onCar(whose);
       }
       drawing = false;
     };
-    follow(
-      topic,
-      (value) => {
-        newest = value;
-        if (!drawing) draw();
-      },
-      own.signal,
-    );
+    const take = (value) => {
+      newest = value;
+      if (!drawing) draw();
+    };
+    follow(topic, take, own.signal);
     return () => own.abort();
   }, [topic, wanted]);
   const other = told && (car ?? null) !== null && told.car !== car;

@@ -6,8 +6,18 @@ export function number(value, digits = 0, unit = "") {
   const text = Number(value).toLocaleString("en", {
     minimumFractionDigits: digits,
     maximumFractionDigits: digits,
+    signDisplay: "negative", // no minus before a zero
   });
   return unit ? `${text} ${unit}` : text;
+}
+
+/** A number with about four digits, however large it is. */
+export function short(value) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  const size = Math.abs(value);
+  return size >= 1e6 || (value && size < 1e-3)
+    ? value.toExponential(2)
+    : String(Number(value.toPrecision(size >= 1000 ? 6 : 4)));
 }
 
 /** Seconds as "1 h 02 min", "3 min 20 s" or "12 s". */

@@ -22,6 +22,12 @@ export const Prose = ({ text }) =>
     .split("`")
     .map((piece, k) => (k % 2 ? html`<code>${piece}</code>` : piece));
 
+/** A sentence, what to do, and a link to where. */
+export const Told = ({ text, remedy = "", link = null }) => html`
+  <${Prose} text=${text} />
+  ${remedy && html` <span class="remedy"><${Prose} text=${remedy} /></span>`}
+  ${link && html` <a href=${link.href}>${link.text}</a>`}`;
+
 /** Something that failed, with its remedy, and a link to where it can be mended in the page. */
 export function Failure({ error }) {
   const [first] = error.problems ?? [];

@@ -165,3 +165,29 @@ def test_the_ends_of_episodes_are_shown_for_all_iterations_or_some(served, visit
 
     page.get_by_text("4 episodes of iterations 0 to 1 ended").wait_for()
     assert "0 to 1" in page.get_by_role("img", name="Map of the ends").get_attribute("aria-label")
+
+
+def test_what_a_dialog_asks_for_is_marked_where_it_is_refused_and_kept_until_it_is_taken(
+    served, visit, models
+):
+    visited = visit(f"{served.url}/#/model?prefix={PREFIX}")
+    page = visited.page
+    dialog, name = page.get_by_role("dialog"), page.get_by_label("Name of the new model")
+    page.get_by_role("button", name="Clone").click()
+    page.get_by_label("What is it for?").fill("faster in the hairpin")
+    name.fill("../up")
+    dialog.get_by_role("button", name="Clone").click()
+
+    dialog.get_by_text("“../up” is not the name of a model. Use letters").wait_for()
+    assert name.get_attribute("aria-invalid") == "true"
+    page.evaluate("location.hash = '#/models'")
+    dialog.wait_for(state="detached")
+    page.go_back()
+    page.get_by_role("button", name="Clone").click()
+    dialog.get_by_text("not saved is shown again").wait_for()
+    assert page.get_by_label("What is it for?").input_value() == "faster in the hairpin"
+    dialog.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Clone").click()
+    assert page.get_by_label("What is it for?").input_value() == ""
+    # The browser itself reports what was refused.
+    visited.problems[:] = [each for each in visited.problems if "400" not in each]
