@@ -150,7 +150,7 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         said = [
             f"{rules.name}: {rules.world}{way}, {words['kind']}. {words['decides']} "
             f"{words['penalties']}",
-            f"Its id is {race or 'drawn'} if it is new.{kept}",
+            f"A new race {f'gets the id {race}' if race else 'draws its id'}.{kept}",
         ]
         more = {"words": words, "settings": shown_settings(rules), "said": said}
         return {"race": race, "rules": rules, **more}

@@ -1,7 +1,7 @@
 // A race for a projector: leaderboard, who drives now and how, what comes next, the last result, and the winner.
 
 import { aboutField } from "/ask.js";
-import { LivePicture, addTrails, pageSeen, rgb, useTrack } from "/live_picture.js";
+import { LivePicture, addTrails, pageSeen, useTrack } from "/live_picture.js";
 import { Pairs } from "/race_pairs.js";
 import { driversText, inPairs, raceLink, videoPath } from "/race_words.js";
 import { useTopic } from "/store.js";
@@ -135,12 +135,12 @@ function useDrivers(race) {
   const { driving } = race.moments;
   const live = driving && pageSeen.value ? race.live : null;
   const topic = live && `live:${live.run_id}:${live.worker}`;
-  const told = useTopic(topic && `${topic}:scene`).value?.scene;
+  const told = useTopic(topic && `${topic}:scene`).value;
   const seen = useRef(new Map());
   // The last scene stays until the result is there: a film may be made first.
   const kept = useRef(null);
-  if (told && driving) kept.current = { key: driving.key, scene: told };
-  const scene = kept.current?.key === driving?.key ? (kept.current?.scene ?? null) : null;
+  if (told?.scene && driving) kept.current = { key: driving.key, ...told };
+  const { scene = null, words } = (kept.current?.key === driving?.key && kept.current) || {};
   const drivers = useMemo(() => {
     if (!driving) seen.current.clear();
     return (driving?.cars ?? []).map((car) => {
@@ -157,7 +157,7 @@ function useDrivers(race) {
       return { ...car, shown, laps, splits };
     });
   }, [driving, scene]);
-  return { topic, scene, drivers };
+  return { topic, scene, words, drivers };
 }
 
 /** The time at which a car has passed each third of its lap, between two scenes. */
@@ -295,28 +295,20 @@ function Side({ id, race, cars }) {
     ${!(driving && shown) && html`<${Next} race=${race} />`}`;
 }
 
-function Driving({ race, topic, scene, drivers }) {
+function Driving({ race, topic, scene, words, drivers }) {
   const [, setNow] = useState(0);
   const trails = useRef(new Map());
   const { lines, error } = useTrack(scene?.world ?? race.rules.world);
   const [pictured, setPictured] = useState(null);
-  const moving = scene?.cars ?? [];
-  const color = (each) => rgb(scene.racers[each.racer]?.rgb);
-  const paths = useMemo(() => (scene ? addTrails(trails.current, moving, color) : []), [scene]);
+  const { cars = [], objects } = words ?? {};
+  const paths = useMemo(() => addTrails(trails.current, cars, (each) => each.color), [words]);
   const began = race.moments.driving.began_at;
   useEffect(() => {
     const timer = setInterval(() => setNow(Date.now()), 1000);
     return () => clearInterval(timer);
   }, []);
-  const marks = moving.map((each) => ({
-    ...{ x: each.x, y: each.y, yaw: (each.yaw_deg * Math.PI) / 180, color: color(each), name: "" },
-  }));
-  const objects = (scene?.shown?.objects ?? []).map(({ x, y, yaw_deg: yaw }) => [
-    ...[x, y, (yaw * Math.PI) / 180],
-  ]);
-  const seen = moving.find((each) => each.car === pictured);
-  const whose =
-    drivers.find((car) => seen && car.shown === seen)?.racer ?? driversText({ cars: drivers });
+  const everybody = driversText({ cars: drivers });
+  const whose = drivers.find(({ shown }) => shown?.car === pictured)?.racer ?? everybody;
   return html`
     ${drivers.map((car) => html`<${Driver} key=${car.submission} car=${car} laps=${race.rules.max_laps} began=${began} live=${Boolean(topic)} here=${race.here} />`)}
     ${
@@ -325,8 +317,8 @@ function Driving({ race, topic, scene, drivers }) {
         <${LivePicture} topic=${topic && `${topic}:camera`} name="Camera" label=${`What the car of ${whose} sees`} size=${[160, 120]} wait=${topic ? "Waiting for the first picture." : "No picture now."} onCar=${setPictured} />
         ${
           !error &&
-          html`<div class="night-map"><${TrackMap} label=${`Map of the track with the car of ${driversText({ cars: drivers })}`} height=${null}
-          track=${lines} paths=${paths} cars=${marks} objects=${objects} /></div>`
+          html`<div class="night-map"><${TrackMap} label=${`Map of the track with the car of ${everybody}`} height=${null}
+          track=${lines} paths=${paths} cars=${cars.map((each) => ({ ...each, name: "" }))} objects=${objects} /></div>`
         }
       </div>`
     }`;
