@@ -1,12 +1,13 @@
 // Numbers with their units, times and sizes in words.
 
+const formats = new Map(); // to make one takes far longer than to use it
+
 /** A number with digits behind the point; a dash for nothing. */
 export function number(value, digits = 0, unit = "") {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
-  const text = Number(value).toLocaleString("en", {
-    minimumFractionDigits: digits,
-    maximumFractionDigits: digits,
-  });
+  const range = { minimumFractionDigits: digits, maximumFractionDigits: digits };
+  if (!formats.has(digits)) formats.set(digits, new Intl.NumberFormat("en", range));
+  const text = formats.get(digits).format(value);
   return unit ? `${text} ${unit}` : text;
 }
 
