@@ -1,7 +1,8 @@
 // The checkpoints of a model, how each of them drove, and what can be done with it.
 
+import { Act } from "/store.js";
 import { bytes, lapTime, number } from "/text.js";
-import { Act, Columns, Empty, Loaded, html } from "/ui.js";
+import { Columns, Empty, Loaded, html } from "/ui.js";
 
 const ACTIONS = [
   ["evaluate", "Evaluate"],
