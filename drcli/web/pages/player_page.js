@@ -1,7 +1,7 @@
 // Plays stored episodes step by step, one lap or two side by side.
 
 import { EpisodeChooser } from "/episode_chooser.js";
-import { useLaps } from "/episode_data.js";
+import { useLap } from "/episode_data.js";
 import { EpisodePane } from "/episode_pane.js";
 import { Curve, Gain } from "/lap_curves.js";
 import { Playback, carAt, lastAt, pressKey, usePlayer, valueAt } from "/lap_player.js";
@@ -61,7 +61,9 @@ export function Page({ query }) {
       trace: asked.other_trace,
       episode: asked.other_episode ?? "0",
     };
-  const { laps, error, key, again } = useLaps([first, second].filter(Boolean));
+  const found = [useLap(first || null), useLap(second || null)].slice(0, second ? 2 : 1);
+  const laps = found.every((each) => each.data) && found.map((each) => each.data);
+  const { error, again } = found.find((each) => each.error) ?? {};
   const [open, setOpen] = useState({});
   const chooser = (k) => html`<${EpisodeChooser} key=${k} action=${k ? "Compare" : "Play"}
     chosen=${(k ? second : null) || first || { model }}
@@ -84,7 +86,7 @@ export function Page({ query }) {
         html`<${Failure} error=${error} />
           <p class="actions"><button type="button" onClick=${again}>Try again</button></p>`
       }
-      ${laps && html`<${Player} key=${key} laps=${laps} query=${query} />`}
+      ${laps && html`<${Player} key=${JSON.stringify([first, second])} laps=${laps} query=${query} />`}
     </div>
     <div class="choosers">${folds.map(
       (
