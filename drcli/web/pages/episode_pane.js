@@ -1,18 +1,8 @@
 // One lap at one step: camera, numbers, choices of the policy, reward and its parameters.
 
 import { capital, number } from "/text.js";
-import {
-  Choice,
-  Failure,
-  Folded,
-  Table,
-  Tiles,
-  html,
-  useEffect,
-  useMemo,
-  useRef,
-  useState,
-} from "/ui.js";
+import { Choice, Failure, Folded, Table, Tick, Tiles, html } from "/ui.js";
+import { useEffect, useMemo, useRef, useState } from "/ui.js";
 
 const STATUS = {
   immobilized: "Did not move",
@@ -61,11 +51,8 @@ export function EpisodePane({ data, row, name, color, links }) {
         <div class="pane-choices">
           <h3>Choice of the policy at this picture</h3>
           <div class="choices">${choicesOf(data, last)}</div>
-          <label class="tick">
-            <input type="checkbox" checked=${data.explains} disabled=${data.checkpoint === null}
-              onChange=${(event) => data.explain(event.currentTarget.checked)} />
-            <span>Show which pixels move the action (key E)</span>
-          </label>
+          <${Tick} label="Show which pixels move the action (key E)" on=${data.explains}
+            disabled=${data.checkpoint === null} set=${(on) => data.explain(on)} />
           ${policyChoice(data)}
         </div>
       </div>

@@ -8,7 +8,7 @@ import { Playback, carAt, lastAt, pressKey, usePlayer, valueAt } from "/lap_play
 import { setQuery, useGet } from "/store.js";
 import { number } from "/text.js";
 import { TrackMap } from "/track_map.js";
-import { Choice, Failure, Folded, html, useEffect, useMemo, useRef, useState } from "/ui.js";
+import { Choice, Failure, Folded, Tick, html, useEffect, useMemo, useRef, useState } from "/ui.js";
 
 export const title = "Episodes";
 
@@ -209,14 +209,8 @@ function Player({ laps, query }) {
         <p class="actions">
           <${Choice} label="Path shows" options=${shows.map((key) => [key, PATHS[key].name])} value=${path}
             onChange=${(key) => setQuery({ path: key === "driven" ? "" : key })} />
-          <label class="tick">
-            <input type="checkbox" checked=${numbers} onChange=${(event) => setNumbers(event.currentTarget.checked)} />
-            <span>Waypoint numbers</span>
-          </label>
-          <label class="tick">
-            <input type="checkbox" checked=${lined} onChange=${() => setQuery({ line: lined ? "off" : "" })} />
-            <span>Best known line</span>
-          </label>
+          <${Tick} label="Waypoint numbers" on=${numbers} set=${setNumbers} />
+          <${Tick} label="Best known line" on=${lined} set=${(on) => setQuery({ line: on ? "" : "off" })} />
         </p>
         ${lined && limit.value && html`<p class="quiet">Best known line: ${limit.value.text}</p>`}
         ${lined && limit.error && html`<p class="quiet">${limit.error.message}</p>`}

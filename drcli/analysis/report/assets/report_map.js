@@ -4,7 +4,7 @@ import { Playback, carAt, lastAt, pressKey, usePlayer } from "/lap_player.js";
 import { columns, unpacked } from "/packed.js";
 import { number, short } from "/text.js";
 import { TrackMap } from "/track_map.js";
-import { Choice, Table, html, useMemo, useState } from "/ui.js";
+import { Choice, Table, Tick, html, useMemo, useState } from "/ui.js";
 
 const SQUARE = [
   [-1, -1],
@@ -177,7 +177,7 @@ export function ReportMap({ map }) {
     <div class="controls">
       <${Choice} label="Show" options=${map.shows} value=${what} onChange=${(value) => choose(value)} />
       <${Choice} label="Colours" options=${paints.map((key) => [key, map.paints[key].name])} value=${paint} onChange=${setPaint} />
-      <label class="tick"><input type="checkbox" checked=${endsShown} onChange=${() => showEnds(!endsShown)} /> where episodes ended</label>
+      <${Tick} label="where episodes ended" on=${endsShown} set=${showEnds} />
       ${
         what === "iteration" &&
         html`<label class="wide"><span>Iteration <output>${iterations[place]}</output></span>
@@ -195,9 +195,8 @@ export function ReportMap({ map }) {
       lead &&
       html`<div class="laps"><${Table} caption="Laps on the map" heads=${["Episode", "Iteration", "Read", "Progress", "Time", "Reward", "End"]} rows=${laps.map(
         (lap) => [
-          html`<label class="tick" title=${lap.name}><input type="checkbox" checked=${!hidden.includes(lap)}
-          onChange=${() => setHidden(hidden.includes(lap) ? hidden.filter((each) => each !== lap) : [...hidden, lap])} />
-          ${swatch(inkOf(lap))}${lap.short}</label>`,
+          html`<${Tick} label=${html`${swatch(inkOf(lap))}${lap.short}`} title=${lap.name} on=${!hidden.includes(lap)}
+          set=${(on) => setHidden([...hidden.filter((each) => each !== lap), ...(on ? [] : [lap])])} />`,
           lap.iteration < 0 ? "–" : lap.iteration,
           html`<input type="radio" name="followed" checked=${lap === lead} aria-label=${`Read the numbers of ${lap.name}`} onChange=${() => follow(lap)} />`,
           `${number(lap.total.progress, 1)} %`,
