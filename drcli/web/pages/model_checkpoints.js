@@ -1,7 +1,7 @@
 // The checkpoints of a model, how each of them drove, and what can be done with it.
 
 import { bytes, lapTime, number } from "/text.js";
-import { Act, Columns, Empty, Loaded, html } from "/ui.js";
+import { Act, Columns, Empty, Failure, Loaded, html } from "/ui.js";
 
 const ACTIONS = [
   ["evaluate", "Evaluate"],
@@ -37,7 +37,7 @@ function Listed({ action, checkpoints, damaged, milestones, not_reached: missing
   ].filter(Boolean);
   const gone = milestones.filter((each) => !each.kept);
   return html`
-    ${damaged.map((each) => html`<div class="problem"><p>${each}</p></div>`)}
+    ${damaged.map((message) => html`<${Failure} key=${message} error=${{ message }} />`)}
     <${Columns} caption="Checkpoints" columns=${columns} rows=${[...checkpoints].reverse()} keyOf=${(each) => each.number} />
     <p class="quiet fine">Laps are those of evaluations during the training, which end at the first violation. Together ${bytes(size)}. A training keeps the newest four checkpoints, the best one and the milestones.${missing.length > 0 && ` Not reached yet: ${missing.join(", ")}.`}</p>
     ${gone.length > 0 && html`<p class="quiet fine">Milestones whose checkpoints are gone: ${gone.map((each) => `${each.word} (${each.checkpoint})`).join(", ")}.</p>`}`;

@@ -118,7 +118,7 @@ function ModelTable({ found, sort, turned, ticked, setTicked }) {
   const columns = COLUMNS.map(([name, key, , cell, kind]) => {
     const mark = key === sort && (turned ? " ▲" : " ▼");
     const head = html`<button type="button" class="sorter" onClick=${() => order(key)}>${name}${mark}</button>`;
-    return [name, key === "name" ? named : cell, kind, key && head];
+    return [name, key === "name" ? named : cell, kind, key ? head : name];
   });
   const chosen = COLUMNS.find(([, key]) => key === sort)?.[0] ?? "";
   return html`
