@@ -3,13 +3,6 @@
 import { bytes, lapTime, number } from "/text.js";
 import { Act, Columns, Empty, Failure, Loaded, html } from "/ui.js";
 
-const ACTIONS = [
-  ["evaluate", "Evaluate"],
-  ["clone", "Clone"],
-  ["submit", "Submit"],
-  ["download", "Download"],
-];
-
 /** @param {{checkpoints: {value: any, error: any}, action: Function}} props the answer of /api/model/checkpoints */
 export function Checkpoints({ checkpoints: found, action }) {
   const { error } = found;
@@ -18,7 +11,7 @@ export function Checkpoints({ checkpoints: found, action }) {
 }
 
 function Listed({ action, checkpoints, damaged, milestones, not_reached: missing, ...more }) {
-  const { marks, size_bytes: size } = more;
+  const { marks, actions, size_bytes: size } = more;
   const badge = ([text, about]) =>
     html`<span key=${text} class="model-badge" title=${about}>${text}</span> `;
   const act = (number) => (each) =>
@@ -32,7 +25,7 @@ function Listed({ action, checkpoints, damaged, milestones, not_reached: missing
     ["Median lap", ({ median_s: median }) => lapTime(median)],
     ["Best lap", ({ best_lap_s: best }) => lapTime(best)],
     ["Size", (each) => bytes(each.size_bytes)],
-    ["Actions", (each) => html`<span class="actions">${ACTIONS.map(act(each.number))}</span>`],
+    ["Actions", (each) => html`<span class="actions">${actions.map(act(each.number))}</span>`],
     problems && ["Problem", ({ problem }) => problem],
   ].filter(Boolean);
   const gone = milestones.filter((each) => !each.kept);
