@@ -1,13 +1,20 @@
 // Numbers with their units, times and sizes in words.
 
+const formats = new Map(); // to make one takes far longer than to use it
+
 /** A number with digits behind the point; a dash for nothing. */
 export function number(value, digits = 0, unit = "") {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
-  const text = Number(value).toLocaleString("en", {
-    minimumFractionDigits: digits,
-    maximumFractionDigits: digits,
-    signDisplay: "negative", // no minus before a zero
-  });
+  if (!formats.has(digits))
+    formats.set(
+      digits,
+      new Intl.NumberFormat("en", {
+        minimumFractionDigits: digits,
+        maximumFractionDigits: digits,
+        signDisplay: "negative", // no minus before a zero
+      }),
+    );
+  const text = formats.get(digits).format(value);
   return unit ? `${text} ${unit}` : text;
 }
 
