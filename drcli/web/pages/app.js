@@ -4,6 +4,7 @@ import { clearNotices, dismiss, notices, notify } from "/notices.js";
 import { mendLink } from "/mend.js";
 import { follow, onConnection } from "/socket.js";
 import { route, useGet } from "/store.js";
+import { ThemeButton } from "/theme_colors.js";
 import { Empty, Failure, Told, html, render, signal, useEffect, useState } from "/ui.js";
 
 const PAGES = [
@@ -148,25 +149,6 @@ function Connection() {
   }`;
 }
 
-function Theme() {
-  const root = document.documentElement;
-  const [theme, setTheme] = useState(root.dataset.theme);
-  const other = theme === "dark" ? "light" : "dark";
-  const change = () => {
-    root.dataset.theme = other;
-    try {
-      localStorage.setItem("dr-theme", other);
-    } catch {
-      /* storage is switched off */
-    }
-    setTheme(other);
-    dispatchEvent(new Event("themechange"));
-  };
-  return html`<button id="theme" type="button" class="plain" aria-label="Dark or light" onClick=${change}>
-    ${other === "dark" ? "Dark" : "Light"}
-  </button>`;
-}
-
 const Notices = () =>
   notices.value.map(
     ({ id, text, kind, remedy, link }) => html`
@@ -238,7 +220,7 @@ addEventListener("keydown", (event) => {
 });
 render(html`<${Menu} />`, byId("pages"));
 render(html`<${Connection} />`, byId("connection"));
-render(html`<${Theme} />`, byId("themes"));
+render(html`<${ThemeButton} />`, byId("themes"));
 render(html`<${Notices} />`, byId("notices"));
 render(html`<${Tasks} />`, byId("tasks"));
 render(html`<${Main} />`, main);

@@ -8,9 +8,6 @@ import { html, signal, useEffect, useRef, useSeen, useState } from "/ui.js";
 const TRAIL_POINTS = 400;
 const MOST_TRAILS = 8;
 
-/** The colour of a car. */
-export const rgb = (values) => (values?.length === 3 ? `rgb(${values.join(",")})` : "c1");
-
 export const pageSeen = signal(!document.hidden);
 document.addEventListener("visibilitychange", () => {
   pageSeen.value = !document.hidden;

@@ -35,12 +35,6 @@ export function setQuery(changes, step = false) {
   route.value = { path, query };
 }
 
-/** "dark" or "light", for what is drawn on a canvas. */
-export const theme = signal(document.documentElement.dataset.theme);
-addEventListener("themechange", () => {
-  theme.value = document.documentElement.dataset.theme;
-});
-
 /** A signal that is aborted when a component goes, or one of these values changes. */
 function useWhile(begin, values) {
   useEffect(() => {

@@ -166,6 +166,17 @@ def test_the_theme_is_kept(served, visit, reports):
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"
 
 
+def test_pictures_have_the_colours_that_the_system_changes_to(served, visit, reports):
+    page = visit(served.url, theme="light").page
+    page.get_by_role("button", name="Dark or light").get_by_text("Dark").wait_for()
+    page.emulate_media(color_scheme="dark")
+    page.get_by_role("button", name="Dark or light").get_by_text("Light").wait_for()
+    page.get_by_role("button", name="Dark or light").click()
+    page.emulate_media(color_scheme="light")
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate("document.documentElement.dataset.theme") == "light"
+
+
 @pytest.mark.parametrize(
     "place", ["/nothing", "/../x", "/%E0%A4%A", "/<img src=x onerror=alert(1)>"]
 )
