@@ -68,6 +68,8 @@ _ONLY_THERE = ("--distill", "--model")
 
 _COMMAND = re.compile(r"`(dr[- ][a-z][^`]*)`(?! in a terminal)")
 _LINE = re.compile(r"(\.env) line \d+")
+_OPTION = re.compile(r" with -[a-z]\b|; -[a-z] would [^.;]*")
+_AGAIN = re.compile(r"run the command again")
 
 
 def in_page(text: str) -> str:
@@ -78,10 +80,11 @@ def in_page(text: str) -> str:
         if not known or any(option in found[1].split() for option in _ONLY_THERE):
             return f"{found[0]} in a terminal"
         place = COMMANDS[max(known, key=len)] or found[0]
-        begins = not text[: found.start()].rstrip(" ") or text[: found.start()].endswith(". ")
+        begins = not text[: found.start()].rstrip(" ") or text[: found.start()].endswith((". ", "? "))
         return place[0].upper() + place[1:] if begins else place
 
-    return _LINE.sub(r"\1", _COMMAND.sub(words, text))
+    text = _AGAIN.sub("try again", _OPTION.sub("", _LINE.sub(r"\1", text)))
+    return _COMMAND.sub(words, text)
 
 
 def for_page(value: Any) -> Any:

@@ -209,7 +209,8 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             progress("starts the process that drives it.")
             return queue_process.launch_queue(settings, bucket, race, video=body.video)
 
-        return {"task": reader.folder.tasks.start("race-run", race, f"Queue of {name}", launch).id}
+        title = f"Start of the queue of {name}"
+        return {"task": reader.folder.tasks.start("race-run", race, title, launch).id}
 
     def delete(request: Request) -> Any:
         _, bucket = reader.open()

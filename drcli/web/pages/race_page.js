@@ -184,7 +184,7 @@ function Board({ race, watch }) {
   if (!leaderboard.length)
     return html`<${Empty} text=${
       race.submissions.length
-        ? "Nobody has driven yet. Drive the queue."
+        ? `Nobody has driven yet. ${race.runner ? "The first result appears here." : "Drive the queue."}`
         : race.state === "open"
           ? "Nobody has submitted a model yet."
           : "Nobody has driven."

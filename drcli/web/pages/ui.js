@@ -24,7 +24,9 @@ export const Told = ({ text, remedy = "", link = null }) => html`
 /** Something that failed, with its remedy, and a link to where it can be mended in the page. */
 export function Failure({ error }) {
   const [first] = error.problems ?? [];
-  const link = mendLink(`${first?.where ?? ""} ${first?.key ?? ""} ${error.message}`);
+  const link =
+    mendLink(`${first?.where ?? ""} ${first?.key ?? ""} ${error.message}`) ??
+    mendLink(error.remedy ?? "");
   return html`
     <div class="problem" role="alert">
       <p><${Prose} text=${error.message} /></p>
@@ -103,6 +105,10 @@ export function Tabs({ label, parts, chosen, onChoose }) {
     parts.findIndex(([key]) => key === chosen),
   );
   const [key, , content] = parts[at];
+  useEffect(() => {
+    // On a phone, the chosen one may be further to the right.
+    list.current.scrollLeft = list.current.children[at].offsetLeft - list.current.offsetLeft - 40;
+  }, [at]);
   const move = (event) => {
     const last = parts.length - 1;
     const next = {
