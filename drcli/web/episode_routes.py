@@ -20,8 +20,9 @@ from drcli.model.reconstruct import readable_history
 from drcli.records.episode_metrics import EpisodeMetrics, decode_metrics
 from drcli.run.seen_in_bucket import SeenRun, distant_run, read_lap_lines, seen_run
 from drcli.view.playback.player_handle import PlayerHandle, facts_of
-from drcli.view.playback.stored_traces import models_with_traces, stored_traces
+from drcli.view.playback.stored_traces import models_with_traces, parse_name, stored_traces
 from drcli.web.answers import BadRequest, answers
+from drcli.web.episode_words import trace_text, trace_title
 from drcli.web.hub import Read
 from drcli.web.live_words import distant_words, lines_text
 from drcli.web.served_folder import ServedFolder
@@ -44,7 +45,14 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def traces(request: Request) -> Any:
         settings = folder.settings()
         bucket = folder.bucket(settings)
-        return stored_traces(ModelStore(bucket, _text(request, "model")), settings.model)
+        found = stored_traces(ModelStore(bucket, _text(request, "model")), settings.model)
+        named = [plain(trace) | {"text": trace_text(trace)} for trace in found.traces]
+        return plain(found) | {"traces": named}
+
+    def opened(request: Request) -> Any:
+        facts = facts_of(asked("open")(request))
+        trace = parse_name(_text(request, "trace"))
+        return facts | {"title": "" if trace is None else trace_title(trace)}
 
     def asked(do: str, *names: str) -> Callable[[Request], bytes]:
         def ask(request: Request) -> bytes:
@@ -63,7 +71,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     answered = {
         "models": models,
         "traces": traces,
-        "open": as_json(asked("open")),
+        "open": opened,
         "lap": as_json(asked("lap", "episode")),
         "steps": as_packed(asked("steps", *steps)),
         "policy": as_json(asked("policy", *steps, "checkpoint")),

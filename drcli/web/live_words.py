@@ -195,7 +195,7 @@ def others_text(workers: Sequence[WorkerReport | DistantWorker]) -> str:
             continue
         health = worker.health if isinstance(worker, WorkerReport) else None
         gone = isinstance(worker, WorkerReport) and not worker.alive
-        memory = f" ({health.memory_mb:,.0f} MB)" if health is not None else ""
+        memory = f" ({round(health.memory_mb, -1):,.0f} MB)" if health is not None else ""
         texts.append(f"{worker.name} {'does not run' if gone else worker.activity}{memory}.")
     return " ".join(texts)
 

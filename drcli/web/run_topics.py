@@ -11,7 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from drcli.run.seen_in_bucket import seen_run
 from drcli.run.status import RunReport, inspect
 from drcli.web.answers import answers
 from drcli.web.hub import Read
-from drcli.web.live_words import cards_here, number, run_words
+from drcli.web.live_words import Card, cards_here, number, run_words
 from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Marker, Message, Rows, text_message
 
@@ -71,10 +71,13 @@ class RunReader:
             return [] if model is None else readable_history(model, self._reader)[0]
 
 
-def without_history(report: RunReport) -> dict[str, Any]:
-    """Iterations have their own topic."""
-    kept = [field.name for field in fields(report) if field.name != "history"]
-    return {name: getattr(report, name) for name in kept} | {"dead": report.dead}
+def shown_run(
+    report: RunReport, history: Sequence[IterationRecord], own_run: int, cards: Sequence[Card] = ()
+) -> dict[str, Any]:
+    """A run as the page shows it; what changes each second unseen would cost a redrawing."""
+    kept = ("run_id", "prefix", "world", "state", "message", "remedy")
+    facts = {name: getattr(report, name) for name in (*kept, "unreachable", "limit", "best")}
+    return facts | {"words": run_words(report, history, own_run), "cards": cards}
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
@@ -91,9 +94,8 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         def read() -> dict[str, Any]:
             report = reader.report()
             history = report.history if report.unreachable else reader.history()
-            words = run_words(report, history, folder.settings().run_id)
             cards = cards_here(report, folder.live.workers(), folder.live.car)
-            return without_history(report) | {"words": words, "cards": cards}
+            return shown_run(report, history, folder.settings().run_id, cards)
 
         return read
 

@@ -17,6 +17,15 @@ export function lastAt(values, x) {
   return low;
 }
 
+/** The value of `ys` at an x between those of `xs`, which rise; outside, the first or the last. */
+export function valueAt(xs, ys, x) {
+  const row = lastAt(xs, x);
+  const next = Math.min(row + 1, xs.length - 1);
+  const gap = xs[next] - xs[row];
+  const part = gap > 0 ? Math.min(Math.max((x - xs[row]) / gap, 0), 1) : 0;
+  return ys[row] + part * (ys[next] - ys[row]);
+}
+
 /**
  * Where a car is, as `TrackMap` takes it.
  * @param {{x: ArrayLike<number>, y: ArrayLike<number>, yaw_rad: ArrayLike<number>}} lap
@@ -25,12 +34,12 @@ export function lastAt(values, x) {
 export function carAt({ x, y, yaw_rad: yaw }, axis, at) {
   const row = lastAt(axis, at);
   const next = Math.min(row + 1, axis.length - 1);
-  const [dx, dy] = [x[next] - x[row], y[next] - y[row]];
-  const gap = axis[next] - axis[row];
-  const part = gap > 0 && Math.hypot(dx, dy) < PUT_BACK_M ? (at - axis[row]) / gap : 0;
-  const share = Math.min(Math.max(part, 0), 1);
+  if (Math.hypot(x[next] - x[row], y[next] - y[row]) > PUT_BACK_M)
+    return { x: x[row], y: y[row], yaw: yaw[row] };
+  // Neither from -180 to 180 degrees nor back, which is no turn.
   const turn = Math.atan2(Math.sin(yaw[next] - yaw[row]), Math.cos(yaw[next] - yaw[row]));
-  return { x: x[row] + share * dx, y: y[row] + share * dy, yaw: yaw[row] + share * turn };
+  const part = valueAt([axis[row], axis[next]], [0, 1], at);
+  return { x: valueAt(axis, x, at), y: valueAt(axis, y, at), yaw: yaw[row] + part * turn };
 }
 
 /**

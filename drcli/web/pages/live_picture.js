@@ -8,9 +8,6 @@ import { html, signal, useEffect, useRef, useSeen, useState } from "/ui.js";
 const TRAIL_POINTS = 400;
 const MOST_TRAILS = 8;
 
-/** The colour of a car. */
-export const rgb = (values) => (values?.length === 3 ? `rgb(${values.join(",")})` : "c1");
-
 export const pageSeen = signal(!document.hidden);
 document.addEventListener("visibilitychange", () => {
   pageSeen.value = !document.hidden;
@@ -46,7 +43,7 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
   const [seen, setSeen] = useState(false);
   const figure = useSeen(setSeen);
   const topic = seen ? wanted : null; // what is scrolled away is neither sent nor decoded
-  const canvas = useRef(null);
+  const picture = useRef(null);
   const [told, setTold] = useState(null);
   useEffect(() => {
     if (!topic) {
@@ -54,30 +51,16 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
       return undefined;
     }
     const own = new AbortController();
-    let [newest, drawing] = [null, false];
     let last = { car: undefined, at: 0 };
-    const draw = async () => {
-      drawing = true;
-      while (newest && !own.signal.aborted) {
-        const { facts, blob } = newest;
-        newest = null;
-        // A damaged one is left out; the next one comes soon.
-        const picture = await createImageBitmap(blob).catch(() => null);
-        if (!picture || !canvas.current) continue;
-        canvas.current.getContext("bitmaprenderer").transferFromImageBitmap(picture);
-        const [now, whose] = [Date.now(), facts.car ?? null];
-        const age = now - 1000 * facts.step_s;
-        Object.assign(canvas.current.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
-        if (whose === last.car && now - last.at < CAPTION_MS) continue;
-        last = { car: whose, at: now };
-        setTold({ car: whose, age });
-        onCar(whose);
-      }
-      drawing = false;
-    };
-    const take = (value) => {
-      newest = value;
-      if (!drawing) draw();
+    const take = ({ facts, jpeg }) => {
+      const [now, whose] = [Date.now(), facts.car ?? null];
+      const age = now - 1000 * facts.step_s;
+      picture.current.src = jpeg;
+      Object.assign(picture.current.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
+      if (whose === last.car && now - last.at < CAPTION_MS) return;
+      last = { car: whose, at: now };
+      setTold({ car: whose, age });
+      onCar(whose);
     };
     follow(topic, take, own.signal);
     return () => own.abort();
@@ -87,7 +70,7 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
   return html`
     <figure class="live-picture" ref=${figure}>
       <div class="live-frame" style=${{ aspectRatio: `${width} / ${height}` }}>
-        <canvas ref=${canvas} role="img" aria-label=${label} width=${width} height=${height}></canvas>
+        <img ref=${picture} alt=${label} width=${width} height=${height} decoding="sync" />
         ${(!told || other) && html`<p class="live-over">${other ? "The picture of this car comes soon." : wait}</p>`}
       </div>
       <figcaption>${name}${told && !other && `${told.car === null ? "" : `, car ${told.car + 1}`}, ${after} after its step`}</figcaption>

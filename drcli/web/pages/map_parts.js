@@ -4,8 +4,6 @@ import { ink } from "/theme_colors.js";
 
 const CAR_M = 0.3;
 const PUT_BACK_M = 0.6; // two steps further apart are not joined: the car was put back
-const DOT_PX = 6;
-const MANY_DOTS = 60; // so many and more are so faint that a place of many becomes one dark spot
 const WAYPOINT_STEPS = [1, 2, 5, 10, 20, 50, 100, 200, 500];
 const NUMBERS_PX = 34;
 
@@ -186,15 +184,15 @@ export function drawPath(pen, camera, path) {
   pen.setLineDash([]);
 }
 
-/** @param {any} pen @param {Camera} camera @param {any[][]} dots x, y and perhaps a colour */
+/** Places as dots: many at one place become one dark spot, unless they have colours of their own. @param {any} pen @param {Camera} camera @param {any[][]} dots */
 export function drawDots(pen, camera, dots) {
-  const inks = new Map();
-  pen.globalAlpha = dots.length < MANY_DOTS ? 0.9 : 0.25;
-  for (const [x, y, color = "bad"] of dots) {
-    if (!inks.has(color)) inks.set(color, css(color));
-    pen.fillStyle = inks.get(color);
+  const names = new Set(dots.map(([, , color = "bad"]) => color));
+  const inks = new Map([...names].map((name) => [name, ink(name)]));
+  for (const [x, y, color] of dots) {
+    pen.globalAlpha = color ? 0.9 : 0.25;
+    pen.fillStyle = inks.get(color ?? "bad");
     pen.beginPath();
-    pen.arc(camera.x(x), camera.y(y), DOT_PX, 0, 7);
+    pen.arc(camera.x(x), camera.y(y), color ? 3.5 : 6, 0, 7);
     pen.fill();
   }
   pen.globalAlpha = 1;

@@ -4,7 +4,7 @@ import { EpisodeChooser } from "/episode_chooser.js";
 import { useLaps } from "/episode_data.js";
 import { EpisodePane } from "/episode_pane.js";
 import { Curve, Gain } from "/lap_curves.js";
-import { Playback, carAt, lastAt, pressKey, usePlayer } from "/lap_player.js";
+import { Playback, carAt, lastAt, pressKey, usePlayer, valueAt } from "/lap_player.js";
 import { setQuery, useGet } from "/store.js";
 import { number } from "/text.js";
 import { TrackMap } from "/track_map.js";
@@ -14,39 +14,19 @@ export const title = "Episodes";
 
 const COLORS = ["c1", "c2"];
 const NAMES = ["first lap", "second lap"];
+// What the path on the map may show, by the column of the lap.
 const PATHS = {
-  driven: { name: "Speed driven", unit: "m/s", of: (lap) => lap.driven_mps },
-  speed: { name: "Speed asked for", unit: "m/s", of: (lap) => lap.speed_mps },
-  reward: { name: "Reward", digits: 3, of: (lap) => lap.reward },
-  steering: { name: "Steering", unit: "°", digits: 1, of: (lap) => lap.steering_deg },
-  // Continuous actions have no number.
-  action: { name: "Number of the action", digits: 0, of: (lap) => lap.action.map(Number) },
+  driven: { column: "driven_mps", name: "Speed driven", unit: "m/s", digits: 2 },
+  speed: { column: "speed_mps", name: "Speed asked for", unit: "m/s", digits: 2 },
+  reward: { column: "reward", name: "Reward", digits: 3 },
+  steering: { column: "steering_deg", name: "Steering", unit: "°", digits: 1 },
+  action: { column: "action", name: "Number of the action", digits: 0 },
 };
 const CURVES = [
-  {
-    title: "Speed",
-    unit: "m/s",
-    lines: [
-      { name: "driven", of: ({ lap }) => lap.driven_mps },
-      { name: "asked for", of: ({ lap }) => lap.speed_mps, dash: [4, 3] },
-    ],
-  },
-  {
-    title: "Steering",
-    unit: "°",
-    digits: 1,
-    lines: [{ name: "steering", of: ({ lap }) => lap.steering_deg }],
-  },
-  {
-    title: "Reward of a step",
-    digits: 3,
-    lines: [{ name: "reward", of: ({ lap }) => lap.reward }],
-  },
+  { title: "Speed", unit: "m/s", lines: { driven: "driven_mps", "asked for": "speed_mps" } },
+  { title: "Steering", unit: "°", digits: 1, lines: { steering: "steering_deg" } },
+  { title: "Reward of a step", digits: 3, lines: { reward: "reward" } },
 ];
-const CRITIC = {
-  title: "What the critic expects",
-  lines: [{ name: "value", of: (data) => data.values() }],
-};
 const KEYS = [
   ["Space or K", "play, pause"],
   ["← →", "one step"],
@@ -179,11 +159,10 @@ function Player({ laps, query }) {
   const paths = useMemo(
     () => [
       ...laps.map(({ lap }, k) => {
-        const { of, ...shown } = PATHS[path];
         const line = { x: lap.x, y: lap.y };
         return k
           ? { ...line, color: COLORS[k], dashed: true }
-          : { ...line, ...shown, values: of(lap) };
+          : { ...line, ...PATHS[path], values: lap[PATHS[path].column].map(Number) };
       }),
       ...lineOf(limit.value),
     ],
@@ -202,31 +181,21 @@ function Player({ laps, query }) {
     )
     .join(" · ");
   const version = laps.map((data) => data.version.value).join(" ");
-  const valued = useMemo(
-    () =>
-      laps.some((data) => data.checkpoint !== null && data.values().some((each) => each !== null)),
-    [laps, version],
+  const critic = useMemo(() => laps.map((data) => [data.values()]), [laps, version]);
+  const valued = laps.some(
+    (data, k) => data.checkpoint !== null && critic[k][0].some((each) => each !== null),
   );
-  const laid = {
-    laps,
-    names: NAMES,
-    colors: COLORS,
-    over,
-    x: axes,
-    at,
-    rows,
-    seek,
-  };
+  const laid = { laps, names: NAMES, colors: COLORS, over, x: axes, at, rows, seek };
   const curves = html`
     <div class="lap-curves">
       ${two && html`<${Gain} ...${laid} />`}
       ${CURVES.map((each) => html`<${Curve} key=${each.title} ...${each} ...${laid} />`)}
-      ${valued && html`<${Curve} key="critic" ...${CRITIC} ...${laid} version=${version} />`}
+      ${valued && html`<${Curve} key="critic" title="What the critic expects" lines=${{ value: "" }} values=${critic} ...${laid} />`}
     </div>`;
   const pane = (k) => html`<${EpisodePane} key=${k} data=${laps[k]} row=${rows[k]} name=${NAMES[k]}
     color=${COLORS[k]} links=${paneLinks(laps[k], k, query)} />`;
   const shows = Object.keys(PATHS).filter(
-    (key) => key !== "action" || PATHS.action.of(lead.lap).some(Number.isFinite),
+    (key) => key !== "action" || lead.lap.action.some((each) => Number.isFinite(Number(each))), // continuous actions have no number
   );
   return html`
     <div class=${`player-grid${two ? " two" : ""}`}>
@@ -264,12 +233,7 @@ function Player({ laps, query }) {
 }
 
 /** Progress of the lap after so many seconds more than at a progress. */
-function progressAfter(data, progress, seconds) {
-  const { time_s: time } = data.lap;
-  const row = lastAt(data.progress, progress);
-  const next = Math.min(row + 1, data.rows - 1);
-  const gain = data.progress[next] - data.progress[row];
-  const span = time[next] - time[row];
-  if (!(span > 0)) return progress + seconds * 5;
-  return gain > 1e-6 ? progress + (seconds / span) * gain : data.progress[next] + 1e-6;
+function progressAfter({ lap, progress }, at, seconds) {
+  if (at >= progress.at(-1)) return at + 5 * seconds; // another lap has come further
+  return valueAt(lap.time_s, progress, valueAt(progress, lap.time_s, at) + seconds);
 }

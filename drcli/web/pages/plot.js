@@ -2,7 +2,7 @@
 
 import { number, short } from "/text.js";
 import { ink, theme } from "/theme_colors.js";
-import { html, useEffect, useLayoutEffect, useRef, useSeen, useState } from "/ui.js";
+import { html, render, useEffect, useLayoutEffect, useRef, useSeen, useState } from "/ui.js";
 
 /**
  * @typedef {Object} Series
@@ -61,32 +61,6 @@ const tickText = (value) =>
   Math.abs(value) < 1e4
     ? short(value)
     : value.toLocaleString("en", { notation: "compact", maximumSignificantDigits: 6 });
-
-/** Draw a dashed vertical line with its label at the top, on the side where it fits. */
-function drawMark({ ctx: pen, bbox, valToPos }, { x, label }) {
-  const ratio = devicePixelRatio || 1;
-  const at = Math.round(valToPos(x, "x", true));
-  if (at < bbox.left - 1 || at > bbox.left + bbox.width + 1) return;
-  pen.save();
-  pen.strokeStyle = ink("good");
-  pen.lineWidth = 2 * ratio;
-  pen.setLineDash([5 * ratio, 4 * ratio]);
-  pen.beginPath();
-  pen.moveTo(at, bbox.top);
-  pen.lineTo(at, bbox.top + bbox.height);
-  pen.stroke();
-  pen.font = `${12 * ratio}px system-ui, sans-serif`;
-  const width = pen.measureText(label).width;
-  const onRight = at + width + 12 * ratio < bbox.left + bbox.width;
-  const left = onRight ? at + 5 * ratio : at - width - 5 * ratio;
-  pen.fillStyle = ink("paper"); // other curves may pass below the word
-  pen.fillRect(left - 2 * ratio, bbox.top, width + 4 * ratio, 17 * ratio);
-  pen.fillStyle = ink("good");
-  pen.textAlign = "left";
-  pen.textBaseline = "top";
-  pen.fillText(label, left, bbox.top + 3 * ratio);
-  pen.restore();
-}
 
 /** Axes, scales and series as uPlot takes them. */
 function optionsOf({ x, series, axes, limits, isShown, seeks, bands }) {
@@ -166,7 +140,7 @@ export function Plot(props) {
   const { title, hint = "", x = "Iteration", height = 240, series, data, seek } = props;
   const { axes = {}, limits = {}, marks = NONE, bands = NONE } = props;
   const plot = useRef(null);
-  const line = useRef(null);
+  const over = useRef(null);
   const [hidden, setHidden] = useState(() => series.filter((each) => each.off).map(groupOf));
   const [index, setIndex] = useState(null);
   const [byKey, setByKey] = useState(false);
@@ -176,17 +150,21 @@ export function Plot(props) {
   const isShown = (each) => !hidden.includes(groupOf(each));
   const newest = useRef(props);
   newest.current = props;
-  const stand = () => {
-    const { at = null } = newest.current;
-    line.current.hidden = at === null;
-    line.current.style.transform = `translateX(${Math.round(plot.current?.valToPos(at ?? 0, "x") ?? 0)}px)`;
+  /** Lines at marks, and where a player is. */
+  const drawLines = () => {
+    const { marks = NONE, at = null } = newest.current;
+    const lines = at === null ? marks : [...marks, { x: at, label: "" }];
+    const drawn = lines.map(({ x, label }) => {
+      const left = Math.round(plot.current.valToPos(x, "x"));
+      const side = left > 0.8 * over.current.clientWidth ? "left" : "";
+      return html`<div class=${label ? `plot-mark ${side}` : "plot-at"} style=${{ left: `${left}px` }}><span>${label}</span></div>`;
+    });
+    render(drawn, over.current);
   };
-  const drawMarks = (self) =>
-    (newest.current.marks ?? NONE).forEach((mark) => drawMark(self, mark));
 
   useLayoutEffect(() => {
     const element = place.current;
-    line.current = Object.assign(document.createElement("div"), { className: "plot-at" });
+    over.current = Object.assign(document.createElement("div"), { className: "plot-over" });
     setZoomed(false);
     const self = new uPlot(
       {
@@ -196,13 +174,13 @@ export function Plot(props) {
         hooks: {
           setCursor: [(each) => setIndex(each.cursor.left < 0 ? null : each.cursor.idx)],
           setSelect: [(each) => each.select.width > 0 && setZoomed(true)],
-          draw: [drawMarks, stand],
+          draw: [drawLines],
         },
       },
       data,
       element,
     );
-    self.over.append(line.current);
+    self.over.append(over.current);
     self.over.addEventListener("dblclick", () => setZoomed(false));
     plot.current = self;
     const resize = new ResizeObserver(() => {
@@ -223,7 +201,7 @@ export function Plot(props) {
     });
     return () => cancelAnimationFrame(frame);
   }, [data, visible, JSON.stringify(marks)]);
-  useEffect(stand, [props.at]);
+  useEffect(drawLines, [props.at]);
   useEffect(() => {
     series.forEach((each, k) => {
       const show = isShown(each);

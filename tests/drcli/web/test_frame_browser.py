@@ -243,7 +243,7 @@ def busy(working_folder, monkeypatch, reports):
     monkeypatch.setattr(console_app, "PARTS", parts)
     with served_console(working_folder) as console:
         hub = folders[0].hub
-        state = run_topics.without_history(reports["report"])
+        state = run_topics.shown_run(reports["report"], [], 0)
         hub.add_kind(
             "run", lambda topic, publish: Stored(publish, lambda: Snapshot.of(topic, state))
         )
@@ -266,7 +266,7 @@ def test_a_page_that_is_left_open_does_not_grow(busy, visit, reports, make_recor
             history[-1] = make_record(99, mean_reward=float(number))
             rows.update(history)
             hub.publish("iterations:0", rows)
-            state = {**run_topics.without_history(reports["report"]), "elapsed_s": float(number)}
+            state = {**run_topics.shown_run(reports["report"], [], 0), "limit": str(number)}
             hub.publish("run:0", Snapshot.of("run:0", state))
             if number % 20 == 0:
                 page.evaluate("new Promise(requestAnimationFrame)")

@@ -147,20 +147,6 @@ def test_a_checkpoint_is_cloned_and_what_its_model_brings_is_shown(served, visit
     assert dialog.get_by_label("Take its reward function").is_checked()
 
 
-@pytest.mark.parametrize(
-    ("clean", "laps", "share"),
-    [(19, 20, (95, 76, 99)), (0, 20, (0, 0, 16)), (1, 1, (100, 21, 100))],
-)
-def test_a_share_of_clean_laps_has_the_range_of_chance(served, visit, models, clean, laps, share):
-    page = visit(f"{served.url}/#/models").page
-
-    found = page.evaluate(
-        "async (given) => (await import('/model_curves.js')).cleanShare(...given)", [clean, laps]
-    )
-
-    assert tuple(round(each) for each in found) == share
-
-
 def test_the_ends_of_episodes_are_shown_for_all_iterations_or_some(served, visit, models):
     page = visit(f"{served.url}/#/models").page
     page.evaluate(
