@@ -6,7 +6,7 @@ It is below the model prefix, so copies have it.
 import os
 import platform
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -44,6 +44,10 @@ def describe_start(
         started_at=datetime.now(UTC).isoformat(timespec="seconds"),
         settings=chosen_settings(settings),
         cars=[race.sim_car for race in settings.races],
+        workers=[
+            _stored(settings.for_worker(k), own.sources)
+            for k, own in enumerate(settings.overrides, start=1)
+        ],
         versions={"python": platform.python_version(), **installed_versions(PACKAGES)},
         git={
             "working_folder": _git_state(settings.directory, "."),
@@ -77,16 +81,28 @@ def metric_of(model: ModelStore) -> str:
 
 def chosen_settings(settings: Settings) -> dict[str, Any]:
     """Non-default ones that affect a training; hides secrets."""
-    chosen = {}
+    return _stored(
+        settings,
+        {
+            name
+            for name, setting in catalogue().items()
+            # Who uses which other system is nobody's business.
+            if not name.startswith("DR_DROA_")
+            and name not in SUPERVISOR_ONLY
+            and name in settings.sources
+            and getattr(settings, setting.field) != setting.default
+        },
+    )
+
+
+def _stored(settings: Settings, names: Container[str]) -> dict[str, Any]:
+    found = {}
     for name, setting in catalogue().items():
-        value = getattr(settings, setting.field)
-        # Who uses which other system is nobody's business.
-        if name.startswith("DR_DROA_") or name in SUPERVISOR_ONLY:
-            continue
-        if name in settings.sources and setting.effect != "accepted" and value != setting.default:
+        if name in names and setting.effect != "accepted":
+            value = getattr(settings, setting.field)
             is_text = isinstance(value, str | Path)
-            chosen[name] = hidden(name, str(value)) if is_text else value
-    return chosen
+            found[name] = hidden(name, str(value)) if is_text else value
+    return found
 
 
 def installed_versions(packages: Sequence[str]) -> dict[str, str | None]:

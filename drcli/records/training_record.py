@@ -51,6 +51,7 @@ class TrainingStart(JsonRecord):
     Attributes:
         settings: DR_ settings that differ from their defaults.
         cars: DR_SIM_CAR of the first worker, and of others with their own race.
+        workers: What worker-N.env changes, from the second worker on.
         versions: None if not installed.
         git: Of the `working_folder` and our own `package`; None outside git.
         machine: `platform`, `processor`, `cores`, `threads` if OMP_NUM_THREADS is set.
@@ -60,6 +61,7 @@ class TrainingStart(JsonRecord):
     started_at: str = ""
     settings: dict[str, Any] | None = None
     cars: list[str] = field(default_factory=list)
+    workers: list[dict[str, Any]] = field(default_factory=list)
     versions: dict[str, str | None] = field(default_factory=dict)
     git: dict[str, GitState | None] = field(default_factory=dict)
     machine: dict[str, Any] = field(default_factory=dict)

@@ -70,7 +70,8 @@ def _loopholes(tried: TriedReward, discount: float) -> Iterator[Problem]:
         return
     yield from _growth(tried, float(np.abs(values).max()))
     if tried.result.memory is None:  # else the reward depends on more than the place
-        yield from _off_track(tried)
+        if tried.result.random is None:  # else places differ by chance
+            yield from _off_track(tried)
         yield from _laps(tried, discount)
 
 

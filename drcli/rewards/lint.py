@@ -56,7 +56,7 @@ _EFFECTS: dict[EffectKind, tuple[str, str]] = {
 def problems_of(
     source: Source, result: SandboxResult, directory: Path, tolerated: float = 0.0
 ) -> list[Problem]:
-    """What ends a training, and what is odd; `tolerated`: share of calls that may fail."""
+    """What ends a training, and what is odd; `tolerated`: see `tolerated_share`."""
     failures = result.failures
     undefined = {_name_in(each.reason) for each in failures if each.kind == "undefined"}
     return [
@@ -74,7 +74,7 @@ def _failures(
     source: Source, result: SandboxResult, directory: Path, tolerated: float
 ) -> Iterator[Problem]:
     failed = sum(each.times for each in result.failures if each.kind in _COUNTED)
-    counts = tolerated > 0.0 and failed <= tolerated * result.counted
+    counts = tolerated > 0.0 and failed < result.counted
     for failure in result.failures:
         counted = counts and failure.kind in _COUNTED
         severity: Severity = "warning" if counted or failure.unusual else "error"
@@ -86,12 +86,15 @@ def _failures(
         if failure.unusual:
             message += "\nIt does so only in states that few trainings meet."
         if counted:
-            message += "\nA training counts such calls and goes on (DR_REWARD_ON_ERROR)."
+            message += "\nA training counts such calls and goes on (DR_REWARD_ON_ERROR)"
+            if failed > tolerated * result.counted:
+                message += (
+                    f", but ends when more than {100.0 * tolerated:g} % of them fail "
+                    "(DR_REWARD_MAX_ERROR_SHARE)"
+                )
+            message += "."
         elif tolerated > 0.0 and severity == "error" and failure.kind in _COUNTED:
-            message += (
-                f"\nDR_REWARD_ON_ERROR=count allows {tolerated:.0%} of the calls to fail "
-                "(DR_REWARD_MAX_ERROR_SHARE); here it is more, so a training would end soon."
-            )
+            message += "\nNo call gives a reward, so a training would learn nothing."
         remedy = _missing_module(source, failure, directory) or cure_of(
             failure.reason, failure.missing
         )

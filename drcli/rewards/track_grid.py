@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.rewards.course import Call, Course
-from drcli.rewards.sandbox.sample_calls import places
+from drcli.rewards.sandbox.sample_calls import BESIDE, places
 from drcli.rewards.scripted_drive import Drive
 from drsim.car.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M, WHEELS_M
 from drsim.episode.params import Situation, params_of
@@ -19,10 +19,13 @@ Floats = NDArray[np.float64]
 
 SPEED_MPS = 1.5
 _HALF = (0.11, 0.22, 0.33, 0.44, 0.56, 0.72)
-OFFSETS = (*(-offset for offset in reversed(_HALF)), 0.0, *_HALF)
+OFFSETS = (*(-offset for offset in reversed(_HALF)), BESIDE, *_HALF)
 """To the left, in road widths. The border is midway between two; at the outermost, all wheels are
 off the road.
 """
+
+_TURNED_DEG = 0.6
+"""Seen by the function only: no car is exactly parallel to the road."""
 
 _SPACING_M = 0.12
 _MOST_ALONG = 400
@@ -63,7 +66,7 @@ def track_grid(drive: Drive) -> Grid:
     objects, outlines = _objects(drive, len(xy))
     situation = Situation(
         xy=xy,
-        heading_deg=np.degrees(yaw_rad),
+        heading_deg=(np.degrees(yaw_rad) + _TURNED_DEG + 180.0) % 360.0 - 180.0,
         where=track.locate(xy),
         all_on=wheels_on == len(WHEELS_M),
         none_on=off,

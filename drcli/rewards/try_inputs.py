@@ -65,9 +65,10 @@ def races_of(run: RunConfig) -> list[DriveConfig]:
 
 
 def tolerated_share(run: RunConfig) -> float:
-    """Share of failing calls up to which a training begins.
+    """Share of failing calls up to which a training goes on; 0 if it must not begin with any.
 
-    By default 0: those of a check can be corrected now.
+    By default they are corrected now. With DR_REWARD_ON_ERROR=count it begins unless all fail: the
+    calls of a check are no measure of those of a training.
     """
     counts = run.given.get("DR_REWARD_ON_ERROR") == "count"
     return run.train.reward_max_error_share if counts else 0.0

@@ -92,7 +92,7 @@ class Distilled:
 
 
 def distil(
-    race: DriveConfig,
+    races: Sequence[DriveConfig],
     train: TrainConfig,
     design: Design,
     weights: bytes,
@@ -101,10 +101,11 @@ def distil(
     seed: int,
     say: Callable[[str], None],
 ) -> Distilled:
-    """Train until the new network laps as the model does on the tracks of a race.
+    """Train until the new network laps as the model does on the tracks of its races.
 
     Args:
-        race: As the model was trained; its episodes begin anywhere, in all its directions.
+        races: Of each worker that trained the model; episodes begin anywhere, in all directions.
+            All are driven with car and obstacles of the first.
         train: How many cores it may take.
         design: Of the model.
         weights: Safetensors of the model.
@@ -117,8 +118,8 @@ def distil(
         ProblemsError: A track is not installed, or has no room for the race.
     """
     began = time.monotonic()
-    if race.untrainable is not None:
-        raise ProblemsError([race.untrainable])
+    if races[0].untrainable is not None:
+        raise ProblemsError([races[0].untrainable])
     original = Teaching(design, weights, name)
     wanted = student_design(design)
     torch.manual_seed(seed)
@@ -131,7 +132,7 @@ def distil(
             student.log_std.fill_(SMALL_LOG_STD)
     learner = Distillation(student, original.labels, compute)
     torch.set_num_threads(1)  # those of policies and learner are beside operations
-    races = _races(race)
+    races = each_way(races)
     policies = [DataParallelPolicy(policy, threads) for policy in (driving, original)]
     with closing(_trials(races, train, design.metadata, policies[1], seed)) as trials:
         wanted_laps = trials.evaluate(LAPS, _never).laps
@@ -179,7 +180,11 @@ def distil(
 
 
 def _trials(
-    races: list[DriveConfig], train: TrainConfig, metadata: ModelMetadata, policy: Policy, seed: int
+    races: Sequence[DriveConfig],
+    train: TrainConfig,
+    metadata: ModelMetadata,
+    policy: Policy,
+    seed: int,
 ) -> HeldOutTracks:
     """Laps from drawn starts under the settings of an evaluation."""
     return HeldOutTracks(
@@ -271,7 +276,7 @@ class _Lessons:
 
     def __init__(
         self,
-        races: list[DriveConfig],
+        races: Sequence[DriveConfig],
         train: TrainConfig,
         metadata: ModelMetadata,
         policies: Sequence[Policy],
@@ -318,13 +323,16 @@ def _never() -> bool:
     return False
 
 
-def _races(race: DriveConfig) -> list[DriveConfig]:
-    """Of each track and direction in which the model was trained."""
-    races = training_races(race)
-    if race.train_alternate_driving_direction:
-        other = not race.train_reverse_direction
-        races += [each.replaced(train_reverse_direction=other) for each in races]
-    return races
+def each_way(races: Sequence[DriveConfig]) -> list[DriveConfig]:
+    """Of each track and direction in which the model was trained, once."""
+    trained = [each for race in races for each in training_races(race)]
+    trained += [
+        each.replaced(train_reverse_direction=not each.train_reverse_direction)
+        for each in trained
+        if each.train_alternate_driving_direction
+    ]
+    ways = {(each.world_name, each.train_reverse_direction): each for each in reversed(trained)}
+    return list(ways.values())[::-1]
 
 
 def _follows(laps: Laps, wanted: Laps) -> bool:

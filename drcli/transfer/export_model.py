@@ -4,7 +4,7 @@ import contextlib
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,7 @@ class ExportSource:
     Attributes:
         weights: Safetensors.
         graph: The reference's frozen graph; None for ours.
-        driven: Settings of its training that say where it drove, by name.
+        driven: Settings of its training that say where it drove, by name, of each worker.
         notes: For the racer.
     """
 
@@ -79,7 +79,7 @@ class ExportSource:
     design: Design
     weights: bytes
     origin: str
-    driven: Mapping[str, Any] = field(default_factory=dict)
+    driven: Sequence[Mapping[str, Any]] = ({},)
     best: str | None = None
     graph: bytes | None = None
     notes: tuple[str, ...] = ()
@@ -102,14 +102,16 @@ class ExportSource:
 
     @property
     def world(self) -> str | None:
-        world: str | None = self.driven.get(_WORLD)
+        world: str | None = self.driven[0].get(_WORLD)
         return world
 
-    def race(self, settings: Settings) -> DriveConfig:
-        """That of the settings, where the model was trained."""
+    def races(self, settings: Settings) -> list[DriveConfig]:
+        """That of the settings, where each worker trained the model."""
         fields = DriveConfig.declared
-        changes = {fields[name].field: value for name, value in self.driven.items()}
-        return settings.race.replaced(**changes)
+        return [
+            settings.race.replaced(**{fields[name].field: value for name, value in driven.items()})
+            for driven in self.driven
+        ]
 
 
 Prepare = Callable[[ExportSource], ExportSource]
@@ -175,16 +177,20 @@ def _design(model: ModelStore, record: CheckpointRecord) -> Design:
         ) from e
 
 
-def _driven(model: ModelStore) -> Mapping[str, Any]:
+def _driven(model: ModelStore) -> list[Mapping[str, Any]]:
     try:
         start = read_start(model)
     except (ObjectDamaged, ObjectNewer):
-        return {}
+        return [{}]
     if start is None or start.settings is None:
-        return {}
+        return [{}]
+    first = {name: DriveConfig.declared[name].default for name in _DRIVEN} | start.settings
+    return [_known(first | own) for own in ({}, *start.workers)]
+
+
+def _known(settings: Mapping[str, Any]) -> dict[str, Any]:
     fields = DriveConfig.declared
-    found = {name: start.settings.get(name, fields[name].default) for name in _DRIVEN}
-    return {n: value for n, value in found.items() if type(value) is type(fields[n].default)}
+    return {n: settings[n] for n in _DRIVEN if type(settings[n]) is type(fields[n].default)}
 
 
 # Writes an export so that nobody finds a part of it.

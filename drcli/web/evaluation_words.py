@@ -77,6 +77,23 @@ def _note(each: ListedEvaluation) -> str:
     return f"{said} Leaving the track costs {costs}."
 
 
+_VIEWS = {
+    "camera-pip": "from behind, with the camera",
+    "camera-45degree": "from behind",
+    "camera-topview": "from above",
+}
+
+
+def _films(each: ListedEvaluation, listed: EvaluationList) -> list[tuple[str, str]]:
+    """Names of its videos with their views: its own, and of the newest also those of the model."""
+    own = f"evaluation-{each.stamp}/video.mp4"
+    found = [(own, "this evaluation")] if own in listed.videos else []
+    if each is listed.evaluations[0]:
+        views = [name for name in listed.videos if name.startswith("mp4/")]
+        found += [(name, f"newest, {_VIEWS.get(name.split('/')[1], name)}") for name in views]
+    return found
+
+
 def shown_evaluations(listed: EvaluationList) -> dict[str, Any]:
     """The report, with these words beside each evaluation."""
     evaluations = []
@@ -94,6 +111,11 @@ def shown_evaluations(listed: EvaluationList) -> dict[str, Any]:
             for trial in each.trials
         ]
         words = {"name": stamp_text(each.stamp), "label": _label(each), "about": _about(each)}
-        more = {"rows": rows, "figures": _figures(each), "footnote": _note(each)}
+        more = {
+            "rows": rows,
+            "figures": _figures(each),
+            "footnote": _note(each),
+            "films": _films(each, listed),
+        }
         evaluations.append(plain(each) | words | more)
     return {**plain(listed), "evaluations": evaluations}

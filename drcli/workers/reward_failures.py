@@ -128,17 +128,15 @@ class RewardFailures:
         while self._failed_at[0] <= calls - WINDOW_CALLS:
             self._failed_at.popleft()
         share = self._settings.reward_max_error_share
-        if len(self._failed_at) > share * WINDOW_CALLS:
-            message, cure = message_of(error), _cure(error)
-            raise RewardErrorsExceeded(
-                f"{len(self._failed_at):,} of the last {WINDOW_CALLS:,} calls of the reward "
-                f"function failed, and DR_REWARD_MAX_ERROR_SHARE is {share:g}. The newest failure: "
-                f"{message}",
-                remedy=f"{cure} Continue with "
-                "`dr-start-training --resume-or-start`. "
-                "DR_REWARD_MAX_ERROR_SHARE is the limit.",
-            )
-        return self._settings.reward_fallback
+        if WINDOW_CALLS > len(self._failed_at) <= share * WINDOW_CALLS:
+            return self._settings.reward_fallback
+        message, cure = message_of(error), _cure(error)
+        raise RewardErrorsExceeded(
+            f"{len(self._failed_at):,} of the last {WINDOW_CALLS:,} calls of the reward function "
+            f"failed, and DR_REWARD_MAX_ERROR_SHARE is {share:g}. The newest failure: {message}",
+            remedy=f"{cure} Continue with `dr-start-training --resume-or-start`. "
+            "DR_REWARD_MAX_ERROR_SHARE is the limit; a training needs some calls that succeed.",
+        )
 
     def save(self) -> None:
         """Unless something has failed, not every time."""

@@ -341,7 +341,7 @@ def _distilled(loaded: "Settings", seed: int, source: "ExportSource") -> "Export
         return source
     terminal.say("The new network learns, which takes some minutes. Ctrl-C ends it.")
     made = distillation.distil(
-        source.race(loaded),
+        source.races(loaded),
         loaded.run.train,
         design,
         source.weights,

@@ -276,8 +276,8 @@ class FailureSettings(Group, title="Failures during a training"):
     reward_max_error_share: float = setting(
         "DR_REWARD_MAX_ERROR_SHARE",
         0.05,
-        "With count, the training ends when more than this share of a worker's last 2,000 calls "
-        "of the reward function failed.",
+        "The training ends when more than this share of a worker's last 2,000 calls of the reward "
+        "function failed; 1 by default if DR_REWARD_ON_ERROR=count is set.",
         between=(0, 1),
     )
     train_max_rollbacks: int = setting(

@@ -54,6 +54,7 @@ END_WORK_FAILED = 10
 MOST_FAILURES, FAILURE_WINDOW_S = 5, 3600.0
 READ_LINES, SHOWN_LINES, SHOWN_LETTERS = 60, 3, 1500
 BOOT_ATTEMPTS, BOOT_PAUSE_S = 3, 60.0
+LEAVE_PAUSE_S = 300.0
 LAST_MINUTES = 5
 """Before the machine's end, for stopping the training."""
 
@@ -407,7 +408,7 @@ def start() -> int:
     """Three attempts, then give the machine back."""
     machine = Machine()
     if machine.ends and machine.ends - time.time() < 60 * (LAST_MINUTES + 1):
-        machine.leave("stopped", "The time of the stack is over.")
+        leave_at_last(machine, "stopped", "The time of the stack is over.")
         return 0
     problem = ""
     for attempt in range(BOOT_ATTEMPTS):
@@ -426,8 +427,19 @@ def start() -> int:
             log(f"attempt {attempt + 1} of {BOOT_ATTEMPTS} failed: {problem}")
         else:
             return 0
-    machine.leave("failed", f"The machine could not be set up: {problem}")
+    leave_at_last(machine, "failed", f"The machine could not be set up: {problem}")
     return 1
+
+
+def leave_at_last(machine: Machine, state: str, text: str) -> None:
+    """Without a training nothing else would end a machine that has no network now."""
+    while True:
+        try:
+            machine.leave(state, text)
+        except BootFailed:  # it is in the log
+            pause(LEAVE_PAUSE_S)
+        else:
+            return
 
 
 def ended() -> int:

@@ -22,8 +22,11 @@ from drsim.track.ways import Ways
 from drsim.track.worlds import load_track
 
 POSITIONS = 40
-OFFSETS = (0.01, 0.3, -0.3, 1.0)
-"""To the left, in road widths. No car is exactly on the centre line, or parallel to it."""
+BESIDE = 0.01
+"""Road widths from the centre line: no car is exactly on it."""
+
+OFFSETS = (BESIDE, 0.3, -0.3, 1.0)
+"""To the left, in road widths."""
 
 _TURNED_DEG = (1.7, -0.6, 4.3, -2.9)
 

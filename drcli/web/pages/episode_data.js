@@ -201,18 +201,6 @@ export class EpisodeData {
   }
 }
 
-/** The index of the last value that is at most `x`; 0 if none is. The values rise. */
-export function lastAt(values, x) {
-  let low = 0,
-    high = values.length - 1;
-  while (low < high) {
-    const middle = Math.ceil((low + high) / 2);
-    if (values[middle] <= x + 1e-9) low = middle;
-    else high = middle - 1;
-  }
-  return low;
-}
-
 function rising(values) {
   let most = -Infinity;
   return values.map((value) => (most = Math.max(most, value)));

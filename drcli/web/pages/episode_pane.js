@@ -1,6 +1,5 @@
 // One lap at one step: camera, numbers, choices of the policy, reward and its parameters.
 
-import { traceTitle } from "/episode_chooser.js";
 import { capital, number } from "/text.js";
 import { Choice, Failure, Folded, Tiles, html, useEffect, useMemo, useRef, useState } from "/ui.js";
 
@@ -40,7 +39,7 @@ export function EpisodePane({ data, row, name, color, links }) {
   const inTrace = lap.step[0] === 1 ? "" : ` (${number(lap.step[row])} in the trace)`;
   return html`
     <section class="episode-pane" aria-label=${`${name}: ${data.query.model}`}>
-      <h2><span class=${`swatch ink-${color}`}></span>${traceTitle(facts)}, episode ${summary?.number}</h2>
+      <h2><span class=${`swatch ink-${color}`}></span>${facts.title}, episode ${summary?.number}</h2>
       <p class="quiet">${`${data.query.model}${facts.world ? ` on ${facts.world}` : ""}: ${summary?.text ?? ""}, progress ${number(summary?.progress, 1, "%")}, ${number(summary?.seconds, 2, "s")}`}</p>
       ${facts.notes.map((note) => html`<p key=${note} class="problem">${note}</p>`)}
       ${problems.map((error) => html`<${Failure} key=${error.message} error=${error} />`)}
@@ -78,27 +77,11 @@ export function EpisodePane({ data, row, name, color, links }) {
 }
 
 function CameraPicture({ data, row, name }) {
-  const canvas = useRef(null);
   const [damaged, setDamaged] = useState(null);
   const { blob, explained } = data.picture(row);
-  useEffect(() => {
-    let here = true;
-    const draw = async () => {
-      try {
-        const bitmap = await createImageBitmap(blob);
-        if (!here) return;
-        if (canvas.current.width !== bitmap.width) canvas.current.width = bitmap.width;
-        canvas.current.getContext("2d").drawImage(bitmap, 0, 0);
-        bitmap.close();
-      } catch {
-        if (here) setDamaged(blob);
-      }
-    };
-    if (blob) draw();
-    return () => {
-      here = false;
-    };
-  }, [blob]);
+  const url = useMemo(() => blob && URL.createObjectURL(blob), [blob]);
+  useEffect(() => () => URL.revokeObjectURL(url), [url]);
+  const newest = useLast(url);
   const note = () => {
     if (!data.facts.outline) return "The track is not known here, so there are no pictures.";
     if (!blob) return data.problem ? "There is no picture." : "The picture is drawn …";
@@ -110,8 +93,8 @@ function CameraPicture({ data, row, name }) {
   };
   return html`
     <figure class="camera">
-      <canvas ref=${canvas} width=${160 * Math.max(data.facts.eyes, 1)} height="120" role="img"
-        aria-label=${`Camera of the ${name} at step ${row + 1}`}></canvas>
+      <img src=${newest} width=${160 * Math.max(data.facts.eyes, 1)} height="120"
+        alt=${`Camera of the ${name} at step ${row + 1}`} onError=${() => setDamaged(blob)} />
       <p class="camera-note quiet">${note()}</p>
     </figure>`;
 }

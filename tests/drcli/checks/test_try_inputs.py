@@ -17,7 +17,7 @@ from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
 from drcli.rewards.sandbox.run_sandbox import Failure, SandboxRequest, SandboxResult
 from drcli.rewards.sandbox.sandbox_process import calls_of
-from drcli.rewards.try_inputs import races_of, try_inputs
+from drcli.rewards.try_inputs import races_of, tolerated_share, try_inputs
 from sandbox_here import without_trial
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -276,14 +276,14 @@ from shapely.geometry import LineString, Point
     ("kind", "tolerated", "severity"),
     [
         ("raises", 0.0, "error"),
-        ("raises", 0.03, "error"),
-        ("raises", 0.05, "warning"),
+        ("raises", 0.03, "warning"),
+        ("raises", 1.0, "warning"),
         ("range", 0.05, "warning"),
         ("endless", 1.0, "error"),
         ("load", 1.0, "error"),
     ],
 )
-def test_failures_that_a_training_counts_are_warnings_within_its_share(kind, tolerated, severity):
+def test_failures_that_a_training_counts_are_warnings_if_it_is_to_count(kind, tolerated, severity):
     failures = [Failure(kind, "KeyError: 'x'", 3, state="on the road", times=4)]  # 001-17
     result = SandboxResult(failures=failures, calls=100, counted=100)
 
@@ -291,5 +291,35 @@ def test_failures_that_a_training_counts_are_warnings_within_its_share(kind, tol
 
     assert problem.severity == severity
     assert problem.line == 3
-    told = "DR_REWARD_ON_ERROR=count allows 3% of the calls to fail"
+    told = "but ends when more than 3 % of them fail (DR_REWARD_MAX_ERROR_SHARE)."
     assert (told in problem.message) == (tolerated == 0.03)
+
+
+def test_a_function_that_always_fails_is_refused_although_a_training_counts():
+    failures = [Failure(kind, "KeyError: 'x'", 3, times=50) for kind in ("raises", "type")]
+    result = SandboxResult(failures=failures, calls=100, counted=100)
+
+    found = problems_of(source_of("x = 1"), result, Path(), 1.0)
+
+    assert [problem.severity for problem in found] == ["error", "error"]
+    assert "a training would learn nothing" in found[0].message
+
+
+@pytest.mark.parametrize(
+    ("lines", "share"),
+    [
+        ("", 0.0),
+        ("DR_REWARD_MAX_ERROR_SHARE=0.2\n", 0.0),
+        ("DR_REWARD_ON_ERROR=stop\n", 0.0),
+        ("DR_REWARD_ON_ERROR=count\n", 1.0),
+        ("DR_REWARD_ON_ERROR=count\nDR_REWARD_MAX_ERROR_SHARE=0.2\n", 0.2),
+    ],
+)
+def test_whoever_sets_count_alone_lets_any_share_of_calls_fail(working_folder, lines, share):
+    (working_folder / "run.env").write_text(f"DR_WORLD_NAME=reinvent_base\n{lines}")
+
+    run = load_settings(working_folder, environ={}).run
+
+    assert tolerated_share(run) == share
+    expected = 0.2 if "0.2" in lines else 1.0 if "count" in lines else 0.05
+    assert run.train.reward_max_error_share == expected

@@ -1,5 +1,6 @@
 """The scripted drive: whole laps, mishaps, and every parameter with its values."""
 
+import math
 import re
 from pathlib import Path
 
@@ -137,9 +138,22 @@ def test_places_of_the_grid_are_told_like_those_of_a_drive(course):
     assert {key: type(value) for key, value in middle[0].items()} == {
         key: type(value) for key, value in driven.items()
     }
-    assert max(call["distance_from_center"] for call in middle) < 1e-6
+    assert all(0.0 < call["distance_from_center"] < 0.02 for call in middle)
     assert grid.off[[0, -1]].all()
     assert not grid.off[2:-2].any()
+
+
+def test_a_function_that_divides_by_what_is_never_zero_has_a_value_at_every_place(course):
+    """No car is exactly on the centre line, or parallel to it."""
+    waypoints = course.drive.waypoints()
+
+    def turned_deg(call):
+        before, after = call["closest_waypoints"]
+        (x, y), (next_x, next_y) = (waypoints[call["is_reversed"]][k] for k in (before, after))
+        return call["heading"] - math.degrees(math.atan2(next_y - y, next_x - x))
+
+    assert min(call["distance_from_center"] for call in course.grid.calls) > 1e-3
+    assert min(abs(turned_deg(call)) for call in course.grid.calls) > 1e-3
 
 
 def test_a_race_of_two_models_is_refused_with_the_setting_to_change(settings_of):

@@ -108,6 +108,15 @@ def test_a_car_off_the_road_that_is_paid_as_before_is_told(rules):
     assert rules(lambda params: params["speed"] ** 2) == ["off-track"]
 
 
+def test_a_random_reward_is_not_said_to_pay_a_car_off_the_road(tried_of):
+    tried = tried_of(lambda params: params["speed"] ** 2)
+    differs = Difference(CallIndex(0, 1), 1.0, 2.0, times=9, of=9)
+
+    report = report_of([replace(tried, result=replace(tried.result, random=differs))], DISCOUNT)
+
+    assert [problem.rule for problem in report.warnings] == ["random"]
+
+
 def test_pay_for_fast_cars_only_says_nothing_of_the_places_of_a_slower_one(rules):
     assert "off-track" not in rules(
         lambda params: 1.0 if params["speed"] > 2.0 and on_the_road(params) else 1e-5

@@ -17,7 +17,7 @@ from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.files.network_shape import Design
 from drcli.records.scores import SecondEvaluation
 from drcli.train import distillation
-from drcli.train.distillation import Teaching, distil, is_needed, student_design
+from drcli.train.distillation import Teaching, distil, each_way, is_needed, student_design
 from drcli.train.training_simulation import HeldOutTracks
 from drcli.transfer.ready_made import read_ready_made
 from made_up_rollout import made_up_rollout
@@ -100,7 +100,7 @@ def short(working_folder, monkeypatch):
         settings = load_settings(working_folder)
         said = []
         made = distil(
-            settings.race,
+            settings.races,
             settings.run.train,
             asked,
             weights_of(asked),
@@ -192,6 +192,33 @@ def test_it_drives_every_track_of_the_training_in_both_directions(short, monkeyp
     assert abs(np.cos(yaws[0]) + np.cos(yaws[1])) < 0.1
 
 
+def test_tracks_of_other_workers_are_driven_too_each_way_once(working_folder):
+    (working_folder / "run.env").write_text(
+        "DR_WORLD_NAME=bean\nDR_TRAIN_WORLDS=paddle\nDR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=4\n"
+    )
+    for number, line in enumerate(
+        (
+            "DR_WORLD_NAME=willow",
+            "DR_TRAIN_REVERSE_DIRECTION=True",
+            "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION=True",
+        ),
+        start=2,
+    ):
+        (working_folder / f"worker-{number}.env").write_text(f"{line}\n")
+
+    races = each_way(load_settings(working_folder).races)
+
+    ways = [(race.world_name, race.train_reverse_direction) for race in races]
+    assert len(ways) == len(set(ways)) == 5
+    assert set(ways) == {
+        ("bean", False),
+        ("bean", True),
+        ("paddle", False),
+        ("paddle", True),
+        ("willow", False),
+    }
+
+
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("name", ["fast", "safe"])
@@ -212,7 +239,7 @@ def test_a_ready_made_model_is_followed_on_its_tracks(working_folder, name):
     )
 
     made = distil(
-        settings.race,
+        settings.races,
         settings.run.train,
         asked,
         model.tensors,

@@ -4,8 +4,10 @@ import json
 
 import pytest
 
+from drcli.base.errors import SettingsError
 from drcli.convert.imported_policy import read_reference_checkpoint
 from drcli.model import keys
+from drcli.records.training_record import TrainingStart
 from drcli.train import distillation
 from trained_model import put_trained_model
 
@@ -51,6 +53,26 @@ def test_the_package_has_the_shallow_network_and_the_actions_of_the_model(
     report = json.loads(printed.out.splitlines()[-1])
     assert "learned from the actions of this model" in report["notes"][0]
     assert "5_Step-500.ckpt drives 0 of 2 laps" in printed.err
+
+
+def test_it_learns_on_the_tracks_of_all_workers_that_trained_the_model(dr, exporter, monkeypatch):
+    put_trained_model(exporter.here, MODEL, numbers=(5,), **COMPACT)
+    start = TrainingStart(
+        1,
+        settings={"DR_WORLD_NAME": "bean", "DR_TRAIN_REVERSE_DIRECTION": True},
+        workers=[{"DR_WORLD_NAME": "willow"}, {"DR_TRAIN_REVERSE_DIRECTION": False}],
+    )
+    exporter.here.put(keys.training_start(MODEL), start.encode())
+    asked = []
+
+    def distil(races, *_, **__):
+        asked.extend((race.world_name, race.train_reverse_direction) for race in races)
+        raise SettingsError("That is all.", remedy="None.")
+
+    monkeypatch.setattr(distillation, "distil", distil)
+
+    assert dr("export", "droa", "--distill") == 3
+    assert asked == [("bean", True), ("willow", True), ("bean", False)]
 
 
 def test_nothing_is_written_if_it_does_not_lap(dr, exporter, monkeypatch, capsys):

@@ -19,8 +19,10 @@ from drcli.convert.build_network import weights_of
 from drcli.convert.frozen_graph import encode_policy
 from drcli.convert.reference_checkpoint import encode_reference_checkpoint, reference_variables
 from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithms import ALGORITHMS
 from drcli.learn.policy import PolicySpec
 from drcli.model.checkpoints import CheckpointStore
+from drcli.model.files.hyperparameters import Hyperparameters
 from drcli.model.files.network_shape import Design
 from drcli.model.lease import take
 from drcli.model.model_list import list_models
@@ -31,6 +33,7 @@ from drcli.transfer.import_model import ImportOptions, copy_of_own, import_model
 from droa_models import write_files
 from memory_bucket import MemoryBucket
 from minio_files import put
+from trained_model import put_trained_model
 
 from .conftest import no_bar, put_model
 
@@ -611,6 +614,37 @@ def test_a_key_of_another_algorithm_does_not_make_another_file(importer, tmp_pat
     report = importer.run(source)
 
     assert not any("another" in text for text in report.warnings)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS.values(), ids=ALGORITHMS)
+def test_a_round_trip_is_silent_and_keeps_every_hyperparameter(
+    dr, exporter, monkeypatch, algorithm
+):
+    monkeypatch.setattr("drcli.transfer.download.open_bucket", lambda *_, **__: exporter.here)
+    own = Hyperparameters.model_validate(
+        {"lr": 0.0004, "sac_alpha": 0.3, "target_kl": 0.02, "exploration_type": algorithm.explores}
+    )
+    kept = json.loads(own.canonical_json(algorithm.name))
+    metadata = {"continuous": algorithm.ranges_only, "training_algorithm": algorithm.name}
+    put_trained_model(exporter.here, "m", numbers=(5,), hyperparameters=kept, **metadata)
+    every_key = own.model_dump_json(exclude_none=True).encode()
+    folder = write_files(exporter.folder, {"custom_files/hyperparameters.json": every_key}) / "out"
+    importer = Importer(exporter.folder, monkeypatch)
+    importer.here = exporter.here
+
+    if algorithm.in_reference:
+        assert dr("export", "tf-checkpoint", "-p", "m", "--out", str(folder)) == 0
+        said = importer.run(folder).warnings
+    else:  # no other program has such a model, so it travels as it is
+        write_files(folder, {key[2:]: data for key, data in importer.content().items()})
+        with pytest.raises(OwnModel):
+            importer.plan(folder)
+        settings = load_settings(importer.folder)
+        options = copy_of_own(settings, ImportOptions(str(folder), "new"))
+        said = download(plan_download(settings, options), settings, no_bar).custom_files
+
+    assert said == []
+    assert json.loads(importer.here.get("new/ip/hyperparameters.json")) == kept
 
 
 def test_a_model_is_imported_from_the_folder_of_a_minio(importer, tmp_path):

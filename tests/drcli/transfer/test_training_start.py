@@ -38,6 +38,20 @@ def test_a_start_records_the_car_of_every_worker_that_has_a_race_of_its_own(race
     assert racer.note("model-1")["cars"] == ["low-grip", "2022"]
 
 
+def test_a_start_records_what_other_workers_change_for_an_export_that_drives(racer):
+    lines = ["DR_WORLD_NAME=bean", "DR_TRAIN_MULTI_CONFIG=True", "DR_WORKERS=3"]
+    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", *lines)
+    (racer.folder / "worker-2.env").write_text("DR_WORLD_NAME=willow\n")
+    (racer.folder / "worker-3.env").write_text("DR_TRAIN_REVERSE_DIRECTION=True\n")
+
+    racer.start()
+
+    assert racer.note("model-1")["workers"] == [
+        {"DR_WORLD_NAME": "willow"},
+        {"DR_TRAIN_REVERSE_DIRECTION": True},
+    ]
+
+
 def test_a_resumed_start_keeps_the_seed_and_the_earlier_records(racer):
     racer.start()
     racer.store("model-1").save(0, 0, b"weights")

@@ -192,6 +192,21 @@ def test_what_was_typed_is_there_again_however_the_page_was_left(served, visit, 
     assert (made / "custom_files" / "reward_function.py").read_text() == typed
 
 
+def test_goals_of_a_start_and_the_name_of_a_first_model_are_there_again(served, visit, folder):
+    page = visit(f"{served.url}/#/new").page
+    name = page.get_by_label("Name of the first model")
+    name.fill("mine")
+    page.reload()
+    assert name.input_value() == "mine"
+    write(plan_folder(folder, {}))
+    (folder / "custom_files" / "reward_function.py").write_text(WRONG)
+    page.reload()
+    seed = page.get_by_label("Seed")
+    seed.fill("12")
+    page.reload()
+    assert seed.input_value() == "12"
+
+
 def test_what_was_discarded_does_not_come_again(served, visit, made):
     page = visit(f"{served.url}/#/new").page
     editor(page).fill(TYPED + WRONG)

@@ -113,16 +113,16 @@ def test_failures_that_are_long_past_do_not_end_the_run():
     assert counting.record.total.failed == 10_000
 
 
-@pytest.mark.parametrize(("share", "survives"), [(0.0, False), (1.0, True)])
-def test_the_share_may_be_nothing_or_all(share, survives):
+@pytest.mark.parametrize(("share", "survived"), [(0.0, 0), (1.0, WINDOW_CALLS - 1)])
+def test_the_share_may_be_nothing_or_all_that_leaves_something_to_learn(share, survived):
     counting = failures(reward_max_error_share=share)
     counting.begin(0)
 
-    if survives:
-        assert counting.handle(failure(), 1) == 0.5
-    else:
-        with pytest.raises(RewardErrorsExceeded):
-            counting.handle(failure(), 1)
+    rewards = [counting.handle(failure(), call) for call in range(1, survived + 1)]
+
+    assert rewards == [0.5] * survived
+    with pytest.raises(RewardErrorsExceeded):
+        counting.handle(failure(), survived + 1)
 
 
 def test_stop_and_a_lack_of_memory_end_the_run_with_the_first_failure():

@@ -216,6 +216,30 @@ def test_a_boot_that_fails_is_tried_again_then_reported_and_the_group_ends(cloud
     assert cloud.messages() == ["Training failed: run"]
 
 
+def test_a_machine_that_cannot_reach_amazon_leaves_as_soon_as_it_can(machine, monkeypatch):
+    ours = machine()
+    refused = [boot.BootFailed("no network"), boot.BootFailed("no network"), None]
+    paused, left = [], []
+
+    def leave(_machine, state, text):
+        left.append((state, text))
+        if error := refused.pop(0):
+            raise error
+
+    monkeypatch.setattr(boot, "ROOT", str(ours.root))
+    monkeypatch.setattr(boot, "_metadata", ours.metadata.address)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:1")
+    monkeypatch.setattr(boot, "pause", paused.append)
+    monkeypatch.setattr(boot.Machine, "leave", leave)
+
+    assert boot.start() == 1
+
+    assert len(set(left)) == 1
+    assert left[0][0] == "failed"
+    assert "s3 cannot be reached" in left[0][1]
+    assert paused[-2:] == [boot.LEAVE_PAUSE_S] * 2
+
+
 def test_a_wheel_that_was_replaced_is_not_installed(cloud, machine):
     cloud.put(WHEEL.wheel, b"another wheel")
     ours = machine()
