@@ -13,7 +13,7 @@ export const title = "Car";
 export function Page() {
   const { value: car, error, reload } = useGet("/api/car");
   if (error)
-    return html`<h1>Car</h1><${Failure} error=${error} /><p><a href="#/settings">Settings</a> has the address of the car (DR_CAR_ADDRESS).</p><${Button} onClick=${reload}>Look again<//>`;
+    return html`<h1>Car</h1><${Failure} error=${error} /><${Button} onClick=${reload}>Look again<//>`;
   if (!car) return html`<h1>Car</h1><p class="quiet">Asking the car …</p>`;
   return html`
     <h1>Car ${car.car}</h1>

@@ -30,7 +30,9 @@ export const Told = ({ text, remedy = "", link = null }) => html`
 /** Something that failed, with its remedy, and a link to where it can be mended in the page. */
 export function Failure({ error }) {
   const [first] = error.problems ?? [];
-  const link = mendLink(`${first?.where ?? ""} ${first?.key ?? ""} ${error.message}`);
+  const link =
+    mendLink(`${first?.where ?? ""} ${first?.key ?? ""} ${error.message}`) ??
+    mendLink(error.remedy ?? "");
   return html`
     <div class="problem" role="alert">
       <p><${Prose} text=${error.message} /></p>
@@ -160,6 +162,10 @@ export function Tabs({ label, parts, chosen, onChoose }) {
   const keys = parts.map(([key]) => key);
   const at = Math.max(0, keys.indexOf(chosen));
   const last = keys.length - 1;
+  useEffect(() => {
+    // On a phone, the chosen one may be further to the right.
+    list.current.scrollLeft = list.current.children[at].offsetLeft - list.current.offsetLeft - 40;
+  }, [at]);
   const move = (event) => {
     const [before, after] = [at ? at - 1 : last, at === last ? 0 : at + 1];
     const next = { ArrowRight: after, ArrowLeft: before, Home: 0, End: last }[event.key];
