@@ -1,17 +1,9 @@
 // One lap at one step: camera, numbers, choices of the policy, reward and its parameters.
 
-import { capital, number } from "/text.js";
+import { number } from "/text.js";
 import { Choice, Failure, Folded, Table, Tick, Tiles, html } from "/ui.js";
 import { useEffect, useMemo, useRef, useState } from "/ui.js";
 
-const STATUS = {
-  immobilized: "Did not move",
-  reversed: "Drove backwards",
-  pause: "Waits",
-  prepare: "Starts",
-  park: "Parked",
-  time_up: "Time is up",
-};
 const quiet = (...text) => html`<p class="quiet">${text}</p>`;
 
 /** The newest value that was there: what is shown stays while the next is fetched. */
@@ -35,7 +27,6 @@ export function EpisodePane({ data, row, name, color, links }) {
   useEffect(() => data.want(row), [data, row]);
   const choice = data.choice(row);
   const last = useLast(choice && { ...choice, row });
-  const state = lap.status[row];
   const problems = [data.problem, data.policyProblem].filter(Boolean);
   const inTrace = lap.step[0] === 1 ? "" : ` (${number(lap.step[row])} in the trace)`;
   return html`
@@ -65,7 +56,7 @@ export function EpisodePane({ data, row, name, color, links }) {
         ["Steering", `${number(lap.steering_deg[row], 1)}°`],
         ["Reward", number(lap.reward[row], 4)],
         ["Reward so far", number(total[row], 2)],
-        ["State", STATUS[state] ?? capital(state.replaceAll("_", " "))],
+        ["State", lap.state[row]],
         ["Critic expects", choice?.value ? number(choice.value[choice.at], 2) : "–"],
       ]} />
       <${Folded} title="Reward parameters of this step" open=${open} onToggle=${setOpen}>

@@ -44,12 +44,8 @@ const named = (k, { model, trace, episode }) =>
 
 /** The address of this page with another query; null leaves a name out. */
 function linkOf(query, changes) {
-  const all = new URLSearchParams(query);
-  for (const [name, value] of Object.entries({ step: null, ...changes })) {
-    if (value === null || value === undefined) all.delete(name);
-    else all.set(name, value);
-  }
-  return `#/play?${all}`;
+  const all = Object.entries({ ...Object.fromEntries(query), ...changes, step: null });
+  return `#/play?${new URLSearchParams(all.filter(([, value]) => (value ?? null) !== null))}`;
 }
 
 export function Page({ query }) {
