@@ -43,7 +43,7 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
   const [seen, setSeen] = useState(false);
   const figure = useSeen(setSeen);
   const topic = seen ? wanted : null; // what is scrolled away is neither sent nor decoded
-  const picture = useRef(null);
+  const canvas = useRef(null);
   const [told, setTold] = useState(null);
   useEffect(() => {
     if (!topic) {
@@ -51,12 +51,18 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
       return undefined;
     }
     const own = new AbortController();
+    let busy = false;
     let last = { car: undefined, at: 0 };
-    const take = ({ facts, jpeg }) => {
+    const take = async ({ facts, blob }) => {
+      if (busy) return; // the next one comes soon, also after a damaged one
+      busy = true;
+      const picture = await createImageBitmap(blob).catch(() => null);
+      busy = false;
+      if (!picture || !canvas.current || own.signal.aborted) return;
+      canvas.current.getContext("bitmaprenderer").transferFromImageBitmap(picture);
       const [now, whose] = [Date.now(), facts.car ?? null];
       const age = now - 1000 * facts.step_s;
-      picture.current.src = jpeg;
-      Object.assign(picture.current.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
+      Object.assign(canvas.current.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
       if (whose === last.car && now - last.at < CAPTION_MS) return;
       last = { car: whose, at: now };
       setTold({ car: whose, age });
@@ -70,7 +76,7 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
   return html`
     <figure class="live-picture" ref=${figure}>
       <div class="live-frame" style=${{ aspectRatio: `${width} / ${height}` }}>
-        <img ref=${picture} alt=${label} width=${width} height=${height} decoding="sync" />
+        <canvas ref=${canvas} role="img" aria-label=${label} width=${width} height=${height}></canvas>
         ${(!told || other) && html`<p class="live-over">${other ? "The picture of this car comes soon." : wait}</p>`}
       </div>
       <figcaption>${name}${told && !other && `${told.car === null ? "" : `, car ${told.car + 1}`}, ${after} after its step`}</figcaption>

@@ -1,7 +1,8 @@
 // The checkpoints of a model, how each of them drove, and what can be done with it.
 
+import { Act } from "/store.js";
 import { bytes, lapTime, number } from "/text.js";
-import { Act, Columns, Empty, Failure, Loaded, html } from "/ui.js";
+import { Columns, Empty, Failure, Loaded, html } from "/ui.js";
 
 /** @param {{checkpoints: {value: any, error: any}, action: Function}} props the answer of /api/model/checkpoints */
 export function Checkpoints({ checkpoints: found, action }) {

@@ -7,8 +7,8 @@ import { Files } from "/model_files.js";
 import { Notes } from "/model_notes.js";
 import { Overview } from "/model_overview.js";
 import { Badges, modelLink } from "/models_page.js";
-import { setQuery, useGet, useTopic } from "/store.js";
-import { Act, Failure, Tabs, Tiles, html, useTitle } from "/ui.js";
+import { Act, setQuery, useGet, useTopic } from "/store.js";
+import { Failure, Tabs, Tiles, html, useTitle } from "/ui.js";
 
 export const title = "Model";
 

@@ -145,7 +145,8 @@ function Board({ race, film }) {
   const { leaderboard, rules, submissions, state } = race;
   if (!leaderboard.length) {
     const nobody = state === "open" ? "Nobody has submitted a model yet." : "Nobody has driven.";
-    const text = submissions.length ? "Nobody has driven yet. Drive the queue." : nobody;
+    const next = race.runner ? "The first result appears here." : "Drive the queue.";
+    const text = submissions.length ? `Nobody has driven yet. ${next}` : nobody;
     return html`<${Empty} text=${text} />`;
   }
   const paired = inPairs(race);

@@ -4,7 +4,6 @@ const listeners = new Map(); // topic -> Set of functions
 const newest = new Map(); // topic -> last value, for a second listener of the same topic
 const stateListeners = new Set();
 const GATHER_MS = 30;
-const PART = 8192; // so many arguments are allowed everywhere
 let socket = null,
   wait = 250,
   timer = 0,
@@ -14,7 +13,7 @@ let socket = null,
 // The server says something at least every 15 s. A connection through a tunnel can end without a word.
 const SILENCE_MS = 45000;
 
-/** Follow a topic until the signal aborts. Text topics give their data, pictures `{facts, jpeg}`, an address. */
+/** Follow a topic until the signal aborts. Text topics give their data, pictures `{facts, blob}`. */
 export function follow(topic, listener, signal) {
   if (signal?.aborted) return;
   if (!listeners.has(topic)) listeners.set(topic, new Set());
@@ -131,12 +130,8 @@ function text(data) {
 function picture(buffer) {
   const length = new DataView(buffer).getUint16(0);
   const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 2, length)));
-  // A Blob would go through the browser's process, which takes longer than everything else.
-  const bytes = new Uint8Array(buffer, 2 + length);
-  let text = "";
-  for (let k = 0; k < bytes.length; k += PART)
-    text += String.fromCharCode(...bytes.subarray(k, k + PART));
-  give(facts.topic, { facts, jpeg: `data:image/jpeg;base64,${btoa(text)}` });
+  const jpeg = new Uint8Array(buffer, 2 + length);
+  give(facts.topic, { facts, blob: new Blob([jpeg], { type: "image/jpeg" }) });
 }
 
 // A machine that was asleep, or a page that was in the background, is connected again at once.

@@ -146,7 +146,7 @@ export function useSettings({ form, draftName, names, versions, saved }) {
   });
   const found = dirty
     ? [...(checked.answer?.problems ?? []), ...asWarnings(checked.answer?.warnings)]
-    : asWarnings(warnings);
+    : [...form.problems.filter((each) => facts.has(each.key)), ...asWarnings(warnings)];
   const value = (name) => edits[name] ?? facts.get(name).start;
   const set = (name, text) => draft.change(name, text, facts.get(name).start);
   const field = (name, props = {}) => {
