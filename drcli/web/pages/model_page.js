@@ -27,7 +27,7 @@ function Model({ prefix, query }) {
   const parts = ["checkpoints", "curve", "evaluations", "notes"].map(part);
   const { value: about, error: missing } = useGet(
     path(),
-    now && [...parts, now.training, now.current, running.length].join(),
+    now && [...parts, now.training, now.current, running.length, broken?.message].join(),
   );
   const checkpoints = useGet(path("checkpoints"), part("checkpoints"));
   useTitle(`${prefix} – DeepRacer console`);
