@@ -81,6 +81,8 @@ OPTIONS = {
 _COMMAND = re.compile(r"`(dr[- ][a-z][^`]*)`(?! in a terminal)")
 _OPTION = re.compile(rf"`[^`]*`|(?:{'|'.join(OPTIONS)})(?![-\w])")
 _LINE = re.compile(r"(\.env) line \d+")
+_LETTER = re.compile(r" with -[a-z]\b|; -[a-z] would [^.;]*")
+_AGAIN = re.compile(r"run the command again")
 
 
 def in_page(text: str) -> str:
@@ -91,11 +93,14 @@ def in_page(text: str) -> str:
         if not known or any(option in found[1].split() for option in _ONLY_THERE):
             return f"{found[0]} in a terminal"
         place = COMMANDS[max(known, key=len)] or found[0]
-        begins = not text[: found.start()].rstrip(" ") or text[: found.start()].endswith(". ")
+        begins = not text[: found.start()].rstrip(" ") or text[: found.start()].endswith(
+            (". ", "? ")
+        )
         return place[0].upper() + place[1:] if begins else place
 
+    text = _AGAIN.sub("try again", _LETTER.sub("", _LINE.sub(r"\1", text)))
     text = _OPTION.sub(lambda found: OPTIONS.get(found[0], found[0]), text)
-    return _LINE.sub(r"\1", _COMMAND.sub(words, text))
+    return _COMMAND.sub(words, text)
 
 
 def for_page(value: Any) -> Any:

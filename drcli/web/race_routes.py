@@ -199,7 +199,8 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             video = {"yes": True, "no": False}.get(body.video)
             return queue_process.launch_queue(settings, bucket, race, video=video)
 
-        return {"task": reader.folder.tasks.start("race-run", race, f"Queue of {name}", launch).id}
+        title = f"Start of the queue of {name}"
+        return {"task": reader.folder.tasks.start("race-run", race, title, launch).id}
 
     def delete(request: Request) -> Any:
         return delete_race(reader.open()[1], race_of(request))

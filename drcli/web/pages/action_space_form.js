@@ -1,6 +1,7 @@
 // Sensors, algorithm, network and actions: two steps that are one file, model_metadata.json.
 
 import { post } from "/api.js";
+import { aboutField } from "/ask.js";
 import { useDraft } from "/drafts.js";
 import { Field, Fields, readFields, startOf, useChecked } from "/fields.js";
 import { Polar } from "/polar.js";
@@ -55,7 +56,7 @@ export function SensorStep({ metadata: { facts, draft, now, set, problems, steps
     <${Step} id="sensors" title="Sensors, network and algorithm" draft=${draft} ...${steps.sensors}
       hint="What the car sees, and how it learns. These cannot change later in the same model." problems=${problems.filter(isOfSensors)}>
       <${BrokenFile} facts=${facts} path=${PATH} again=${reload} />
-      <div class="fields"><${Fields} fields=${facts.fields} values=${values} set=${change} /></div>
+      <div class="fields"><${Fields} fields=${facts.fields} values=${values} set=${change} problems=${problems} /></div>
     <//>`;
 }
 
@@ -92,17 +93,13 @@ export function ActionStep({ metadata: { facts, draft, now, set, problems, steps
     setChosen(k);
     focus(k);
   };
-  const kinds = [
-    ["discrete", "Discrete: a list of actions"],
-    ["continuous", "Continuous: ranges"],
-  ];
   const props = { space, problems: own, change, facts };
   return html`
     <${Step} id="actions" title="Action space" draft=${steps.sensors.dirty ? null : draft} ...${steps.actions}
       hint="What the car can do in each step. Steering to the left is positive." problems=${own}>
       <div class="split">
         <div>
-          <${Field} label="Kind" place="action_space" value=${listed ? "discrete" : "continuous"} options=${kinds} set=${() => replace(otherKind(space))} />
+          <${Field} label="Kind" place="action_space" value=${listed ? "discrete" : "continuous"} options=${facts.kinds} set=${() => replace(otherKind(space))} />
           <${Polar} space=${space} chosen=${chosen} choose=${choose} />
         </div>
         <div>
@@ -118,21 +115,27 @@ export function ActionStep({ metadata: { facts, draft, now, set, problems, steps
 function Generator({ fields, made }) {
   const [values, setValues] = useState(() => startOf(fields));
   const [said, setSaid] = useState(null);
+  const [refused, setRefused] = useState([]);
   const { given, wrong } = readFields(fields, values);
+  const change = (name, text) => {
+    setRefused([]);
+    setValues({ ...values, [name]: text });
+  };
   const [generate, busy] = useAction(async () => {
     try {
       const { actions, note } = await post(`${PATH}/generate`, given);
       made(actions);
       setSaid(note || `${actions.length} actions.`);
     } catch (error) {
-      setSaid(html`<span class="bad">${error.message} ${error.remedy}</span>`);
+      setSaid(null);
+      setRefused([aboutField(error)]);
     }
   });
   return html`
     <fieldset class="maker">
       <legend>Generate a list</legend>
       <div class="fields narrow">
-        <${Fields} fields=${fields} values=${values} problems=${wrong} set=${(name, text) => setValues({ ...values, [name]: text })} />
+        <${Fields} fields=${fields} values=${values} problems=${[...wrong, ...refused]} set=${change} />
       </div>
       <div class="actions"><${Button} busy=${busy || wrong.length > 0} onClick=${generate}>Generate<//></div>
       <p class="field-problem" role="status">${said}</p>

@@ -5,15 +5,15 @@ import { Field } from "/fields.js";
 import { pageSeen } from "/live_picture.js";
 import { runTask } from "/model_tasks.js";
 import { notify } from "/notices.js";
-import { useAction, useGet, useTopic } from "/store.js";
-import { Act, Button, Empty, Failure, Form, Tiles, html, useState } from "/ui.js";
+import { Act, useAction, useGet, useTopic } from "/store.js";
+import { Button, Empty, Failure, Form, Tiles, html, useState } from "/ui.js";
 
 export const title = "Car";
 
 export function Page() {
   const { value: car, error, reload } = useGet("/api/car");
   if (error)
-    return html`<h1>Car</h1><${Failure} error=${error} /><p><a href="#/settings">Settings</a> has the address of the car (DR_CAR_ADDRESS).</p><${Button} onClick=${reload}>Look again<//>`;
+    return html`<h1>Car</h1><${Failure} error=${error} /><${Button} onClick=${reload}>Look again<//>`;
   if (!car) return html`<h1>Car</h1><p class="quiet">Asking the car …</p>`;
   return html`
     <h1>Car ${car.car}</h1>

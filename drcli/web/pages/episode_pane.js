@@ -1,7 +1,8 @@
 // One lap at one step: camera, numbers, choices of the policy, reward and its parameters.
 
 import { capital, number } from "/text.js";
-import { Choice, Failure, Folded, Tiles, html, useEffect, useMemo, useRef, useState } from "/ui.js";
+import { Choice, Failure, Folded, Table, Tick, Tiles, html } from "/ui.js";
+import { useEffect, useMemo, useRef, useState } from "/ui.js";
 
 const STATUS = {
   immobilized: "Did not move",
@@ -50,11 +51,8 @@ export function EpisodePane({ data, row, name, color, links }) {
         <div class="pane-choices">
           <h3>Choice of the policy at this picture</h3>
           <div class="choices">${choicesOf(data, last)}</div>
-          <label class="tick">
-            <input type="checkbox" checked=${data.explains} disabled=${data.checkpoint === null}
-              onChange=${(event) => data.explain(event.currentTarget.checked)} />
-            <span>Show which pixels move the action (key E)</span>
-          </label>
+          <${Tick} label="Show which pixels move the action (key E)" on=${data.explains}
+            disabled=${data.checkpoint === null} set=${(on) => data.explain(on)} />
           ${policyChoice(data)}
         </div>
       </div>
@@ -151,21 +149,18 @@ function Discrete({ lap, choice, next }) {
 
 function Continuous({ lap, choice, next }) {
   const { at, low, high } = choice;
-  const spread = (k) =>
-    low && high ? ` (${number(low[at][k], 1)} to ${number(high[at][k], 1)} in training)` : "";
+  const row = (name, asked, driven, k, digits, unit) => [
+    name,
+    number(asked[at], digits, unit) +
+      (low && high ? ` (${number(low[at][k], 1)} to ${number(high[at][k], 1)} in training)` : ""),
+    next === null ? "–" : number(driven[next], digits, unit),
+  ];
   const rows = [
-    ["Steering", `${number(choice.steering_deg[at], 1)}°`, lap.steering_deg, 1, "°"],
-    ["Speed", `${number(choice.speed_mps[at], 2)} m/s`, lap.speed_mps, 2, " m/s"],
+    row("Steering", choice.steering_deg, lap.steering_deg, 0, 1, "°"),
+    row("Speed", choice.speed_mps, lap.speed_mps, 1, 2, "m/s"),
   ];
   return html`
-    <table>
-      <thead><tr><td></td><th scope="col">Asked for</th><th scope="col">Driven next</th></tr></thead>
-      <tbody>${rows.map(
-        ([name, asked, driven, digits, unit], k) => html`
-        <tr key=${name}><th scope="row">${name}</th><td>${asked}${spread(k)}</td>
-          <td>${next === null ? "–" : `${number(driven[next], digits)}${unit}`}</td></tr>`,
-      )}</tbody>
-    </table>
+    <${Table} label="Continuous action" heads=${["Action", "Asked for", "Driven next"]} rows=${rows} />
     ${choice.no_value && quiet(choice.no_value)}`;
 }
 

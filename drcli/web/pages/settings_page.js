@@ -49,7 +49,7 @@ function Settings({ form, reload, wanted }) {
   const { error } = saving;
   const unsaved = `${changed} ${changed === 1 ? "setting is" : "settings are"} not saved yet. ${error ? saving.state : ""}`;
   const saved = saving.state && `${saving.state} A training that runs keeps its settings.`;
-  const problems = error?.problems ?? (dirty ? found : [...form.problems, ...found]);
+  const problems = error?.problems ?? (dirty ? found : [...new Set([...form.problems, ...found])]);
   const lines = form.problems.filter((each) => each.line && !each.key);
   return html`
     <p class="quiet">${form.run_file} and system.env in ${form.directory}. $NAME in a value stands for the value of another setting. Values of the environment win over the files, and ${form.run_file} wins over system.env. Comments in the files stay.</p>

@@ -5,9 +5,9 @@ import { ask, confirmed } from "/ask.js";
 import { useDraft } from "/drafts.js";
 import { runTask } from "/model_tasks.js";
 import { notify } from "/notices.js";
-import { useGet } from "/store.js";
+import { Act, useGet } from "/store.js";
 import { capital, moment, number } from "/text.js";
-import { Act, Button, Choice, Columns, Empty, Failure, Folded, Loaded, Tiles } from "/ui.js";
+import { Button, Choice, Columns, Empty, Failure, Folded, Loaded, Tiles } from "/ui.js";
 import { html, useEffect, useRef, useState } from "/vendor/preact/preact.js";
 
 export const title = "Spot machines";

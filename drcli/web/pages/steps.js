@@ -74,11 +74,8 @@ export function useSaving(dirty, write) {
  */
 export function useFileSaving(dirty, { path, draft, edits, body, mine, reload, saved }) {
   return useSaving(dirty, async () => {
-    const done = await writeOwnFile(
-      path,
-      { ...body, version: draft.version },
-      { mine, read: () => get(path) },
-    );
+    const changed = { ...body, version: draft.version };
+    const done = await writeOwnFile(path, changed, { mine, read: () => get(path) });
     if (!done) return null;
     await reload();
     draft.saved(edits, done.facts.version);
@@ -149,7 +146,7 @@ export function useSettings({ form, draftName, names, versions, saved }) {
   });
   const found = dirty
     ? [...(checked.answer?.problems ?? []), ...asWarnings(checked.answer?.warnings)]
-    : asWarnings(warnings);
+    : [...form.problems.filter((each) => facts.has(each.key)), ...asWarnings(warnings)];
   const value = (name) => edits[name] ?? facts.get(name).start;
   const set = (name, text) => draft.change(name, text, facts.get(name).start);
   const field = (name, props = {}) => {

@@ -1,7 +1,6 @@
 // Components that all pages use.
 
 import { mendLink } from "/mend.js";
-import { useAction } from "/store.js";
 import { html, useEffect, useRef, useState } from "/vendor/preact/preact.js";
 
 export * from "/vendor/preact/preact.js";
@@ -31,7 +30,9 @@ export const Told = ({ text, remedy = "", link = null }) => html`
 /** Something that failed, with its remedy, and a link to where it can be mended in the page. */
 export function Failure({ error }) {
   const [first] = error.problems ?? [];
-  const link = mendLink(`${first?.where ?? ""} ${first?.key ?? ""} ${error.message}`);
+  const link =
+    mendLink(`${first?.where ?? ""} ${first?.key ?? ""} ${error.message}`) ??
+    mendLink(error.remedy ?? "");
   return html`
     <div class="problem" role="alert">
       <p><${Prose} text=${error.message} /></p>
@@ -63,12 +64,6 @@ export const Button = ({
 }) => html`
   <button type="button" class=${kind} aria-disabled=${busy ? "true" : null}
     onClick=${(event) => !busy && onClick?.(event)} ...${more}>${children}</button>`;
-
-/** A button whose action takes a while, and says itself what went wrong. */
-export function Act({ action, text, ...more }) {
-  const [run, busy] = useAction(action);
-  return html`<${Button} busy=${busy} onClick=${() => run()} ...${more}>${text}<//>`;
-}
 
 /** A form whose values the page sends itself, by its button and by Enter. */
 export function Form({ onSubmit, children, ...more }) {
@@ -167,6 +162,10 @@ export function Tabs({ label, parts, chosen, onChoose }) {
   const keys = parts.map(([key]) => key);
   const at = Math.max(0, keys.indexOf(chosen));
   const last = keys.length - 1;
+  useEffect(() => {
+    // On a phone, the chosen one may be further to the right.
+    list.current.scrollLeft = list.current.children[at].offsetLeft - list.current.offsetLeft - 40;
+  }, [at]);
   const move = (event) => {
     const [before, after] = [at ? at - 1 : last, at === last ? 0 : at + 1];
     const next = { ArrowRight: after, ArrowLeft: before, Home: 0, End: last }[event.key];

@@ -151,3 +151,14 @@ def test_the_page_sends_a_model_of_the_bucket(served, visit, logged_in, monkeypa
     page.get_by_role("button", name="Send to").click()
 
     page.get_by_text("The car has mine now.").wait_for()
+
+
+def test_the_page_leads_to_the_setting_that_it_needs(served, visit):
+    visited = visit(f"{served.url}/#/car")
+    visited.page.get_by_role("link", name="Open DR_CAR_ADDRESS").click()
+
+    field = visited.page.get_by_label("DR_CAR_ADDRESS")
+    field.wait_for()
+    assert field.evaluate("each => each === document.activeElement")
+    # Without a car, the browser itself reports what was refused.
+    visited.problems[:] = [each for each in visited.problems if "a status of" not in each]

@@ -281,6 +281,24 @@ def test_wrong_fields_and_actions_are_marked(served, visit, made):
         assert color != usual
 
 
+def test_what_is_wrong_in_the_files_is_marked_in_its_field(served, visit, made):
+    with (made / "run.env").open("a") as file:
+        file.write("DR_TRAIN_WORLDS=zoo:many\n")
+    metadata = made / "custom_files" / "model_metadata.json"
+    metadata.write_text(metadata.read_text().replace("COMPACT_CONVOLUTIONAL_NETWORK", "COMPACT"))
+    page = visit(f"{served.url}/#/new").page
+    page.get_by_label("Steering granularity").fill("0")
+    page.get_by_role("button", name="Generate").click()
+
+    for label in ("Further tracks that are trained", "Network", "Steering granularity"):
+        field = page.get_by_label(label)
+        field.and_(page.locator("[aria-invalid=true]")).wait_for()
+    page.goto(f"{served.url}/#/settings?name=DR_TRAIN_WORLDS")
+    field = page.get_by_label("DR_TRAIN_WORLDS")
+    field.and_(page.locator("[aria-invalid=true]")).wait_for()
+    assert page.locator(".problems").get_by_text("zoo:many").count() == 1
+
+
 def test_a_line_that_stops_every_page_is_mended_in_the_page(served, visit, made):
     run_env = made / "run.env"
     run_env.write_text(run_env.read_text() + "DR_WORKERS several\n")

@@ -83,6 +83,9 @@ def test_what_is_replaced_is_a_command():
         ("Leave out --now-or-never.", "Leave out --now-or-never."),
         ("Type `dr console restart`.", "Type `dr console restart`."),
         ("experiments/a/run.env line 26 is wrong.", "experiments/a/run.env is wrong."),
+        ("Choose another name with -p; -w would delete that model.", "Choose another name."),
+        ("Make room, and run the command again.", "Make room, and try again."),
+        ("Is it b? `dr-list-models` lists all.", "Is it b? The page “Models” lists all."),
     ],
 )
 def test_a_sentence_has_a_form_for_the_page(terminal, page):
