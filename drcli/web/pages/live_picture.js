@@ -51,18 +51,16 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
       return undefined;
     }
     const own = new AbortController();
-    let busy = false;
     let last = { car: undefined, at: 0 };
-    const take = async ({ facts, blob }) => {
-      if (busy) return; // the next one comes soon, also after a damaged one
-      busy = true;
-      const picture = await createImageBitmap(blob).catch(() => null);
-      busy = false;
-      if (!picture || !canvas.current || own.signal.aborted) return;
-      canvas.current.getContext("bitmaprenderer").transferFromImageBitmap(picture);
+    const take = ({ facts, picture }) => {
+      if (!picture) return;
+      const place = canvas.current;
+      if (place.width !== picture.width)
+        Object.assign(place, { width: picture.width, height: picture.height });
+      place.getContext("2d").drawImage(picture, 0, 0);
       const [now, whose] = [Date.now(), facts.car ?? null];
       const age = now - 1000 * facts.step_s;
-      Object.assign(canvas.current.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
+      Object.assign(place.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
       if (whose === last.car && now - last.at < CAPTION_MS) return;
       last = { car: whose, at: now };
       setTold({ car: whose, age });
