@@ -1,6 +1,7 @@
 """`dr help`."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -75,7 +76,7 @@ def docs(
     wanted = page.removeprefix("./").removeprefix("docs/").partition("#")[0].removesuffix(".md")
     if wanted not in pages:
         what = f"There is no page called {shown(page)}."
-        raise SettingsError(what, remedy=f"{one_of(pages, wanted)}")
+        raise SettingsError(what, remedy=_pages_like(wanted, pages))
     text = (folder / f"{wanted}.md").read_text("utf-8")
     if not (terminal.is_live() and terminal.out.is_terminal):
         terminal.write(text)
@@ -83,6 +84,15 @@ def docs(
     os.environ.setdefault("LESS", "-R")
     with terminal.out.pager(styles=True):
         terminal.out.print(markdown.Markdown(text))
+
+
+def _pages_like(wanted: str, pages: Sequence[str]) -> str:
+    folder, words = presets.docs_folder(), wanted.casefold().replace("-", " ")
+    texts = {name: f"{name} {_title(folder / f'{name}.md')}" for name in pages}
+    found = [name for name, text in texts.items() if words in text.casefold().replace("-", " ")]
+    if found and words:
+        return f"Did you mean {' or '.join(found[:6])}? `dr docs` lists all pages."
+    return one_of(pages, wanted)
 
 
 def _title(path: Path) -> str:
