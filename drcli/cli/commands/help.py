@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 import typer.main
 
-from drcli.base.errors import SettingsError, one_of, shown
+from drcli.base.errors import SettingsError, closest, shown
 from drcli.base.installation import lazy_imports
 from drcli.cli import command_line, completion, terminal
 from drcli.cli.options import text_only
@@ -90,9 +90,10 @@ def _pages_like(wanted: str, pages: Sequence[str]) -> str:
     folder, words = presets.docs_folder(), wanted.casefold().replace("-", " ")
     texts = {name: f"{name} {_title(folder / f'{name}.md')}" for name in pages}
     found = [name for name, text in texts.items() if words in text.casefold().replace("-", " ")]
-    if found and words:
-        return f"Did you mean {' or '.join(found[:6])}? `dr docs` lists all pages."
-    return one_of(pages, wanted)
+    found = found[:6] if words else []
+    found = found or [name for name in [closest(wanted, pages, cutoff=0.75)] if name]
+    start = f"Did you mean {' or '.join(found)}? " if found else ""
+    return f"{start}`dr docs` lists all pages; first-lap is the one to begin with."
 
 
 def _title(path: Path) -> str:
