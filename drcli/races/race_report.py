@@ -204,7 +204,9 @@ class RaceReport:
         }
         said = texts[self.state]
         if self.running:
-            said += f" Driving {self.running} now."
+            racers = {each.submission: each.racer for each in self.submissions}
+            drive = [racers.get(each, each) for each in self.running.split("+")]
+            said += f" {' against '.join(drive)} {'drive' if drive[1:] else 'drives'} now."
         if left:
             said += f" {runs} in the queue" + ("." if self.runner else ", and nobody drives it.")
         return said

@@ -115,6 +115,7 @@ def encode_episodes(episodes: Episodes) -> bytes:
     packed = zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(plain)
     tensors = {"frames": np.frombuffer(packed, np.uint8)}
     for name, (key, _) in (_STEP | _EPISODE).items():
+        # safetensors writes the memory of any other array as it lies there.
         tensors[key] = np.ascontiguousarray(episodes.column(name))
     header = {"schema": SCHEMA, "frames_shape": json.dumps(frames.shape)}
     return bytes(save(tensors, metadata=header))

@@ -62,7 +62,8 @@ def usual_bucket(settings: Settings) -> str:
         return settings.bucket
     raise SettingsError(
         "No bucket at Amazon is named.",
-        remedy="Make one with `dr-spot create-base NAME` and add --base NAME, or add --bucket.",
+        remedy="Make one with `dr-spot create-base NAME` and name it with --base, or name one that "
+        "you have with --bucket.",
     )
 
 

@@ -229,6 +229,8 @@ def _start(directory: Path, folder: Path, port: int | None) -> ServerRecord:
             [
                 *(sys.executable, "-P", "-m", "tensorboard.main"),
                 *("--logdir", str(folder), "--host", "127.0.0.1", "--port", str(chosen)),
+                # Its faster reader keeps what was given up before a start.
+                *("--load_fast", "false"),
             ],
             stdin=subprocess.DEVNULL,
             stdout=file,

@@ -111,7 +111,6 @@ class Option:
         key: In `Job.goals` and in the body of the page.
         help: Of the command line.
         label: In the form, with a `hint` below it.
-        noun: In messages of the form; a value is a number of the `unit`, or `whole`.
     """
 
     key: str
@@ -119,10 +118,8 @@ class Option:
     help: str
     label: str
     hint: str
-    noun: str
     low: float
     high: float | None = None
-    unit: str = ""
     whole: bool = False
 
 
@@ -201,10 +198,8 @@ GOALS = (
             "Stop when each of these laps takes S seconds or less.",
             "Stop at a lap time, s (this start only)",
             "Ends when each of these laps takes this many seconds or less.",
-            "Lap time",
             low=0.1,
             high=10_000.0,
-            unit="seconds",
         ),
     ),
     Goal(
@@ -224,7 +219,6 @@ GOALS = (
             "Stop after laps (this start only)",
             "Ends when all evaluation laps of a checkpoint are clean, this many or more, and then "
             "38 of 40 from other starts.",
-            "Laps",
             low=1,
             whole=True,
         ),

@@ -73,6 +73,7 @@ _logger = get_logger(__name__)
 NOBODY_S = 0.25
 LATE_S = 2.0
 SEED_STRIDE = 1_000_003
+"""Odd, so that iterations differ in the lower 32 bits of a seed; torch uses no others."""
 
 
 class Trainer:

@@ -54,9 +54,9 @@ _logger = get_logger(__name__)
 class BadRequest(Exception):
     """Not from the page."""
 
-    def __init__(self, message: str, status: int = 400, remedy: str = "") -> None:
+    def __init__(self, message: str, status: int = 400, remedy: str = "", key: str = "") -> None:
         super().__init__(message)
-        self.status, self.remedy = status, remedy
+        self.status, self.remedy, self.key = status, remedy, key
 
 
 def report(value: Any, status: int = 200) -> Response:
@@ -77,7 +77,8 @@ def error_of(error: Exception) -> Any:
             found["problems"] = said
         return for_page({"error": found})
     if isinstance(error, BadRequest):
-        return {"error": {"message": str(error), "remedy": error.remedy, "code": 2}}
+        found = {"message": str(error), "remedy": error.remedy, "code": 2, "key": error.key}
+        return {"error": found}
     if broken := import_error(error):
         return error_of(broken)
     _logger.error("Unexpected error", exc_info=error)
@@ -195,7 +196,8 @@ class Body(BaseModel):
         if fault["type"] == "value_error":
             bad = fault["ctx"]["error"]
             reason, remedy = bad.reason, bad.remedy or remedy
-        raise BadRequest(f"{key}={as_written(fault['input'])} {reason}.", cls.STATUS, remedy)
+        message = f"{key}={as_written(fault['input'])} {reason}."
+        raise BadRequest(message, cls.STATUS, remedy, key)
 
 
 def accepts(function: Callable[[Request, Any], Any], kind: type[Body] | None = None) -> Handler:

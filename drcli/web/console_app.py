@@ -156,7 +156,7 @@ class TimedWebSocket(WebSocketsSansIOProtocol):
             self.transport.abort()
 
 
-# The files of the page, some shared with the report of dr-analyze.
+# The files of the page.
 
 
 _TYPES = {
@@ -187,11 +187,6 @@ def compressed(data: bytes) -> bytes:
 def page_routes() -> list[Route]:
     """Only for files of the package, whatever the path says."""
     known = _collect(files("drcli.web") / "pages", "/")
-    shared = files("drcli.analysis.report") / "assets"
-    known.update(
-        {f"/{name}": shared / name for name in ("colors.css", "graph_parts.js", "map_parts.js")}
-    )
-    known.update(_collect(shared / "uplot", "/vendor/uplot/"))
 
     async def serve(request: Request) -> Response:
         path = request.url.path

@@ -10,6 +10,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import StorageError
+from drcli.base.json_record import plain
 from drcli.bucket.bucket import ObjectDamaged, ObjectInfo, ObjectMissing, read_record
 from drcli.model import keys
 from drcli.model.growing_file import combined_metrics
@@ -19,9 +20,11 @@ from drcli.model.reconstruct import readable_history
 from drcli.records.episode_metrics import EpisodeMetrics, decode_metrics
 from drcli.run.seen_in_bucket import SeenRun, distant_run, read_lap_lines, seen_run
 from drcli.view.playback.player_handle import PlayerHandle, facts_of
-from drcli.view.playback.stored_traces import models_with_traces, stored_traces
+from drcli.view.playback.stored_traces import models_with_traces, parse_name, stored_traces
 from drcli.web.answers import BadRequest, answers
+from drcli.web.episode_words import trace_text, trace_title
 from drcli.web.hub import Read
+from drcli.web.live_words import distant_words, lines_text
 from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Rows, Snapshot, Value
 
@@ -42,7 +45,14 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def traces(request: Request) -> Any:
         settings = folder.settings()
         bucket = folder.bucket(settings)
-        return stored_traces(ModelStore(bucket, _text(request, "model")), settings.model)
+        found = stored_traces(ModelStore(bucket, _text(request, "model")), settings.model)
+        named = [plain(trace) | {"text": trace_text(trace)} for trace in found.traces]
+        return plain(found) | {"traces": named}
+
+    def opened(request: Request) -> Any:
+        facts = facts_of(asked("open")(request))
+        trace = parse_name(_text(request, "trace"))
+        return facts | {"title": "" if trace is None else trace_title(trace)}
 
     def asked(do: str, *names: str) -> Callable[[Request], bytes]:
         def ask(request: Request) -> bytes:
@@ -61,7 +71,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     answered = {
         "models": models,
         "traces": traces,
-        "open": as_json(asked("open")),
+        "open": opened,
         "lap": as_json(asked("lap", "episode")),
         "steps": as_packed(asked("steps", *steps)),
         "policy": as_json(asked("policy", *steps, "checkpoint")),
@@ -226,7 +236,8 @@ class LapReader:
             lines = read_lap_lines(ModelStore(run.model.bucket, run.prefix), newest, self._worker)
         self._read = run.prefix, newest
         iteration = newest if newest >= 0 else None
-        return Snapshot.of(self._topic, {"iteration": iteration, "lines": lines})
+        found = {"iteration": iteration, "lines": lines, "text": lines_text(iteration)}
+        return Snapshot.of(self._topic, found)
 
 
 def topics(folder: ServedFolder) -> Sequence[BaseRoute]:
@@ -237,7 +248,11 @@ def topics(folder: ServedFolder) -> Sequence[BaseRoute]:
         return LapReader(topic, look_at(run), int(worker)).read
 
     def elsewhere(topic: str, run: str) -> Read:
-        return lambda: Snapshot.of(topic, distant_run(look_at(run)()))  # null says that nobody does
+        def read() -> Snapshot:
+            found = distant_run(look_at(run)())
+            return Snapshot.of(topic, plain(found) | distant_words(found))
+
+        return read
 
     poll, number = folder.hub.poll, r"(\d{1,2})"
     poll(f"episodes:{number}", EPISODES_S, lambda topic, run: EpisodeRows(topic, look_at(run)).read)

@@ -16,7 +16,7 @@ def stamp_text(stamp: str) -> str:
     return f"{stamp[:4]}-{stamp[4:6]}-{stamp[6:8]} {clock}"
 
 
-def _lap(seconds: float | None) -> str:
+def lap_text(seconds: float | None) -> str:
     """As consoles write it: 00:13.600."""
     return "–" if seconds is None else lap_time(seconds).zfill(9)
 
@@ -34,7 +34,7 @@ def _label(each: ListedEvaluation) -> str:
             each.reverse and "reverse",
             checkpoint and f"checkpoint {checkpoint}",
             f"{each.clean_laps} of {len(each.trials)} laps clean",
-            each.best_lap_s is not None and _lap(each.best_lap_s),
+            each.best_lap_s is not None and lap_text(each.best_lap_s),
         ),
         " · ",
     )
@@ -61,8 +61,8 @@ def _figures(each: ListedEvaluation) -> list[tuple[str, str, float | None]]:
         ("Checkpoint", each.checkpoint or "–", None),
         ("Clean laps", f"{each.clean_laps} of {count}", None),
         ("Finished laps", f"{each.complete_laps} of {count}", None),
-        ("Best clean lap", _lap(each.best_lap_s), each.best_lap_s),
-        (mean, _lap(each.mean_lap_s), each.mean_lap_s),
+        ("Best clean lap", lap_text(each.best_lap_s), each.best_lap_s),
+        (mean, lap_text(each.mean_lap_s), each.mean_lap_s),
         ("Off-tracks", str(sum(trial.off_track for trial in trials)), None),
         ("Crashes", str(sum(trial.crashes for trial in trials)), None),
         ("Resets", str(sum(trial.resets for trial in trials)), None),
@@ -75,6 +75,23 @@ def _note(each: ListedEvaluation) -> str:
         return said
     costs = f"{each.off_track_penalty_s:.1f} s, a crash {each.collision_penalty_s:.1f} s"
     return f"{said} Leaving the track costs {costs}."
+
+
+_VIEWS = {
+    "camera-pip": "from behind, with the camera",
+    "camera-45degree": "from behind",
+    "camera-topview": "from above",
+}
+
+
+def _films(each: ListedEvaluation, listed: EvaluationList) -> list[tuple[str, str]]:
+    """Names of its videos with their views: its own, and of the newest also those of the model."""
+    own = f"evaluation-{each.stamp}/video.mp4"
+    found = [(own, "this evaluation")] if own in listed.videos else []
+    if each is listed.evaluations[0]:
+        views = [name for name in listed.videos if name.startswith("mp4/")]
+        found += [(name, f"newest, {_VIEWS.get(name.split('/')[1], name)}") for name in views]
+    return found
 
 
 def shown_evaluations(listed: EvaluationList) -> dict[str, Any]:
@@ -94,6 +111,11 @@ def shown_evaluations(listed: EvaluationList) -> dict[str, Any]:
             for trial in each.trials
         ]
         words = {"name": stamp_text(each.stamp), "label": _label(each), "about": _about(each)}
-        more = {"rows": rows, "figures": _figures(each), "footnote": _note(each)}
+        more = {
+            "rows": rows,
+            "figures": _figures(each),
+            "footnote": _note(each),
+            "films": _films(each, listed),
+        }
         evaluations.append(plain(each) | words | more)
     return {**plain(listed), "evaluations": evaluations}

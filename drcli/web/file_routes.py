@@ -1,7 +1,7 @@
 """Hyperparameters on the page."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, get_args
 
@@ -15,7 +15,7 @@ from drcli.checks.parameter_rules import review_parameters
 from drcli.config.settings import Settings
 from drcli.learn.algorithms import ALGORITHMS
 from drcli.model.files.action_choice import grid
-from drcli.model.files.action_space import MANY_ACTIONS, USUAL
+from drcli.model.files.action_space import USUAL
 from drcli.model.files.custom_files import InputFile
 from drcli.model.files.data_file import read_json_object
 from drcli.model.files.hyperparameters import KEYS, TEXTS, Hyperparameters
@@ -28,6 +28,7 @@ from drcli.model.files.sensors import CAMERAS, LIDARS, SENSORS
 from drcli.model.keys import HYPERPARAMETERS_FILE, MODEL_METADATA_FILE
 from drcli.transfer.action_space_change import metadata_text, with_metadata
 from drcli.web.answers import BadRequest, Body, accepts, answers, known, placed
+from drcli.web.model_questions import field
 from drcli.web.own_files import OwnFile, Save, base_of, own_file, save_own_file, values_of
 from drcli.web.served_folder import ServedFolder
 
@@ -44,6 +45,15 @@ NETWORK_WORDS = {
     "DEEP_CONVOLUTIONAL_NETWORK_DEEP": "deep, of the reference",
     "COMPACT_CONVOLUTIONAL_NETWORK": "compact: learns fastest",
 }
+
+
+USUAL_METADATA = {
+    "sensor": ["FRONT_FACING_CAMERA"],
+    "training_algorithm": "clipped_ppo",
+    "neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
+    "action_space": [],
+}
+"""Where the file says nothing."""
 
 
 def _content(file: OwnFile) -> dict[str, Any]:
@@ -76,16 +86,18 @@ def _keys() -> list[dict[str, Any]]:
             f"Shipped: {shipped}." if shipped else "",
             "No effect." if key in NO_EFFECT else "",
         ]
+        choices = ["true", "false"] if limits["kind"] == "flag" else limits["choices"]
+        left_out = f"left out: {value_if_left_out(key)}"
         more = {"Higher" if text.lower else "Effect": text.higher, "Lower": text.lower}
         found.append(
             {
                 "key": key,
                 "kind": limits["kind"],
-                "choices": ["true", "false"] if limits["kind"] == "flag" else limits["choices"],
+                "options": [("", left_out), *choices] if choices else None,
+                "placeholder": left_out,
                 "help": " ".join(filter(None, said)),
                 "effects": [(name, each) for name, each in more.items() if each]
                 + [("Advice", text.advice)] * bool(text.advice),
-                "left_out": f"left out: {value_if_left_out(key)}",
                 "algorithms": algorithms,
                 "usual": key in USUAL_KEYS or key.startswith(tuple(f"{a}_" for a in algorithms)),
             }
@@ -204,24 +216,74 @@ class Generate(Body):
     max_speed: Annotated[float, Field(ge=USUAL["speed"][0], le=USUAL["speed"][1])]
 
 
+_GRID = [
+    field("max_angle", "Maximum steering, degrees", 30, "number", help="0.5 to 30"),
+    field(
+        *("angles", "Steering granularity", 5, "whole"),
+        help="Number of angles; 3, 5 or 7 are usual",
+    ),
+    field("max_speed", "Maximum speed, m/s", 1, "number", help="0.1 to 4"),
+    field(
+        *("speeds", "Speed granularity", 2, "whole"),
+        help="Number of speeds; 1, 2 or 3 are usual",
+    ),
+]
+"""What a list is generated from."""
+
+_KINDS = [("discrete", "Discrete: a list of actions"), ("continuous", "Continuous: ranges")]
+_RANGES = [
+    ("Rightmost steering, degrees", "steering_angle", "low"),
+    ("Leftmost steering, degrees", "steering_angle", "high"),
+    ("Least speed, m/s", "speed", "low"),
+    ("Greatest speed, m/s", "speed", "high"),
+]
+
+
+def _sensors(values: dict[str, Any]) -> dict[str, Any]:
+    """What the metadata begins with, and the fields of all but the actions."""
+    start = {**USUAL_METADATA, **values}
+    start["training_algorithm"] = str(start["training_algorithm"]).lower()
+    chosen = start["sensor"] if isinstance(start["sensor"], list) else []
+    cameras = [name for name in CAMERAS if name in chosen or not SENSORS[name].alias_of]
+
+    def named(names: Sequence[str], words: Mapping[str, str]) -> list[tuple[str, str]]:
+        return [(name, words[name]) for name in names]
+
+    sensors = {name: each.words for name, each in SENSORS.items()}
+    algorithms = {name: each.words for name, each in ALGORITHMS.items()}
+    lidar = "Sees other cars and boxes behind and beside the car; a time trial does not need it."
+    learns = (
+        "PPO is steady and the usual choice. SAC learns from every step again and needs a "
+        "continuous action space."
+    )
+    fields = [
+        field("sensor", "Camera", "", options=named(cameras, sensors)),
+        field(
+            *("lidar_config", "Lidar", ""),
+            options=[("", "none"), *named(LIDARS, sensors)],
+            help=lidar,
+        ),
+        field(
+            *("training_algorithm", "Algorithm", ""), options=list(algorithms.items()), help=learns
+        ),
+        field("neural_network", "Network", "", options=named(get_args(Network), NETWORK_WORDS)),
+    ]
+    return {"start": start, "fields": fields, "cameras": CAMERAS, "lidars": LIDARS}
+
+
 def action_space_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def show(_: Request) -> Any:
         settings = folder.settings()
         file = own_file(settings, MODEL_METADATA_FILE)
+        content = _metadata_content(file)
         return {
             **file.facts(),
-            **_metadata_content(file),
+            **content,
+            **_sensors(content["values"]),
             "problems": _metadata_problems(settings, file),
-            "cameras": CAMERAS,
-            "lidars": LIDARS,
-            "algorithms": list(ALGORITHMS),
-            "words": {name: each.words for name, each in ALGORITHMS.items()}
-            | {name: each.words for name, each in SENSORS.items()}
-            | NETWORK_WORDS,
-            "old_names": [name for name, sensor in SENSORS.items() if sensor.alias_of],
-            "networks": get_args(Network),
-            "limits": USUAL,
-            "many_actions": MANY_ACTIONS,
+            "kinds": _KINDS,
+            "ranges": _RANGES,
+            "grid": _GRID,
         }
 
     def check(_: Request, body: CheckMetadata) -> Any:

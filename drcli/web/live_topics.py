@@ -8,8 +8,7 @@ with `run_id`, `worker` and `car` (null: the furthest) counts.
 import json
 import re
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -21,9 +20,10 @@ from drcli.live.live_record import LIVE_VIEWS, MOST_CAR, LiveMessage, LiveView
 from drcli.records.run_record import RunRecord
 from drcli.web.answers import BadRequest, Body, accepts
 from drcli.web.hub import Publish
+from drcli.web.live_words import LOST, scene_words, state_words
 from drcli.web.served_folder import ServedFolder
 from drcli.web.shared_feed import SharedFeed
-from drcli.web.topics import Marker, Message, Picture, Snapshot
+from drcli.web.topics import Marker, Message, Picture, Snapshot, text_message
 
 WORKERS_S = 1.0
 WORKER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -31,25 +31,25 @@ WORKER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _TOPIC = re.compile(rf"live:(\d{{1,2}}):({WORKER_NAME.pattern}):({'|'.join(LIVE_VIEWS)})")
 
 
-@dataclass(frozen=True, eq=False)
 class LiveText:
-    """As received."""
+    """A scene or a state, with its words; made only where somebody takes it."""
 
-    text: str
+    def __init__(self, topic: str, worker: str, told: LiveMessage) -> None:
+        self._topic, self._worker, self._told = topic, worker, told
 
-    @staticmethod
-    def of(topic: str, message: LiveMessage) -> "LiveText":
-        """ValueError if it is not JSON."""
-        data = {
-            "step_s": message.step_s,
-            "car": message.car,
-            message.view: json.loads(message.data),
-        }
-        text = json.dumps({"topic": topic, "data": data}, allow_nan=False, separators=(",", ":"))
-        return LiveText(text)
+    @cached_property
+    def _text(self) -> str | None:
+        told = self._told
+        try:
+            is_scene = told.view == "scene"
+            words = scene_words(told.scene, self._worker) if is_scene else state_words(told.state)
+            facts = {"step_s": told.step_s, "car": told.car, told.view: json.loads(told.data)}
+            return text_message(self._topic, facts | {"words": words})
+        except ValueError:
+            return None  # damaged; the next one comes soon
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        return (None if since is self else self.text), self
+        return (None if since is self else self._text), self
 
 
 class LiveViews:
@@ -89,14 +89,13 @@ class LiveViews:
             size = {"width": message.width, "height": message.height}
             publish(Picture(topic, message.data, facts | size))
             return
-        with suppress(ValueError):  # damaged; the next one comes soon
-            publish(LiveText.of(topic, message))
+        publish(LiveText(topic, worker, message))
 
     def _gone(self, run_id: int, worker: str) -> None:
         opened = self._open.get((run_id, worker, "state"))
         if opened is not None:
             topic, publish = opened
-            publish(Snapshot.of(topic, {"gone": True}))
+            publish(Snapshot.of(topic, {"gone": True, "words": LOST}))
 
 
 class _LiveSource:

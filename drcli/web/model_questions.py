@@ -52,14 +52,15 @@ def dialog(title: str, action: str, *fields: Field | None, **more: Any) -> dict[
     return {"title": title, "action": action, "fields": [each for each in fields if each], **more}
 
 
-def field(name: str, label: str, value: Any, **more: Any) -> Field:
-    """A control, a check box for True or False.
+def field(name: str, label: str, value: Any, kind: str = "", **more: Any) -> Field:
+    """A control; without a `kind`, a check box for True or False, a choice with `options`.
 
-    `more` is `options` as pairs; `help`; attributes as `more`; `only`, name and value of another
-    field that it belongs to; of a check box, `on`, what is sent if it is ticked, or `list`, the
-    list to which its name then belongs.
+    The others are text, lines, whole, number, time, and many, whose value is a list of `options`.
+    `more` is `options`, as pairs; `help`; `placeholder`; attributes as `more`; `only`, the name of
+    another field and its values with which this one has a meaning.
     """
-    return {"name": name, "label": label, "value": value, **more}
+    usual = "flag" if isinstance(value, bool) else "choice" if "options" in more else "text"
+    return {"name": name, "label": label, "value": value, "kind": kind or usual, **more}
 
 
 def checkpoint_options(listed: CheckpointList) -> list[tuple[str, str]]:
@@ -98,6 +99,7 @@ def start(reader: ModelReader, prefix: str, query: dict[str, str]) -> dict[str, 
         "max_minutes",
         "Stop after (minutes)",
         "",
+        "number",
         more={"type": "number", "min": "1", "step": "any"},
         help="Empty: it runs until it is stopped, or until a goal of run.env is reached.",
     )
@@ -141,12 +143,13 @@ def evaluate(reader: ModelReader, prefix: str, query: dict[str, str]) -> dict[st
             "Opponent",
             settings.eval_opp_s3_model_prefix or prefix,
             options=models,
-            only=["race_type", "HEAD_TO_MODEL"],
+            only=("race_type", ["HEAD_TO_MODEL"]),
         ),
         field(
             "laps",
             "Laps",
             str(settings.eval_number_of_trials),
+            "whole",
             more={"type": "number", "min": "1", "max": "1000", **REQUIRED},
         ),
         checkpoint(reader, prefix, first),
@@ -170,22 +173,17 @@ def clone(reader: ModelReader, prefix: str, query: dict[str, str]) -> dict[str, 
             diffs[name] = lines
     world = "" if record is None else entry_of(record, exists=True).world
     take_world = world not in ("", settings.world_name)
-    track = f"Take its track, {world}, instead of {settings.world_name}"
+    tracks = [(world, f"{world}, of this model"), ("", f"{settings.world_name}, as now")]
+    taken = [(name, f"Take {OWN_FILES[name]}") for name in diffs]
     return dialog(
         f"Clone {prefix}",
         "Clone",
         field("to", "Name of the new model", raised(prefix, prefix)[1], more=REQUIRED),
         checkpoint(reader, prefix, query.get("checkpoint") or "best"),
-        *(
-            field(
-                name,
-                f"Take {OWN_FILES[name]}; the folder's file is kept as .bak",
-                True,
-                list="take",
-            )
-            for name in diffs
-        ),
-        field("world", track, True, on=world) if take_world else None,
+        field("take", "The folder's file is kept as .bak", list(diffs), "many", options=taken)
+        if diffs
+        else None,
+        field("world", "Track", world, options=tracks) if take_world else None,
         field(
             "description",
             "What is it for?",

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, ValidationInfo
 from starlette.requests import Request
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import SettingsError, shown
 from drcli.bucket.bucket import Bucket, Listing
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
@@ -131,14 +131,19 @@ def prefix_of(request: Request) -> str:
     return checked(request.query_params.get("prefix"))
 
 
-def checked(prefix: object, what: str = "prefix") -> str:
-    """A name for a model; else BadRequest."""
+def checked(prefix: object, key: str = "") -> str:
+    """A name for a model; else BadRequest about `key`."""
     if not isinstance(prefix, str) or not keys.is_valid_prefix(prefix) or len(prefix) > 500:
         raise BadRequest(
-            f"The {what} is not the name of a model: use letters, digits and . _ - and / between "
-            "folders."
+            f"“{shown(str(prefix))}” is not the name of a model.",
+            remedy="Use letters, digits and . _ - and / between folders.",
+            key=key,
         )
     return prefix
 
 
-Prefix = Annotated[str, BeforeValidator(checked)]
+def _of_a_field(prefix: object, info: ValidationInfo) -> str:
+    return checked(prefix, info.field_name or "")
+
+
+Prefix = Annotated[str, BeforeValidator(_of_a_field)]

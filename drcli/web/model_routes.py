@@ -24,7 +24,6 @@ from drcli.model.model_list import signature_of
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import readable_history, readable_scores
 from drcli.model.traces import models_in
-from drcli.records.checkpoint import CheckpointName
 from drcli.records.episode_metrics import EpisodeMetrics
 from drcli.records.iteration import IterationRecord
 from drcli.records.run_record import running_evaluations
@@ -43,6 +42,14 @@ from drcli.web.hub import Read
 from drcli.web.model_action_routes import Actions, action_routes, import_routes
 from drcli.web.model_questions import checkpoint_options
 from drcli.web.model_reader import ModelReader, checked, prefix_of
+from drcli.web.model_words import (
+    ACTIONS,
+    CHECKPOINT_ACTIONS,
+    badges_of,
+    figures_of,
+    marks_of,
+    story_of,
+)
 from drcli.web.served_folder import ServedFolder
 
 # Topic `models`, and topic `model:PREFIX` about changes of one.
@@ -95,25 +102,23 @@ def all_models(reader: ModelReader) -> dict[str, Any]:
             newest[record.prefix] = entry_of(record, exists=True)
             laps[record.prefix] = record.results.full_laps + record.results.evaluated_laps
     directory = reader.folder.directory
-    settings = reader.folder.settings()
-    return {
-        "bucket": listed.bucket,
-        "current": settings.model_prefix,
-        "models": [
-            {
-                "model": model,
-                "training": newest.get(model.prefix),
-                "laps": laps.get(model.prefix),
-            }
-            for model in listed.models
-        ],
-        "gone": len(known.records) - len(known.existing),
-        "trainings": [
-            {"prefix": each.prefix, "run_id": each.run_id, "state": each.state}
-            for each in running_trainings(directory)
-        ],
-        "evaluations": _evaluations(reader, None),
-    }
+    current = reader.folder.settings().model_prefix
+    trained = {each.prefix for each in running_trainings(directory)}
+    evaluated = {each["prefix"] for each in _evaluations(reader, None)}
+    rows = []
+    for model in listed.models:
+        prefix, training = model.prefix, newest.get(model.prefix)
+        badges = badges_of(
+            model,
+            training,
+            trains=model.training or prefix in trained,
+            evaluated=prefix in evaluated,
+            current=prefix == current,
+        )
+        row = {"model": model, "training": training, "laps": laps.get(prefix)}
+        rows.append(row | {"badges": list(badges)})
+    gone = len(known.records) - len(known.existing)
+    return {"bucket": listed.bucket, "models": rows, "gone": gone}
 
 
 def changes(reader: ModelReader, prefix: str) -> dict[str, Any]:
@@ -132,13 +137,10 @@ def changes(reader: ModelReader, prefix: str) -> dict[str, Any]:
         if found:
             parts[found].append(info)
     holder = lease.live_holder(ModelStore(bucket, prefix))
-    here = [run for run in running_trainings(reader.folder.directory) if run.prefix == prefix]
     return {
         "exists": prefix in models_in(listed),
         "parts": {name: list(signature_of(objects)) for name, objects in parts.items()},
         "training": holder is not None,
-        "training_here": bool(here),
-        "state": here[0].state if here else "",
         "evaluations": _evaluations(reader, prefix),
         "current": settings.model_prefix == prefix,
     }
@@ -229,32 +231,27 @@ _METRICS = re.compile(r"TrainingMetrics(_\d+)?\.json")
 
 
 @dataclass(frozen=True)
-class CurvePoint:
-    iteration: int
-    reward: float | None
-    progress: float | None
-    evaluation_reward: float | None
-    evaluation_progress: float | None
-    evaluation_laps: int
-    entropy: float | None
-    evaluation_episodes: int = 0
-
-
-@dataclass(frozen=True)
-class EpisodePoint:
-    iteration: int
-    evaluation: bool
-    reward: float
-    progress: float
-
-
-@dataclass(frozen=True)
 class RewardCurve:
-    iterations: list[CurvePoint]
-    episodes: list[EpisodePoint]
+    """As the graphs of the page take it.
+
+    Attributes:
+        iterations: Figures of the records, and `clean`: percent of clean laps in the evaluation
+            with the 95 % interval of the true share, or None.
+        episodes: Iteration, 1 for an evaluation, reward, progress in percent.
+        best: Name of the best checkpoint, or None.
+    """
+
+    iterations: list[dict[str, Any]]
+    episodes: list[tuple[int, int, float, float]]
     all_episodes: int
-    best_iteration: int | None
+    best: str | None
     damaged: list[str] = field(default_factory=list)
+
+
+_FIGURES = (
+    *("iteration", "mean_reward", "mean_progress", "best_lap_s"),
+    *("evaluation_progress", "evaluation_lap_s"),
+)
 
 
 def read_reward_curve(model: ModelStore) -> RewardCurve:
@@ -272,20 +269,12 @@ def read_reward_curve(model: ModelStore) -> RewardCurve:
             damaged.append(str(error))
     numbered = [record for record in records if record.iteration is not None]
     numbered.sort(key=lambda record: (record.iteration or 0, record.episode))
-    driven: dict[int, list[float]] = {}
-    for record in numbered:
-        if record.phase == "evaluation":
-            driven.setdefault(record.iteration or 0, []).append(record.reward_score)
-    best = None
-    if scores is not None:
-        name = CheckpointName.parse(scores.best_checkpoint.name)
-        best = None if name is None else name.number
     every = max(1, math.ceil(len(numbered) / MOST_EPISODES))
     return RewardCurve(
-        [_point(record, driven.get(record.iteration, [])) for record in history],
+        [_point(record) for record in history],
         [_episode(record) for record in numbered[::every]],
         len(records),
-        best,
+        None if scores is None else scores.best_checkpoint.name,
         damaged,
     )
 
@@ -297,30 +286,17 @@ def _metrics_keys(model: ModelStore) -> list[str]:
     return sorted(folder + name for name in names if _METRICS.fullmatch(name))
 
 
-def _point(record: IterationRecord, rewards: Sequence[float]) -> CurvePoint:
-    return CurvePoint(
-        record.iteration,
-        record.mean_reward,
-        record.mean_progress,
-        _mean(rewards),
-        _mean(record.evaluation_progress),
-        len(record.evaluation_lap_s),
-        record.entropy,
-        len(record.evaluation_progress),
-    )
+def _point(record: IterationRecord) -> dict[str, Any]:
+    laps, clean = record.evaluation, None
+    if laps is not None:
+        clean = [100.0 * share for share in (laps.clean / laps.driven, *laps.interval)]
+    return {name: getattr(record, name) for name in _FIGURES} | {"clean": clean}
 
 
-def _episode(record: EpisodeMetrics) -> EpisodePoint:
-    return EpisodePoint(
-        record.iteration or 0,
-        record.phase == "evaluation",
-        record.reward_score,
-        record.completion_percentage,
-    )
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return sum(values) / len(values) if values else None
+def _episode(record: EpisodeMetrics) -> tuple[int, int, float, float]:
+    is_evaluation = int(record.phase == "evaluation")
+    reward, progress = record.reward_score, record.completion_percentage
+    return record.iteration or 0, is_evaluation, reward, progress
 
 
 # The page of one model.
@@ -350,22 +326,30 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
         settings, bucket = reader.open(prefix)
         listed = next((m for m in reader.models()[0].models if m.prefix == prefix), None)
         record = reader.record(prefix)
-        trainings = [r for r in reader.known().records if r.prefix == prefix]
+        training = None
+        if record is not None:
+            training = entry_of(record, exists=record.id in reader.known().existing)
+        trains = lease.live_holder(ModelStore(bucket, prefix)) is not None
+        badges = badges_of(
+            listed,
+            training,
+            trains=trains,
+            evaluated=bool(_evaluations(reader, prefix)),
+            current=prefix == settings.model_prefix,
+        )
         return {
-            "model": listed,
-            "bucket": bucket.name,
-            "training": None
-            if record is None
-            else entry_of(record, exists=record.id in reader.known().existing),
-            "trainings": len(trainings),
-            "current": prefix == settings.model_prefix,
+            **{"model": listed, "training": training, "trains": trains},
+            **{"badges": list(badges), "story": story_of(training, trains=trains)},
+            **{"figures": figures_of(listed, training), "actions": list(ACTIONS.items())},
         }
 
     def checkpoints(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
         listed = list_checkpoints(ModelStore.of(settings.model, bucket, prefix))
-        return keys_of(listed) | {"options": checkpoint_options(listed)}
+        marks = {each.number: list(marks_of(each)) for each in listed.checkpoints}
+        more = {"options": checkpoint_options(listed), "marks": marks}
+        return keys_of(listed) | more | {"actions": list(CHECKPOINT_ACTIONS.items())}
 
     def curve(request: Request) -> Any:
         prefix = prefix_of(request)
@@ -395,7 +379,7 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
     def difference(request: Request) -> Any:
         known = reader.known()
         bucket = reader.bucket(reader.folder.settings())
-        other = checked(request.query_params.get("other"), "other model")
+        other = checked(request.query_params.get("other"))
         mine = prefix_of(request)
         found = compare(compared(bucket, known, other), compared(bucket, known, mine))
         sections = {

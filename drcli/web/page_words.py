@@ -66,8 +66,23 @@ COMMANDS = {
 _ONLY_THERE = ("--distill", "--model")
 """Options that the page does not have."""
 
+OPTIONS = {
+    "--base": "“Bucket of the model”",
+    "--bucket": "DR_LOCAL_S3_BUCKET on the page “Settings”",
+    "--now": "“Delete”",
+    "--profile or DR_LOCAL_S3_PROFILE": "DR_LOCAL_S3_PROFILE on the page “Settings”",
+    "--region": "DR_AWS_APP_REGION on the page “Settings”",
+} | {
+    option: f"`dr-spot create {option}` in a terminal"
+    for option in ("--image", "--max-price", "--processor", "--type")
+}
+"""Options of `dr-spot` that a sentence names without the command."""
+
 _COMMAND = re.compile(r"`(dr[- ][a-z][^`]*)`(?! in a terminal)")
+_OPTION = re.compile(rf"`[^`]*`|(?:{'|'.join(OPTIONS)})(?![-\w])")
 _LINE = re.compile(r"(\.env) line \d+")
+_LETTER = re.compile(r" with -[a-z]\b|; -[a-z] would [^.;]*")
+_AGAIN = re.compile(r"run the command again")
 
 
 def in_page(text: str) -> str:
@@ -78,10 +93,14 @@ def in_page(text: str) -> str:
         if not known or any(option in found[1].split() for option in _ONLY_THERE):
             return f"{found[0]} in a terminal"
         place = COMMANDS[max(known, key=len)] or found[0]
-        begins = not text[: found.start()].rstrip(" ") or text[: found.start()].endswith(". ")
+        begins = not text[: found.start()].rstrip(" ") or text[: found.start()].endswith(
+            (". ", "? ")
+        )
         return place[0].upper() + place[1:] if begins else place
 
-    return _LINE.sub(r"\1", _COMMAND.sub(words, text))
+    text = _AGAIN.sub("try again", _LETTER.sub("", _LINE.sub(r"\1", text)))
+    text = _OPTION.sub(lambda found: OPTIONS.get(found[0], found[0]), text)
+    return _COMMAND.sub(words, text)
 
 
 def for_page(value: Any) -> Any:

@@ -31,27 +31,33 @@ class RuleField:
     """A rule in the form.
 
     Attributes:
-        key: In requests.
-        option: Of `dr-race create`, if it is not almost the key.
+        name: In requests.
+        option: Of `dr-race create`, if it is not almost the name.
         options: Of a choice, with their words.
         only: Kinds of race that have this rule; empty for all.
-        empty: What an empty field shows.
+        placeholder: What an empty field shows; of a number, "default".
+        more: Attributes of the control.
     """
 
-    key: str
+    name: str
     label: str
     part: str
-    kind: Literal["text", "choice", "whole", "seconds", "time", "flag", "many"]
+    kind: Literal["text", "choice", "whole", "number", "time", "flag", "many"]
     help: str = ""
     option: str = ""
     options: Mapping[str, str] | None = None
     only: tuple[str, ...] = ()
-    empty: str = "default"
+    placeholder: str = ""
+    more: Mapping[str, Any] | None = None
 
 
 _RACE, _DECIDES, _WHO = "Race", "What decides", "Who and when"
 FIELDS = (
-    RuleField("name", "Name", _RACE, "text", "What racers see, such as Friday Cup."),
+    RuleField(
+        *("name", "Name", _RACE, "text"),
+        "What racers see, such as Friday Cup.",
+        more={"required": True},
+    ),
     RuleField("world", "Track", _RACE, "choice", option="DR_WORLD_NAME"),
     RuleField("race_type", "Kind of race", _RACE, "choice", option="--type", options=KINDS),
     RuleField(
@@ -89,8 +95,8 @@ FIELDS = (
         "Complete laps in a row. Empty: 3, or all if there are fewer.",
         only=ALONE,
     ),
-    RuleField("off_track_penalty_s", "Penalty for leaving the track, seconds", _DECIDES, "seconds"),
-    RuleField("collision_penalty_s", "Penalty for a collision, seconds", _DECIDES, "seconds"),
+    RuleField("off_track_penalty_s", "Penalty for leaving the track, seconds", _DECIDES, "number"),
+    RuleField("collision_penalty_s", "Penalty for a collision, seconds", _DECIDES, "number"),
     RuleField(
         *("max_submissions", "Submissions of each racer", _WHO, "whole"),
         "0 for any number. Empty: 1 in pairs, else any number.",
@@ -100,14 +106,15 @@ FIELDS = (
     RuleField(
         *("seed", "Seed", _WHO, "whole"),
         "All submissions drive with this seed. Empty: a random one.",
-        empty="random",
+        placeholder="random",
     ),
-    RuleField("sensors", "Allowed sensors", _WHO, "many", option="--sensor"),
+    RuleField("sensors", "Allowed sensors (none chosen: any)", _WHO, "many", option="--sensor"),
 )
 
+_NUMBERS = ("whole", "number")
 _LABELS = {
-    each.option or f"--{each.key.removesuffix('_s').replace('_', '-')}": each for each in FIELDS
-} | {f"--{each.key}": each for each in FIELDS if each.key in ("obstacles", "bots", "world")}
+    each.option or f"--{each.name.removesuffix('_s').replace('_', '-')}": each for each in FIELDS
+} | {f"--{each.name}": each for each in FIELDS if each.name in ("obstacles", "bots", "world")}
 _LABELS["--checkpoint"] = RuleField("checkpoint", "Checkpoint", _WHO, "choice")
 _OPTION = re.compile(r"--[a-z]+(?:-[a-z]+)*|\bDR_[A-Z0-9_]+")
 _SAID = {
@@ -128,7 +135,7 @@ def of_a_field(error: SettingsError) -> ProblemsError:
     message, remedy = str(error), error.remedy
     said = (key for pattern, key in _SAID.items() if re.search(pattern, message))
     named = (
-        _LABELS[option].key
+        _LABELS[option].name
         for option in _OPTION.findall(f"{message} {remedy}")
         if option in _LABELS
     )
@@ -154,13 +161,15 @@ def of_a_form(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def form_of(values: Mapping[str, Any], more: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The fields with their present values; `more` has what else a field has by its key."""
+    """The fields with their present values; `more` has what else a field has by its name."""
     return [
         {
             **vars(each),
             "options": list((each.options or {}).items()),
-            "value": values.get(each.key),
-            **more.get(each.key, {}),
+            "placeholder": each.placeholder or ("default" if each.kind in _NUMBERS else ""),
+            "only": ("race_type", each.only) if each.only else None,
+            "value": values.get(each.name),
+            **more.get(each.name, {}),
         }
         for each in FIELDS
     ]

@@ -1,12 +1,17 @@
 """Reads races once for all pages."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from datetime import datetime
+from typing import Any
 
+from starlette.requests import Request
+
+from drcli.base.errors import SettingsError
 from drcli.base.json_record import keys_of, plain
 from drcli.base.processes import this_machine
+from drcli.base.report import counted
 from drcli.bucket.bucket import Bucket
 from drcli.bucket.connect import open_running_bucket
 from drcli.config.run_config import StorageConfig
@@ -18,7 +23,13 @@ from drcli.races.lap_ranking import figures_of
 from drcli.races.organise import list_races
 from drcli.races.queue_lease import live_lease
 from drcli.races.race_records import RaceResult, RaceRules
-from drcli.races.race_report import RaceList, RaceReport, with_limit
+from drcli.races.race_report import (
+    LeaderboardRow,
+    RaceList,
+    RaceReport,
+    SubmissionEntry,
+    with_limit,
+)
 from drcli.races.race_settings import shown_settings
 from drcli.races.standings import Runner, report_of, run_state
 from drcli.races.stored_race import (
@@ -30,6 +41,8 @@ from drcli.races.stored_race import (
     submission_id,
 )
 from drcli.records.run_record import running_evaluations
+from drcli.web.answers import BadRequest
+from drcli.web.page_words import in_page
 from drcli.web.race_fields import KINDS
 from drcli.web.served_folder import ServedFolder
 
@@ -119,7 +132,12 @@ def _run(stored: StoredRace, names: list[str], result: RaceResult, state: str) -
     )
 
 
-T = TypeVar("T")
+BADGES = {
+    "scheduled": ("Not open yet", "warn"),
+    "open": ("Open", "good"),
+    "closed": ("Closed", "warn"),
+    "finished": ("Finished", ""),
+}
 
 
 class RaceReader:
@@ -136,12 +154,26 @@ class RaceReader:
         settings = self.folder.settings()
         return settings, self.folder.bucket(settings)
 
+    def bucket(self) -> Bucket:
+        """If its server runs; SettingsError else."""
+        settings = self.folder.settings()
+        found = open_running_bucket(settings.storage)
+        if found is None:
+            raise SettingsError(
+                f"There is no bucket {settings.bucket} yet.",
+                remedy="Train a model, or import one, and make a race.",
+            )
+        return found
+
     def races(self) -> dict[str, Any]:
         settings = self.folder.settings()
         bucket, found = open_running_bucket(settings.storage), RaceList(settings.bucket, [])
         if bucket is not None:
             found = list_races(bucket, objects=self._objects_of(settings), now_s=self.clock())
-        races = [plain(each) | {"kind": KINDS.get(each.race_type, "")} for each in found.races]
+        races = [
+            plain(each) | {"kind": KINDS.get(each.race_type, ""), "badge": BADGES[each.state]}
+            for each in found.races
+        ]
         return keys_of(found) | {"races": races}
 
     def report(self, race: str) -> RaceReport:
@@ -165,10 +197,23 @@ class RaceReader:
         stored = read_race(seen, race)
         report = report_of(stored, bucket.name, self.clock(), runner)
         report = with_limit(report, settings.tracks_folder, self.folder.directory)
+        moments = moments_of(stored, runner)
+        racers = {each.submission: each.racer for each in report.submissions}
         more = {
             "words": words_of(report),
+            "badge": BADGES[report.state],
             "settings": shown_settings(stored.rules),
-            "moments": plain(moments_of(stored, runner)),
+            "leaderboard": [
+                plain(row) | words_of_row(row, report.rules) for row in report.leaderboard
+            ],
+            "submissions": [_entry(each) for each in report.submissions],
+            "pairs": list(_pairs(report)),
+            "next": [
+                " – ".join(racers.get(each, each) for each in run.split("+"))
+                for run in report.queue
+            ],
+            "moments": plain(moments),
+            "films": films_of(report, moments.last),
             "drawn": stored.draw is not None,
             "changeable": not stored.results and stored.draw is None,
             "here": lease is not None and not lease.newer and lease.machine == this_machine(),
@@ -191,11 +236,112 @@ class RaceReader:
             return self._objects
 
 
+def race_of(request: Request) -> str:
+    race = request.path_params["race"]
+    if not is_race_id(race):
+        raise BadRequest("This is not the id of a race.", 404)
+    return str(race)
+
+
+def films_of(report: RaceReport, run: RaceRun | None) -> list[str]:
+    """Keys of the videos of a run that has ended."""
+    names = [car.submission for car in run.cars] if run is not None and run.state == "done" else []
+    if len(names) == 1:
+        own = (each.video for each in report.submissions if each.submission == names[0])
+        return [video for video in own if video]
+    pairs = (pair.videos for pair in report.pairs if {pair.first, pair.second} == set(names))
+    return next(pairs, [])
+
+
+def words_of_row(row: LeaderboardRow, rules: RaceRules) -> dict[str, str]:
+    """What decides about a row of the leaderboard, and how far it is behind."""
+    if rules.in_pairs:
+        points = f"{row.points or 0:g}"
+        result = f"{points} point{'s' * (row.points != 1)}"
+        return {"points_text": points, "result": result, "gap": f"best lap {row.best_lap_text}"}
+    result = row.laps_text if row.score_s is None else row.score_text
+    return {"result": result, "gap": "not qualified" if row.rank is None else row.gap()}
+
+
+def _facts(report: RaceReport) -> Iterator[str]:
+    """Times are those of this machine."""
+    rules, takes = report.rules, report.state in ("open", "scheduled")
+    if rules.opens_at:
+        yield f"Opens {_moment(rules.opens_at)}."
+    if rules.closes_at:
+        yield f"{'Closes' if takes else 'Closed'} {_moment(rules.closes_at)}."
+    if rules.max_submissions:
+        yield f"Each racer has {counted(rules.max_submissions, 'submission')}."
+    if rules.sensors:
+        yield f"Sensors: {', '.join(rules.sensors)}."
+    if settings := race_words.conditions(rules):
+        yield f"Settings: {settings}."
+    if report.runner:
+        yield f"The queue is driven by {report.runner}."
+
+
+def _moment(unix_s: float) -> str:
+    return f"{datetime.fromtimestamp(unix_s):%d %b %Y, %H:%M}"
+
+
+ENTRY_STATES = {
+    "queued": "waits",
+    "running": "is driven now",
+    "done": "was driven",
+    "over the limit": "does not count: the racer has more submissions than the rules allow",
+}
+
+
+def _entry(entry: SubmissionEntry) -> dict[str, Any]:
+    """With its laps, or what became of it."""
+    said = "; ".join(entry.lap_text) or ENTRY_STATES.get(entry.state, entry.state)
+    failure = f": {entry.message} {entry.remedy}" if entry.message else ""
+    shown: dict[str, Any] = plain(entry) | {"said": in_page(f"{said}{failure}")}
+    return shown
+
+
+_PAIR_STATES = {
+    "waiting": "waits for earlier pairs",
+    "queued": "in the queue",
+    "running": "driven now",
+    "alone": "goes on without racing",
+}
+_LAST_ROUNDS = ("Final", "Semi-finals", "Quarter-finals")
+
+
+def _pairs(report: RaceReport) -> Iterator[dict[str, Any]]:
+    """With their states in words, and the names of their rounds."""
+    last = max((pair.round for pair in report.pairs), default=0)
+    for pair in report.pairs:
+        said = _PAIR_STATES.get(pair.state, "" if pair.winner else "Nobody wins.")
+        if pair.state == "failed":
+            said = in_page(f"failed: {pair.message} {pair.remedy}")
+        name, later = f"Round {pair.round}", last - pair.round
+        if report.rules.pairing == "bracket" and later < len(_LAST_ROUNDS):
+            name = _LAST_ROUNDS[later]
+        yield plain(pair) | {"said": said, "round_name": name}
+
+
+def _idle(report: RaceReport) -> str:
+    waiting = counted(len(report.queue), "run")
+    if report.state == "finished":
+        return "The race is over."
+    if not report.queue:
+        return "Nobody is driving."
+    if report.runner:
+        return "The next car goes to the start."
+    return (
+        f"{waiting} {'waits' if len(report.queue) == 1 else 'wait'}. Nobody is driving the queue."
+    )
+
+
 def words_of(report: RaceReport) -> dict[str, str]:
     """The terminal's sentences about a race."""
     return {
         "place": report.place(),
         "standing": report.standing(),
+        "idle": _idle(report),
+        "facts": " ".join(_facts(report)),
         **words_of_rules(report.rules),
     }
 

@@ -2,19 +2,15 @@
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from drcli.base.errors import SettingsError
-from drcli.base.report import counted
-from drcli.bucket.connect import open_running_bucket
 from drcli.config.race_types import RaceKind
 from drcli.model import race_keys
-from drcli.model.model_list import list_models
 from drcli.races import queue_process, submissions
 from drcli.races.organise import (
     change_rules,
@@ -39,9 +35,9 @@ from drcli.tracks.track_list import list_tracks
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.download_folder import ObjectCopies
 from drcli.web.hub import Read
-from drcli.web.model_questions import dialog, field
 from drcli.web.race_fields import form_of, of_a_form
-from drcli.web.race_reader import RaceReader, words_of_rules
+from drcli.web.race_questions import question
+from drcli.web.race_reader import RaceReader, race_of, words_of_rules
 from drcli.web.served_folder import ServedFolder
 
 MOST_SENSORS = 20
@@ -100,7 +96,7 @@ class Submit(Body):
 
 
 class Run(Body):
-    video: bool | None = None
+    video: Literal["", "yes", "no"] = ""
 
 
 class Of(Body):
@@ -143,22 +139,21 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             off_track_penalty_s=settings.eval_off_track_penalty,
             collision_penalty_s=settings.eval_collision_penalty,
         )
-        return {
-            "folder": str(reader.folder.directory),
-            "racer": settings.racer_name,
-            "model": settings.model_prefix,
-            "fields": _fields(reader, usual.model_dump()),
-        }
+        return {"fields": _fields(reader, usual.model_dump())}
 
     def check(_: Request, body: RaceForm) -> Any:
         settings = reader.folder.settings()
         rules = rules_of(settings, body.options(reader.clock()), reader.clock())
-        return {
-            "race": race_id(rules.name),
-            "rules": rules,
-            "words": words_of_rules(rules),
-            "settings": shown_settings(rules),
-        }
+        race, words = race_id(rules.name), words_of_rules(rules)
+        way = ", opposite direction" if rules.reverse else ""
+        kept = f" Settings that the race keeps: {words['conditions']}." * bool(words["conditions"])
+        said = [
+            f"{rules.name}: {rules.world}{way}, {words['kind']}. {words['decides']} "
+            f"{words['penalties']}",
+            f"A new race {f'gets the id {race}' if race else 'draws its id'}.{kept}",
+        ]
+        more = {"words": words, "settings": shown_settings(rules), "said": said}
+        return {"race": race, "rules": rules, **more}
 
     def create(_: Request, body: RaceForm) -> Any:
         now = reader.clock()
@@ -166,17 +161,11 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         settings, bucket = reader.open()
         return {"race": create_race(settings, bucket, options, now_s=now).race}
 
-    def models(_: Request) -> Any:
-        settings = reader.folder.settings()
-        bucket = open_running_bucket(settings.storage)
-        return {"models": [] if bucket is None else list_models(bucket).models}
-
     return [
         Route("/api/races", answers(lambda _: reader.races())),
         Route("/api/races", accepts(of_a_form(create)), methods=["POST"]),
         Route("/api/races/form", answers(form)),
         Route("/api/races/check", accepts(of_a_form(check)), methods=["POST"]),
-        Route("/api/races/models", answers(models)),
     ]
 
 
@@ -202,19 +191,19 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
     def run(request: Request, body: Run) -> Any:
         race = race_of(request)
-        name = read_rules(_bucket_of(reader), race).name
+        name = read_rules(reader.bucket(), race).name
 
         def launch(progress: Callable[[str], None]) -> Any:
             settings, bucket = reader.open()
             progress("starts the process that drives it.")
-            return queue_process.launch_queue(settings, bucket, race, video=body.video)
+            video = {"yes": True, "no": False}.get(body.video)
+            return queue_process.launch_queue(settings, bucket, race, video=video)
 
-        return {"task": reader.folder.tasks.start("race-run", race, f"Queue of {name}", launch).id}
+        title = f"Start of the queue of {name}"
+        return {"task": reader.folder.tasks.start("race-run", race, title, launch).id}
 
     def delete(request: Request) -> Any:
-        _, bucket = reader.open()
-        dry_run = "dry_run" in request.query_params
-        return delete_race(bucket, race_of(request), dry_run=dry_run)
+        return delete_race(reader.open()[1], race_of(request))
 
     return [
         Route("/api/race/{race}", answers(lambda request: reader.view(race_of(request)))),
@@ -226,7 +215,7 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             for name, change in _CHANGES.items()
         ),
         Route("/api/race/{race}/rules", answers(lambda request: _rules(reader, request))),
-        Route("/api/race/{race}/question", answers(lambda request: _question(reader, request))),
+        Route("/api/race/{race}/question", answers(lambda request: question(reader, request))),
     ]
 
 
@@ -273,7 +262,7 @@ _CHANGES: dict[str, Callable[[RaceReader, str, Any], None]] = {
 
 
 def _rules(reader: RaceReader, request: Request) -> Any:
-    rules = read_rules(_bucket_of(reader), race_of(request))
+    rules = read_rules(reader.bucket(), race_of(request))
     conditions = settings_of_rules(reader.folder.settings(), rules)
     wish = options_of(rules)
     values = {
@@ -284,8 +273,9 @@ def _rules(reader: RaceReader, request: Request) -> Any:
         "bots": conditions.h2b_number_of_bot_cars,
     }
     fields = _fields(reader, values)
+    fields[0]["help"] = "The id of the race stays."
     for each in fields:
-        if each["only"] and rules.race_type not in each["only"] and each["kind"] == "whole":
+        if each["only"] and rules.race_type not in each["only"][1] and each["kind"] == "whole":
             each["value"] = None
     return {"fields": fields}
 
@@ -297,49 +287,11 @@ def _fields(reader: RaceReader, values: dict[str, Any]) -> list[dict[str, Any]]:
     worlds = tracks if values["world"] in tracks else [values["world"], *tracks]
     more = {
         "world": {"options": worlds},
-        "sensors": {"options": list(RACE_SENSORS)},
-        "obstacles": {"empty": str(settings.oa_number_of_obstacles)},
-        "bots": {"empty": str(settings.h2b_number_of_bot_cars)},
+        "sensors": {"options": [(name, name) for name in RACE_SENSORS]},
+        "obstacles": {"placeholder": str(settings.oa_number_of_obstacles)},
+        "bots": {"placeholder": str(settings.h2b_number_of_bot_cars)},
     }
     return form_of(values, more)
-
-
-def _question(reader: RaceReader, request: Request) -> dict[str, Any]:
-    """What the page asks before the queue is driven, the race opened, or its page saved."""
-    report = reader.report(race_of(request))
-    match request.query_params.get("about"):
-        case "run":
-            count = len(report.queue)
-            waiting = "1 run waits" if count == 1 else f"{count:,} runs wait"
-            return dialog(
-                "Drive the queue",
-                "Drive it",
-                field("video", "Videos", "", options=_VIDEOS),
-                intro=f"{waiting} in the queue. This machine drives one after the other in the "
-                "background, also when this page is closed.",
-            )
-        case "open":
-            closes = field("closes", "Closes", "", more={"type": "datetime-local"})
-            closes["help"] = "Empty: when somebody closes it."
-            return dialog("Take submissions from now on", "Open it", closes)
-        case "page":
-            films = sum(bool(row.video) for row in report.leaderboard)
-            label = f"With {counted(films, 'video')} of the leaderboard (a few MB each)"
-            without = "" if films else " There are no videos on the leaderboard."
-            return dialog(
-                "Save this race as one HTML file",
-                "Save",
-                field("videos", label, False) if films else None,
-                intro=f"It needs no network and has no scripts.{without}",
-            )
-    raise BadRequest("The questions are about run, open and page.")
-
-
-_VIDEOS = [
-    ("", "If the video encoder is installed"),
-    ("yes", "Yes; refuse without the encoder"),
-    ("no", "No, which is faster"),
-]
 
 
 def _file_routes(reader: RaceReader) -> Sequence[BaseRoute]:
@@ -353,7 +305,7 @@ def _file_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             raise BadRequest("This is not the name of a video of this race.", 404)
         download = "download" in request.query_params
         file = f"{race}-{name}.mp4" if download else ""
-        bucket = _bucket_of(reader)
+        bucket = reader.bucket()
         return copies.answer(bucket, key, media_type="video/mp4", filename=file)
 
     def table(request: Request) -> Any:
@@ -365,7 +317,7 @@ def _file_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         report = reader.report(race)
         films = {}
         if request.query_params.get("videos") == "1":
-            films = videos_of(report, _bucket_of(reader))
+            films = videos_of(report, reader.bucket())
         return _file(race_page(report, films), "text/html", f"{race}.html")
 
     def log(request: Request) -> Any:
@@ -391,21 +343,3 @@ def _file_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 def _file(text: str, media_type: str, name: str) -> Response:
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(text.encode(), media_type=media_type, headers=headers)
-
-
-def _bucket_of(reader: RaceReader) -> Any:
-    settings = reader.folder.settings()
-    found = open_running_bucket(settings.storage)
-    if found is None:
-        raise SettingsError(
-            f"There is no bucket {settings.bucket} yet.",
-            remedy="Train a model, or import one, and make a race.",
-        )
-    return found
-
-
-def race_of(request: Request) -> str:
-    race = request.path_params["race"]
-    if not is_race_id(race):
-        raise BadRequest("This is not the id of a race.", 404)
-    return str(race)

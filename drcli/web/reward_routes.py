@@ -226,7 +226,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
 
     def templates(_: Request) -> Any:
         parameters = [
-            {"name": name, "kind": text.kind, "unit": text.unit, "meaning": text.meaning}
+            [name, text.kind, *(each.replace("**", "") for each in (text.unit, text.meaning))]
             for name, text in REWARD_PARAMETERS.items()
         ]
         return {"templates": _templates(), "parameters": parameters}

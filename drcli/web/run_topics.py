@@ -11,7 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,9 @@ import psutil
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
+from drcli.base.json_record import plain
 from drcli.base.memory import read_memory
+from drcli.base.report import counted, size_text
 from drcli.model.history import HistoryReader
 from drcli.model.reconstruct import readable_history
 from drcli.records.iteration import IterationRecord
@@ -29,6 +31,7 @@ from drcli.run.seen_in_bucket import seen_run
 from drcli.run.status import RunReport, inspect
 from drcli.web.answers import answers
 from drcli.web.hub import Read
+from drcli.web.live_words import Card, cards_here, number, run_words
 from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Marker, Message, Rows, text_message
 
@@ -68,10 +71,13 @@ class RunReader:
             return [] if model is None else readable_history(model, self._reader)[0]
 
 
-def without_history(report: RunReport) -> dict[str, Any]:
-    """Iterations have their own topic."""
-    kept = [field.name for field in fields(report) if field.name != "history"]
-    return {name: getattr(report, name) for name in kept} | {"dead": report.dead}
+def shown_run(
+    report: RunReport, history: Sequence[IterationRecord], own_run: int, cards: Sequence[Card] = ()
+) -> dict[str, Any]:
+    """A run as the page shows it; what changes each second unseen would cost a redrawing."""
+    kept = ("run_id", "prefix", "world", "state", "message", "remedy")
+    facts = {name: getattr(report, name) for name in (*kept, "unreachable", "limit", "best")}
+    return facts | {"words": run_words(report, history, own_run), "cards": cards}
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
@@ -84,7 +90,14 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
 
     def run(_: str, run_id: str | None) -> Read:
         reader = reader_of(run_id)
-        return lambda: without_history(reader.report())
+
+        def read() -> dict[str, Any]:
+            report = reader.report()
+            history = report.history if report.unreachable else reader.history()
+            cards = cards_here(report, folder.live.workers(), folder.live.car)
+            return shown_run(report, history, folder.settings().run_id, cards)
+
+        return read
 
     def iterations(topic: str, run_id: str | None) -> Read:
         reader, rows = reader_of(run_id), Rows(topic)
@@ -343,6 +356,35 @@ def _gpus() -> list[Gpu]:
     ]
 
 
+def machine_words(machine: Machine) -> dict[str, Any]:
+    """Its name, and meters of name, text and share that is used."""
+    memory = machine.memory_used_bytes, machine.memory_bytes
+    disk = machine.disk_used_bytes, machine.disk_bytes
+    percent = machine.processor_percent
+    load = "" if machine.load is None else f", load {machine.load:.1f}"
+    gpus = [
+        (
+            gpu.name or f"GPU {k}",
+            f"{number(gpu.percent, 0, '%')}, {_used(gpu.memory_used_bytes, gpu.memory_bytes)}",
+            (gpu.percent or 0.0) / 100.0,
+        )
+        for k, gpu in enumerate(machine.gpus)
+    ]
+    return {
+        "text": f"{machine.name or 'Processor'}, {counted(machine.cores, 'core')}{load}",
+        "meters": [
+            ("Processor", number(percent, 0, "%"), percent / 100.0),
+            ("Memory", _used(*memory), memory[0] / memory[1]),
+            ("Disk of the folder", _used(*disk), disk[0] / disk[1]),
+            *gpus,
+        ],
+    }
+
+
+def _used(part: float | None, whole: float | None) -> str:
+    return " of ".join("–" if size is None else size_text(int(size)) for size in (part, whole))
+
+
 def _number(text: str, factor: float = 1.0) -> float | None:
     try:
         return float(text) * factor
@@ -352,5 +394,10 @@ def _number(text: str, factor: float = 1.0) -> float | None:
 
 def machine_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     processor = ProcessorMeter()
-    folder.hub.poll("machine", MACHINE_S, lambda _: lambda: look(folder.directory, processor))
+
+    def read() -> dict[str, Any]:
+        machine = look(folder.directory, processor)
+        return {**plain(machine), **machine_words(machine)}
+
+    folder.hub.poll("machine", MACHINE_S, lambda _: read)
     return []

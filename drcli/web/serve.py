@@ -80,6 +80,9 @@ def server_of(app: ASGIApp) -> uvicorn.Server:
             proxy_headers=False,
             access_log=False,
             log_level="warning",
+            # With one, Python closes the handlers of all libraries: absl's (2.5.1, which
+            # openvino imports) then closes what was standard error at that import.
+            log_config=None,
         )
     )
 

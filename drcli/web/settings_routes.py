@@ -38,7 +38,7 @@ from drcli.web.served_folder import ServedFolder
 
 
 SYSTEM = "system.env"
-STEPS = {
+_LABELS = {
     "model": {
         "DR_LOCAL_S3_MODEL_PREFIX": "Name of the model",
         "DR_MODEL_DESCRIPTION": "Description",
@@ -81,6 +81,50 @@ STEPS = {
     },
 }
 """The settings in the steps of a new training, as the page calls them."""
+
+_TITLES = {
+    "model": (
+        "Model",
+        "The name is the folder of the model in the bucket: letters, digits and . _ - /. Give each "
+        "training a new name.",
+    ),
+    "race": ("Track and race", ""),
+    "stop": (
+        "Stop conditions",
+        "The training ends as soon as one of them is met; 0 or empty is no limit. It can be "
+        "stopped by hand at any time, and resumed. A number of laps is asked for at the start, in "
+        "step 9.",
+    ),
+}
+_ONLY = {
+    "DR_OA_": ("DR_RACE_TYPE", ["OBJECT_AVOIDANCE"]),
+    "DR_H2B_": ("DR_RACE_TYPE", ["HEAD_TO_BOT"]),
+    "DR_LOCAL_S3_PRETRAINED_": ("DR_LOCAL_S3_PRETRAINED", ["True"]),
+}
+"""Beginnings of names, and the values of another setting with which they have a meaning."""
+
+_TEMPLATE = 'The template "{}" of the reward function is made for this race.'
+_KIND_NOTES = {
+    "OBJECT_AVOIDANCE": _TEMPLATE.format("object avoidance"),
+    "HEAD_TO_BOT": _TEMPLATE.format("head to bot"),
+    "HEAD_TO_MODEL": "Two trained models race; it is for evaluations only. Choose another race to "
+    "train.",
+}
+
+
+def _steps() -> dict[str, Any]:
+    def step_field(name: str, label: str) -> dict[str, Any]:
+        only = (each for start, each in _ONLY.items() if name.startswith(start))
+        return {"name": name, "label": label, "only": next(only, None)}
+
+    return {
+        step: {
+            "title": _TITLES[step][0],
+            "hint": _TITLES[step][1],
+            "fields": [step_field(*each) for each in labels.items()],
+        }
+        for step, labels in _LABELS.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -134,7 +178,8 @@ def form_of(directory: Path) -> dict[str, Any]:
         "directory": str(directory),
         "run_file": files.run_file,
         "versions": files.versions,
-        "steps": STEPS,
+        "steps": _steps(),
+        "kind_notes": _KIND_NOTES,
         "groups": [{"title": title, "settings": fields} for title, fields in groups.items()],
         "problems": [placed(problem) for problem in shown_problems(check.problems)],
     }
@@ -168,13 +213,13 @@ def _field(
     return {
         "name": name,
         "kind": control,
-        "choices": _choices(setting, control),
+        "options": _options(setting, control),
         "meaning": setting.meaning,
         "help": _help(setting, control, secret=secret),
         "origin": " ".join(_origin(name, entry, value, written or "", secret=secret)),
         "start": "" if secret else start,
         "value": hidden(name, value),
-        "set": bool(value),
+        "placeholder": ("set; not shown" if value else "not set") if secret else None,
         "secret": secret,
         "file": files.run_file if setting.file == "run.env" else SYSTEM,
         "place": None if place is None else place.place.file,
@@ -192,9 +237,10 @@ def _control(setting: Setting, text: str) -> tuple[str, str]:
     return ("number" if setting.kind in ("whole", "number") else "text"), text
 
 
-def _choices(setting: Setting, control: str) -> Sequence[Any]:
-    flags = [("True", "Yes (True)"), ("False", "No (False)")]
-    return flags if control == "flag" else setting.choices or ()
+def _options(setting: Setting, control: str) -> Sequence[Any] | None:
+    if control == "flag":
+        return [("True", "Yes (True)"), ("False", "No (False)")]
+    return setting.choices if control == "choice" else None
 
 
 def _help(setting: Setting, control: str, *, secret: bool) -> str:
@@ -277,6 +323,21 @@ def is_folder(directory: Path) -> bool:
     return True
 
 
+def _begin() -> list[tuple[str, Any]]:
+    """What a new folder may begin with, in groups."""
+    presets = {each.name: each.summary for each in explain([], None).presets}
+    models = {name: read_recipe(name).summary for name in ready_made()}
+
+    def named(kind: str, known: dict[str, str]) -> list[tuple[str, str]]:
+        return [(f"{kind}:{name}", f"{name}: {about}") for name, about in known.items()]
+
+    return [
+        ("preset:", "The usual start: stay near the middle of the road"),
+        ("Settings and files for a purpose", named("preset", presets)),
+        ("A trained model, to drive at once or to train on", named("model", models)),
+    ]
+
+
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def show(_: Request) -> Any:
         return form_of(folder.directory)
@@ -319,10 +380,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         return {
             "exists": is_folder(folder.directory),
             "directory": str(folder.directory),
-            "presets": [
-                {"name": each.name, "about": each.summary} for each in explain([], None).presets
-            ],
-            "models": [{"name": name, "about": read_recipe(name).summary} for name in ready_made()],
+            "begin": _begin(),
         }
 
     def create(_: Request, body: NewFolder) -> Any:

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -18,6 +19,11 @@ SEND_S = 20.0
 
 QUIET_S = 15.0
 PAUSE_S = 0.05
+TRAINING_PACE_S, EVALUATION_PACE_S = 0.25, 0.1
+"""Between two looks at workers, whose news are sent together, so that a page draws them at once.
+
+Cars of a training drive many times faster than real time: more pictures of them would jump, too.
+"""
 _TRY_LATER, _BAD_DATA = 1013, 1007
 """RFC 6455."""
 
@@ -61,6 +67,7 @@ class SocketRoute:
 
     async def _send(self, socket: WebSocket, client: Client) -> None:
         """OSError, or its subclass TimeoutError, if the page does not read."""
+        looked = False
         while True:
             message: Message = _ALIVE
             with suppress(TimeoutError):
@@ -71,9 +78,23 @@ class SocketRoute:
                     await socket.send_bytes(message)
                 else:
                     await socket.send_text(message)
+            looked = looked or _is_live(message)
+            if looked and not client.news:
+                await asyncio.sleep(_pace_s(client.topics))
+                looked = False
 
 
 _ALIVE = text_message("alive", None)
+_LIVE = '{"topic":"live:'
+
+
+def _is_live(message: Message) -> bool:
+    return isinstance(message, bytes) or message.startswith(_LIVE)
+
+
+def _pace_s(topics: Iterable[str]) -> float:
+    evaluated = any(topic.startswith("live:") and ":evaluation" in topic for topic in topics)
+    return EVALUATION_PACE_S if evaluated else TRAINING_PACE_S
 
 
 def _topics_of(text: Any) -> set[str] | None:

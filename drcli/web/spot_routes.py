@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
@@ -13,6 +12,7 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.errors import SettingsError
 from drcli.base.installation import lazy_imports
 from drcli.base.json_record import plain
+from drcli.config.loading import load_settings
 from drcli.outside.aws import stacks
 from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.creation import Market, StackPlan
@@ -20,6 +20,7 @@ from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_templa
 from drcli.run import stack_plan
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
 from drcli.web.served_folder import ServedFolder
+from drcli.web.subprocess_work import in_subprocess
 from drcli.web.tasks import Progress
 
 with lazy_imports():
@@ -29,7 +30,6 @@ with lazy_imports():
 LOG_LINES = 200
 STOP_PATIENCE_S = 600.0
 _SAME_USD = 0.0005
-_IF_CUT = "Amazon may go on with it, which costs money: see the page “Spot”."
 
 
 class OfStack(Body):
@@ -65,54 +65,48 @@ class DeleteStack(OfStack):
         return self
 
 
-@dataclass(frozen=True)
-class Spot:
-    """What the work of tasks uses."""
-
-    folder: ServedFolder
-
-    def account(self) -> Account:
-        """Wrong settings must not keep anybody from seeing and ending what costs money."""
-        settings = None
-        with suppress(SettingsError):
-            settings = self.folder.settings()
-        return stack_plan.account_of(settings)
-
-    def prepared(self, body: PlanStack, progress: Progress) -> tuple[Account, StackPlan]:
-        """Nothing is changed."""
-
-        @contextmanager
-        def waiting(what: str) -> Iterator[None]:
-            progress(what)
-            yield
-
-        directory = self.folder.directory
-        before = stack_plan.read_settings(directory)
-        ours = stack_plan.account_of(before)
-        bucket, topic = body.bucket, ""
-        if body.base:
-            shared = stacks.need_stack(ours, body.base, "base")
-            bucket, topic = bucket or shared.bucket, shared.outputs.get("Topic", "")
-        options = creation.StackOptions(
-            body.stack,
-            bucket or stack_plan.usual_bucket(before),
-            market=body.market,
-            ttl_minutes=body.ttl_minutes,
-            topic=topic,
-        )
-        stacks.check_name(body.stack)
-        return ours, stack_plan.prepare(directory, ours, options, before, "", directory, waiting)
+def _account(directory: Path) -> Account:
+    """Wrong settings must not keep anybody from seeing and ending what costs money."""
+    settings = None
+    with suppress(SettingsError):
+        settings = load_settings(directory)
+    return stack_plan.account_of(settings)
 
 
-def _plan(at: Spot, body: PlanStack, progress: Progress) -> Any:
-    ours, plan = at.prepared(body, progress)
+def _prepared(progress: Progress, directory: Path, body: PlanStack) -> tuple[Account, StackPlan]:
+    """Nothing is changed."""
+
+    @contextmanager
+    def waiting(what: str) -> Iterator[None]:
+        progress(what)
+        yield
+
+    before = stack_plan.read_settings(directory)
+    ours = stack_plan.account_of(before)
+    bucket, topic = body.bucket, ""
+    if body.base:
+        shared = stacks.need_stack(ours, body.base, "base")
+        bucket, topic = bucket or shared.bucket, shared.outputs.get("Topic", "")
+    options = creation.StackOptions(
+        body.stack,
+        bucket or stack_plan.usual_bucket(before),
+        market=body.market,
+        ttl_minutes=body.ttl_minutes,
+        topic=topic,
+    )
+    stacks.check_name(body.stack)
+    return ours, stack_plan.prepare(directory, ours, options, before, "", directory, waiting)
+
+
+def _plan(progress: Progress, directory: Path, body: PlanStack) -> Any:
+    ours, plan = _prepared(progress, directory, body)
     planned = creation.Planned.of(plan, ours.region)
     said = [str(line) for line in planned.view() if line]
     return {**plain(planned), "said": said, "notes": plan.notes}
 
 
-def _create(at: Spot, body: CreateStack, progress: Progress) -> Any:
-    ours, plan = at.prepared(body, progress)
+def _create(progress: Progress, directory: Path, body: CreateStack) -> Any:
+    ours, plan = _prepared(progress, directory, body)
     agreed, now = body.agreed_usd_per_hour, plan.estimate.most
     if now is not None and (agreed is None or now > agreed + _SAME_USD):
         was = "not known" if agreed is None else f"{agreed:.3f} USD per hour"
@@ -128,17 +122,17 @@ def _create(at: Spot, body: CreateStack, progress: Progress) -> Any:
     return creation.carry_out(ours, plan)
 
 
-def _base(at: Spot, body: OfStack, progress: Progress) -> Any:
+def _base(progress: Progress, directory: Path, body: OfStack) -> Any:
     stacks.check_name(body.stack)
-    ours = at.account()
+    ours = _account(directory)
     stacks.refuse_existing(ours, body.stack)
     tags = {STACK_TAG: body.stack, KIND_TAG: "base"}
     made = stacks.create_stack(ours, body.stack, base_template(body.stack), tags, roles=False)
     return {"stack": body.stack, "bucket": made.bucket}
 
 
-def _stop(at: Spot, body: StopStack, progress: Progress) -> Any:
-    ours = at.account()
+def _stop(progress: Progress, directory: Path, body: StopStack) -> Any:
+    ours = _account(directory)
     found = stacks.need_stack(ours, body.stack, "training")
     checkpoint = ""
     if not body.now:
@@ -149,8 +143,8 @@ def _stop(at: Spot, body: StopStack, progress: Progress) -> Any:
     return str(stack_end.remove_training(ours, found, checkpoint))
 
 
-def _delete(at: Spot, body: DeleteStack, progress: Progress) -> Any:
-    ours = at.account()
+def _delete(progress: Progress, directory: Path, body: DeleteStack) -> Any:
+    ours = _account(directory)
     found = stacks.need_stack(ours, body.stack)
     if found.kind != "base":
         return str(stack_end.remove_training(ours, found, ""))
@@ -160,7 +154,7 @@ def _delete(at: Spot, body: DeleteStack, progress: Progress) -> Any:
     return f"Removed {body.stack}{'; its bucket stays' if keep else ' and its bucket'}."
 
 
-TASKS: dict[str, tuple[Callable[[Spot, Any, Progress], Any], str]] = {
+TASKS: dict[str, tuple[Callable[[Progress, Path, Any], Any], str]] = {
     "plan": (_plan, "Ask what {body.stack} costs"),
     "create": (_create, "Start {body.stack} at Amazon"),
     "base": (_base, "Make a bucket at Amazon for {body.stack}"),
@@ -170,10 +164,8 @@ TASKS: dict[str, tuple[Callable[[Spot, Any, Progress], Any], str]] = {
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    at = Spot(folder)
-
     def listed(_: Request) -> Any:
-        ours = at.account()
+        ours = _account(folder.directory)
         bucket = ""
         with suppress(SettingsError):
             bucket = stack_plan.usual_bucket(folder.settings())
@@ -181,7 +173,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         return {"region": ours.region, "bucket": bucket, "stacks": found}
 
     def logs(request: Request) -> Any:
-        ours, asked = at.account(), request.query_params
+        ours, asked = _account(folder.directory), request.query_params
         found = stacks.need_stack(ours, asked.get("stack", ""), "training")
         known = stack_logs.list_logs(ours, found)
         newest = max(known, key=lambda info: info.modified).key
@@ -190,7 +182,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         return {"logs": [info.key for info in known], "log": key, "lines": lines}
 
     def removal(request: Request) -> Any:
-        ours = at.account()
+        ours = _account(folder.directory)
         found = stacks.need_stack(ours, request.query_params.get("stack", ""), "base")
         content = stack_end.content_of_bucket(ours, found)
         return {"content": "" if content is None else str(content)}
@@ -200,8 +192,12 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
 
         def start(_: Request, body: OfStack) -> Any:
             said = title.format(body=body)
-            own = partial(work, at, body)
-            task = folder.tasks.start(f"spot-{name}", body.stack, said, own, if_cut=_IF_CUT)
+
+            def run(progress: Progress) -> Any:
+                return in_subprocess(progress, work, folder.directory, body, heavy=False)
+
+            goes_on = name != "plan"
+            task = folder.tasks.start(f"spot-{name}", body.stack, said, run, goes_on=goes_on)
             return {"task": task.id}
 
         declared = work.__annotations__["body"]

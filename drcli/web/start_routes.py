@@ -1,6 +1,6 @@
 """Checks everything and starts a training."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, create_model
@@ -10,6 +10,7 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.errors import DrError, WorkerDied
 from drcli.base.installation import lazy_imports
 from drcli.base.json_record import plain
+from drcli.base.report import counted
 from drcli.bucket.connect import open_running_bucket
 from drcli.config.settings import Settings
 from drcli.model.model_prefix import is_used, newest_checkpoint
@@ -19,11 +20,14 @@ from drcli.run.status import inspect
 from drcli.run.track_fetch import fetch, missing_tracks, tracks_to_fetch
 from drcli.train.goals import OPTIONS
 from drcli.web.answers import BadRequest, Body, accepts, answers, placed
+from drcli.web.model_questions import field
+from drcli.web.page_words import in_page
 from drcli.web.served_folder import ServedFolder
 from drcli.web.subprocess_work import in_subprocess
 from drcli.web.tasks import Progress
 
 if TYPE_CHECKING:
+    from drcli.checks.check_report import Report
     from drcli.run.plan import StartOptions
 
 with lazy_imports():
@@ -105,12 +109,82 @@ _GOALS: dict[str, Any] = {
 _Start = create_model("_Start", __base__=Start, **_GOALS)
 
 
+def _fields() -> list[dict[str, Any]]:
+    goals = [
+        field(
+            *(each.key, each.label, None, "whole" if each.whole else "number"),
+            help=each.hint,
+            placeholder="no limit",
+        )
+        for each in OPTIONS.values()
+    ]
+    about = "Repeats a training exactly. Empty: DR_TRAIN_SEED, or a new one."
+    seed = field("seed", "Seed (this start only)", None, "whole", help=about, placeholder="drawn")
+    return [*goals, seed]
+
+
+def _said(found: dict[str, Any], settings: Settings) -> Iterator[str]:
+    """What there is to say about the model before its start."""
+    yield f"The model is called {found['model']}."
+    if settings.pretrained:
+        yield f"It begins with the weights of {settings.pretrained_prefix}."
+    if found["trains"]:
+        yield (
+            f"Run {settings.run_id} is training {found['trains']} now. Stop it first, or choose "
+            "another DR_RUN_ID in the settings."
+        )
+    elif found["checkpoint"]:
+        yield (
+            f"The bucket has a model of this name, with checkpoint {found['checkpoint']}. Resume "
+            "this one, or give the new model another name in step 1."
+        )
+    elif found["used"]:
+        yield (
+            "The bucket has files under this name, but no checkpoint. Give the new model another "
+            "name in step 1."
+        )
+    if found["fetch"]:
+        yield f"{', '.join(found['fetch'])} will be downloaded first."
+
+
+def _asks(found: dict[str, Any], settings: Settings) -> dict[str, Any]:
+    """What is asked before a start of each kind, and before a download."""
+    tracks = ", ".join(found["fetch"])
+    return {
+        "wipe": {
+            "question": f"Delete the model {found['model']} and start over?",
+            "action": "Delete and start",
+            "detail": "All its checkpoints, traces and videos in the bucket are lost.",
+        },
+        "resume": {
+            "question": f"Resume the training of {found['model']}?",
+            "action": "Resume",
+            "detail": f"It goes on from checkpoint {found['checkpoint']}.",
+        },
+        "fetch": {
+            "question": f"Download the track {tracks} from the address DR_TRACKS_URL?",
+            "action": "Download and start",
+            "detail": "It is a track of the community that is not installed.",
+        }
+        if tracks and settings.tracks_fetch == "ask"
+        else None,
+    }
+
+
+def _verdict(found: "Report") -> str:
+    warnings = counted(len(found.warnings), "warning")
+    if found.ok:
+        return f"A training can start. {warnings}."
+    return f"A training cannot start: {counted(len(found.errors), 'error')}, {warnings}."
+
+
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def check(_: Request, body: Check) -> Any:
         found = validate.validate(folder.directory, console_compatible=body.console_compatible)
         groups = {"errors": found.errors, "warnings": found.warnings, "notes": found.notes}
         return {
             "ok": found.ok,
+            "said": _verdict(found),
             **{name: [placed(each) for each in group] for name, group in groups.items()},
             "skipped": plain(found.skipped),
         }
@@ -121,16 +195,13 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         record = RunRecord.read(run_folder(settings.directory, settings.run_id))
         found: dict[str, Any] = {
             "model": prefix,
-            "run_id": settings.run_id,
             "trains": record.prefix if record is not None and record.alive else None,
             "used": False,
             "checkpoint": None,
             "fetch": tracks_to_fetch(settings),
-            "fetch_allowed": settings.tracks_fetch,
-            "pretrained": settings.pretrained_prefix if settings.pretrained else None,
-            "bucket_error": None,
-            "goals": [plain(option) for option in OPTIONS.values()],
+            "fields": _fields(),
         }
+        unread = []
         try:
             bucket = open_running_bucket(settings.storage)
             if bucket is not None:
@@ -138,8 +209,9 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
                 found["used"] = is_used(ModelStore(bucket, prefix))
                 found["checkpoint"] = None if newest is None else str(newest)
         except DrError as error:
-            found["bucket_error"] = str(error)
-        return found
+            unread = [f"The bucket cannot be read now: {in_page(str(error))}"]
+        said = [*_said(found, settings), *unread]
+        return found | {"said": said, "asks": _asks(found, settings)}
 
     def start(_: Request, body: Start) -> Any:
         settings = folder.settings()

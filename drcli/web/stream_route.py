@@ -27,6 +27,8 @@ with lazy_imports():
     from PIL import Image
 
 MOST_STREAMS = 8
+REPEAT_S = 0.2
+"""After so long without a newer picture, the last one is sent a second time."""
 BOUNDARY = "picture"
 
 LIMITS: Mapping[str, tuple[int, int]] = {
@@ -140,9 +142,20 @@ class Streams:
             self._feed = None
 
     async def pictures(self, stream: _Stream, wanted: Wanted) -> AsyncIterator[bytes]:
-        """The newest picture whenever the last one has been taken."""
+        """The newest picture whenever the last one has been taken.
+
+        In a pause the last one follows once more: browsers built on Chromium show a picture only
+        when the next one begins.
+        """
+        part = b""
         while True:
-            await stream.wake.wait()
+            try:
+                async with asyncio.timeout(REPEAT_S if part else None):
+                    await stream.wake.wait()
+            except TimeoutError:
+                yield part
+                part = b""
+                continue
             stream.wake.clear()
             if stream.newest is None:
                 continue
@@ -155,7 +168,8 @@ class Streams:
                 f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\n"
                 f"Content-Length: {len(jpeg)}\r\nX-Timestamp: {step_s:.3f}\r\n\r\n"
             )
-            yield head.encode() + jpeg + b"\r\n"
+            part = head.encode() + jpeg + b"\r\n"
+            yield part
 
     def _ask(self, key: Key) -> None:
         assert self._feed is not None, "streams are open"

@@ -52,7 +52,6 @@ class Task:
         began: Unix seconds.
         ended: Unix seconds.
         goes_on: Whether it is completed even if the console ends.
-        if_cut: What to do if the end of the console cuts it short.
     """
 
     id: int
@@ -66,7 +65,6 @@ class Task:
     began: float = 0.0
     ended: float | None = None
     goes_on: bool = False
-    if_cut: str = _AGAIN
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,6 @@ class _CutShort:
     began: float
     ended: float
     goes_on: bool
-    remedy: str = _AGAIN
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,6 @@ class Tasks:
         function: Callable[[Progress], Any],
         *,
         goes_on: bool = False,
-        if_cut: str = _AGAIN,
     ) -> Task:
         """Run a function in a thread, as a `Task`.
 
@@ -127,9 +123,7 @@ class Tasks:
             if len(open_tasks) >= MOST_WAITING:
                 raise BadRequest("Too many tasks are under way; wait for one to end.", 429)
             given = kind, subject, title
-            task = Task(
-                next(self._numbers), *given, began=time.time(), goes_on=goes_on, if_cut=if_cut
-            )
+            task = Task(next(self._numbers), *given, began=time.time(), goes_on=goes_on)
             self._tasks[task.id] = task
             for old in [each.id for each in self._tasks.values() if each.ended is not None]:
                 if len(self._tasks) > MOST_KEPT:
@@ -170,7 +164,6 @@ class Tasks:
             _CutShort(
                 *(task.kind, task.subject, task.title, task.began, now),
                 task.goes_on and before.state == "running",
-                task.if_cut,
             )
             for before, task in zip(begun, after, strict=True)
             if task.state != "done" or task.goes_on
@@ -189,7 +182,7 @@ class Tasks:
             self._kept.unlink(missing_ok=True)
         for each in [] if kept is None else kept.tasks[-MOST_KEPT:]:
             said = _GOES_ON if each.goes_on else _STOPPED
-            remedy = "" if each.goes_on else each.remedy
+            remedy = "" if each.goes_on else _AGAIN
             task = Task(
                 next(self._numbers),
                 *(each.kind, each.subject, each.title),

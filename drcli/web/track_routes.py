@@ -21,15 +21,11 @@ from drcli.web.served_folder import ServedFolder
 
 with lazy_imports():
     from drcli.drive import racer_limit
+    from drcli.tracks import outline
     from drsim import errors as drsim_errors
     from drsim.track import worlds
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
-
-
-def _line(points: NDArray[np.float64]) -> list[list[float]]:
-    rounded: list[list[float]] = np.round(points, 3).tolist()
-    return rounded
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
@@ -46,14 +42,7 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
                 str(error),
                 remedy="`dr-tracks list` shows those that there are.",
             ) from error
-        return {
-            "name": track.name,
-            "closed": track.closed,
-            "length_m": track.length_m,
-            "center": _line(track.center),
-            "inner": _line(track.inner),
-            "outer": _line(track.outer),
-        }
+        return outline.outline(track)
 
     def limit(request: Request) -> Any:
         settings, asked = folder.settings(), request.query_params
@@ -77,21 +66,41 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
 
 
 OUTLINE_POINTS = 90
+_ORDERS = [
+    *(("name", "Name"), ("length_m", "Length")),
+    *(("width_m", "Width"), ("direction", "Direction")),
+]
 
 
-def _thinned(border: "NDArray[np.float64]") -> list[list[float]]:
+def _path(border: "NDArray[np.float64]") -> str:
     step = max(1, -(-len(border) // OUTLINE_POINTS))
-    kept: list[list[float]] = border[::step].round(2).tolist()
-    return kept
+    return "M " + " L ".join(f"{x:.2f} {-y:.2f}" for x, y in border[::step])
 
 
 def _outline(name: str, folder: Path) -> dict[str, Any] | None:
+    """Paths of a picture whose unit is a metre: the road, its borders, and where laps begin."""
     try:
         track = worlds.load_track(name, folder)
     except drsim_errors.TrackError:
         return None
-    start = track.pose_at(np.zeros(1))[0].round(3).tolist()
-    return {"inner": _thinned(track.inner), "outer": _thinned(track.outer), "start": start}
+    (x, y), points = track.pose_at(np.zeros(1))[0][:2], np.vstack([track.inner, track.outer])
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.06 * float((high - low).max())
+    inner, outer = _path(track.inner), _path(track.outer)
+    if track.closed:
+        edges = [f"{inner} Z", f"{outer} Z"]
+        road = " ".join(edges)
+    else:
+        edges = [inner, outer]
+        road = f"{outer} L {_path(track.inner[::-1]).removeprefix('M ')} Z"
+    wide, tall = high - low + 2 * margin
+    return {
+        "box": f"{low[0] - margin:.2f} {-high[1] - margin:.2f} {wide:.2f} {tall:.2f}",
+        "road": road,
+        "edges": edges,
+        "start": [round(float(x), 3), round(float(-y), 3)],
+        "margin": round(margin, 3),
+    }
 
 
 def track_list_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
@@ -111,7 +120,9 @@ def track_list_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             used.add(key)
             if key not in outlines:
                 outlines[key] = _outline(track.name, settings.tracks_folder)
-            rows.append(plain(track) | {"outline": outlines[key]})
+            size = f"{track.length_m:.1f} m long, {track.width_m:.2f} m wide"
+            facts = ", ".join(filter(None, (size, track.direction, track.difficulty)))
+            rows.append(plain(track) | {"outline": outlines[key], "facts": facts})
         for key in outlines.keys() - used:
             del outlines[key]
         names = {track.name for track in found.tracks}
@@ -119,6 +130,7 @@ def track_list_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "tracks": rows,
             "unreadable": found.unreadable,
             "folder": found.folder,
+            "orders": _ORDERS,
             "community": sorted(COMMUNITY - names),
         }
 

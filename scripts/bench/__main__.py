@@ -42,6 +42,7 @@ NAMES = (
     "start",
     "live",
     "console_cost",
+    "page_cost",
     "learn_lap_sb3",
     "fit_car",
     "reference_models",

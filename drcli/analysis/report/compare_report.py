@@ -231,7 +231,7 @@ def _graph(
             continue
         at = _values(run, over) / unit
         steps += [float(gap) for gap in np.diff(at) if np.isfinite(gap)]
-        color = f"--c{number % _COLORS + 1}"
+        color = f"c{number % _COLORS + 1}"
         y = _averaged(_values(run, what), _window(run))
         series.append(Series(run.model, at, y, color, decimals=2 if what == "lap_s" else 1))
     percents = what.endswith("progress")

@@ -4,24 +4,15 @@ import base64
 import hashlib
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from importlib.resources import files
 from typing import Any
 
 from drcli import __version__
 from drcli.analysis.report.graphs import Section
+from drcli.analysis.report.joined_script import joined_script, page_file
 from drcli.analysis.report.markup import Content, Html, element, joined, json_text
 
-_SCRIPTS = (
-    "uplot/uPlot.iife.min.js",
-    "page.js",
-    "graph_parts.js",
-    "graphs.js",
-    "map_parts.js",
-    "track_map.js",
-    "lap_player.js",
-    "start.js",
-)
-_STYLES = ("uplot/uPlot.min.css", "colors.css", "page.css")
+_SCRIPTS = ("theme.js", "vendor/uplot/uPlot.iife.min.js")
+_STYLES = ("vendor/uplot/uPlot.min.css", "colors.css", "parts.css", "page.css")
 
 
 def html_document(
@@ -33,7 +24,7 @@ def html_document(
 ) -> str:
     """A page of sections; `drawn` are the numbers of the map."""
     graphs = {graph.key: graph.as_data() for section in sections for graph in section.graphs}
-    theme = element("button", "Dark", type="button", id="theme", hidden=True)
+    theme = element("div", id="themes")
     name = element("div", element("h1", title), *below_title)
     contents = [
         element("li", element("a", section.short, href=f"#{section.key}")) for section in sections
@@ -64,10 +55,8 @@ def _whole(title: str, body: Html, data: str) -> str:
     Only our own scripts and styles, known by their hashes, may run: not even unescaped text does
     harm.
     """
-    styles = [_asset(name) for name in _STYLES]
-    library, *parts = (_asset(name).replace("\nexport ", "\n") for name in _SCRIPTS)
-    own = '(() => {\n"use strict";\n' + "\n".join(parts) + "})();\n"
-    scripts = [library, own]
+    styles = [page_file(name) for name in _STYLES]
+    scripts = [*(page_file(name) for name in _SCRIPTS), joined_script("/report.js")]
     policy = (
         f"default-src 'none'; img-src data:; script-src {_hashes(scripts)}; "
         f"style-src {_hashes(styles)}; base-uri 'none'; form-action 'none'"
@@ -81,17 +70,14 @@ def _whole(title: str, body: Html, data: str) -> str:
         element("title", title),
         Html('<link rel="icon" href="data:,">'),
         *(element("style", Html(style)) for style in styles),
+        element("script", Html(scripts[0])),  # dark or light, before anything is seen
     ]
     tail = [
         Html(f'<script type="application/json" id="data">{data}</script>'),
-        *(element("script", Html(script)) for script in scripts),
+        *(element("script", Html(script)) for script in scripts[1:]),
     ]
     page = element("html", element("head", *head), element("body", body, *tail), lang="en")
     return f"<!doctype html>\n{page}\n"
-
-
-def _asset(name: str) -> str:
-    return files("drcli.analysis.report").joinpath("assets", *name.split("/")).read_text("utf-8")
 
 
 def _hashes(texts: Sequence[str]) -> str:

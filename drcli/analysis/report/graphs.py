@@ -23,7 +23,7 @@ class Series:
     Attributes:
         x: Shape (n,).
         y: NaN where there is none. Shape (n,).
-        color: Such as "--c1" of colors.css.
+        color: Such as "c1" of colors.css.
         kind: "dots" are many small ones, "marks" few large ones.
         decimals: None: four significant digits.
         on: Until the reader switches it off.
@@ -71,45 +71,30 @@ class Graph:
     height: int = 320
 
     def as_data(self) -> dict[str, Any]:
-        names = ("x_label", "whole_x", "x_decimals", "left_range", "right_range", "near", "height")
-        return {name: getattr(self, name) for name in names} | {
+        """Properties of the component that draws it, with its series packed."""
+        axes = {"left": self.left, "right": self.right}
+        limits = {"y": self.left_range, "right": self.right_range}
+        return {
+            "title": self.title,
+            "x": "Iteration" if self.whole_x else self.x_label,
+            "xDigits": self.x_decimals or 0,
+            "axes": axes if self.whole_x else axes | {"x": self.x_label},
+            "limits": {name: limit for name, limit in limits.items() if limit is not None},
             "marks": [asdict(mark) for mark in self.marks],
+            "near": self.near,
+            "height": self.height,
             "series": [_series_data(one) for one in self.series],
         }
 
     def as_html(self) -> Html:
-        # A single series needs no switch.
-        several = self.series if len(self.series) > 1 else ()
-        keys = [_key(number, one) for number, one in enumerate(several)]
-        return element(
-            "figure",
-            element("figcaption", self.title, class_="graph-name"),
-            element("div", *keys, class_="keys"),
-            element(
-                "div",
-                element("span", self.left),
-                element("span", self.right),
-                class_="axis-names",
-                aria_hidden="true",
-            ),
-            element(
-                "div",
-                class_="plot",
-                tabindex="0",
-                role="group",
-                aria_label=f"{self.title}, over {self.x_label}. "
-                "The left and right arrow keys read its values.",
-            ),
-            element("p", class_="readout", aria_live="polite"),
-            data_graph=self.key,
-        )
+        return element("div", data_graph=self.key, class_="graph")
 
 
 def many_points(
     name: str,
     x: ArrayLike,
     y: ArrayLike,
-    color: Literal["--c1", "--c2", "--c3"],
+    color: Literal["c1", "c2", "c3"],
     axis: Literal["left", "right"] = "left",
     decimals: int | None = None,
     *,
@@ -124,7 +109,7 @@ def many_points(
         return Series(name, x, y, color, "marks", axis, decimals, on)
     every = dots_apart(len(np.asarray(x)))
     x, y = np.asarray(x)[::every], np.asarray(y)[::every]
-    return Series(name, x, y, color.replace("--c", "--dots"), "dots", axis, decimals, on)
+    return Series(name, x, y, color.replace("c", "dots"), "dots", axis, decimals, on)
 
 
 def dots_note(count: int, what: str) -> Html | None:
@@ -140,23 +125,23 @@ def dots_apart(count: int) -> int:
     return max(1, math.ceil(count / MOST_DOTS))
 
 
+_DOT_PX = {"dots": 4, "marks": 7}
+
+
 def _series_data(series: Series) -> dict[str, Any]:
-    names = ("name", "color", "kind", "axis", "decimals", "on")
-    return {name: getattr(series, name) for name in names} | {
+    looks = {
+        "dots": _DOT_PX.get(series.kind),
+        "axis": "right" if series.axis == "right" else None,
+        "digits": series.decimals,
+        "off": not series.on or None,
+    }
+    return {
+        "name": series.name,
+        "color": series.color,
+        **{name: value for name, value in looks.items() if value is not None},
         "x": numbers(series.x),
         "y": numbers(series.y),
     }
-
-
-def _key(number: int, series: Series) -> Html:
-    swatch = element(
-        "svg",
-        element("rect", width="100%", height="100%", class_=f"ink{series.color}"),
-        class_="swatch" if series.kind == "line" else "swatch dots",
-        aria_hidden="true",
-    )
-    tick = element("input", type="checkbox", checked=series.on, data_series=str(number))
-    return element("label", tick, swatch, series.name)
 
 
 # A section of the report.

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from drcli.analysis.report.graphs import Section
-from drcli.analysis.report.lap_choice import LapChoice
+from drcli.analysis.report.lap_choice import SHOWN_AT_ONCE, LapChoice
 from drcli.analysis.report.markup import (
     Content,
     Html,
@@ -24,6 +25,7 @@ from drcli.analysis.report.markup import (
 from drcli.analysis.run import Run, StoredEvaluation
 from drcli.base.installation import lazy_imports
 from drcli.records.trace import STEP_S, VIOLATIONS
+from drcli.tracks.outline import outline
 from drsim.arrays import Bools, Floats, Ints
 from drsim.track.track import Track
 
@@ -112,7 +114,8 @@ def lap_data(
             parts.append((frames[number], facts_))
     groups["fastest"] = [places[number] for number in laps.fastest if number in places]
     groups["worst"] = [places[number] for number in laps.worst if number in places]
-    groups["both"] = list(dict.fromkeys(groups["fastest"] + groups["worst"]))
+    only_worst = [lap for lap in groups["worst"] if lap not in groups["fastest"]]
+    groups["both"] = groups["fastest"] + only_worst
     for index, trial_steps in enumerate(trials):
         if trial_steps.empty:
             continue
@@ -134,6 +137,12 @@ def lap_data(
             **{name: numbers([float(fact[name]) for fact in facts]) for name in _FACTS},
         },
         "groups": groups,
+        "colors": [
+            *(f"fast{number % SHOWN_AT_ONCE + 1}" for number, _ in enumerate(groups["fastest"])),
+            *(f"worst{number % SHOWN_AT_ONCE + 1}" for number, _ in enumerate(only_worst)),
+        ],
+        "every": laps.every,
+        "iterations": sorted({int(fact["iteration"]) for fact in facts} - {-1}),
     }
 
 
@@ -182,8 +191,10 @@ def _columns(
     return {
         "x": quantised(steps["x"], "i16", low=bounds[0], high=bounds[2]),
         "y": quantised(steps["y"], "i16", low=bounds[1], high=bounds[3]),
-        "yaw": quantised(steps["yaw"], "i8", low=-180.0, high=180.0),
-        "time": quantised(seconds, "i16", low=0.0, high=max(float(seconds.max(initial=1.0)), 1.0)),
+        "yaw_rad": quantised(np.radians(steps["yaw"]), "i8", low=-np.pi, high=np.pi),
+        "time_s": quantised(
+            seconds, "i16", low=0.0, high=max(float(seconds.max(initial=1.0)), 1.0)
+        ),
         "reward": numbers(steps["reward"]),
         "progress": quantised(steps["progress"], "i16", low=-5.0, high=105.0),
         "speed": quantised(steps["speed"], "i8", low=0.0, high=top),
@@ -230,13 +241,39 @@ def with_motion(steps: "pd.DataFrame") -> "pd.DataFrame":
 
 _CELLS_M = (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0)
 _MOST_CELLS = 3000
-_ROAD_POINTS = 400
 _MOST_ENDS = 10_000
 _SHOWN_SLIP_DEG = 20.0
 """Cars of this size slide by a few degrees."""
 
 _MARGIN_M = 0.5
 FIFTHS = ("first", "second", "third", "fourth", "last")
+
+
+@dataclass(frozen=True)
+class _Paint:
+    """What laps and areas are coloured by, with the sides of the least and the greatest value."""
+
+    name: str
+    unit: str = ""
+    sides: tuple[str, str] | None = None
+
+
+_PAINTS = {
+    "lap": _Paint("lap"),
+    "reward": _Paint("reward of a step"),
+    "driven": _Paint("driven speed", "m/s"),
+    "speed": _Paint("requested speed", "m/s"),
+    "steering": _Paint("steering", "°", ("(right)", "(left)")),
+    "slip": _Paint("slip angle", "°", ("(to its right)", "(to its left)")),
+    "visits": _Paint("how often driven", "steps"),
+}
+_END_COLORS = {
+    "lap_complete": "end1",
+    "off_track": "end2",
+    "crashed": "end3",
+    "reversed": "end4",
+    "immobilized": "end5",
+}
 
 
 def map_data(run: Run, laps: LapChoice) -> dict[str, Any] | None:
@@ -252,19 +289,17 @@ def map_data(run: Run, laps: LapChoice) -> dict[str, Any] | None:
     statuses = sorted({*ends, "lap_complete", FINISHED})
     data = {
         "bounds": bounds,
-        "closed": run.track is None or run.track.closed,
-        "road": None if run.track is None else _road(run.track),
-        "limits": limits,
-        "units": {
-            "reward": ["", "", ""],
-            "driven": [" m/s", "", ""],
-            "speed": [" m/s", "", ""],
-            "steering": ["°", " (right)", " (left)"],
-            "slip": ["°", " (to its right)", " (to its left)"],
-            "visits": ["", "", " steps"],
-        },
-        "statuses": statuses,
+        "track": None if run.track is None else outline(run.track),
+        "shows": list(_shows(run).items()),
+        "statuses": [
+            {"name": status.replace("_", " "), "color": _END_COLORS.get(status, "edge")}
+            for status in statuses
+        ],
+        # They make the scale of how often places are driven.
         "cells": _cells(driven, run.episodes, limits),
+        "paints": {
+            name: asdict(paint) | {"range": limits.get(name)} for name, paint in _PAINTS.items()
+        },
         "ends": _ends(steps, run.episodes, laps.ids, bounds, statuses),
     }
     return data | lap_data(steps, run, laps, trials, bounds, statuses, limits)
@@ -300,28 +335,6 @@ def _limits(driven: "pd.DataFrame") -> dict[str, list[float]]:
         "slip": [-_SHOWN_SLIP_DEG, _SHOWN_SLIP_DEG],
         "visits": [1.0, 2.0],
     }
-
-
-def _road(track: Track) -> dict[str, object]:
-    every = max(math.ceil(len(track.center) / _ROAD_POINTS), 1)
-    rows = np.arange(0, len(track.center) - int(track.closed), every)
-    inner, center, outer = (
-        (line if len(line) == len(track.center) else _resampled(line, len(track.center)))[rows]
-        for line in (track.inner, track.center, track.outer)
-    )
-    low_x, low_y, high_x, high_y = track.bounds
-    lines = {"inner": inner, "center": center, "outer": outer}
-    data: dict[str, object] = {}
-    for name, line in lines.items():
-        data[f"{name}_x"] = quantised(line[:, 0], "i16", low=low_x, high=high_x)
-        data[f"{name}_y"] = quantised(line[:, 1], "i16", low=low_y, high=high_y)
-    numbered = next(n for n in (5, 10, 20, 50, 100, 1000) if len(track.center) / n <= 24 or n > 100)
-    return data | {"index": numbers(rows), "every": [max(numbered // every, 1)]}
-
-
-def _resampled(line: Floats, count: int) -> Floats:
-    at = np.linspace(0, len(line) - 1, count)
-    return np.stack([np.interp(at, np.arange(len(line)), column) for column in line.T], axis=1)
 
 
 def ground_cells(xy: Floats, size_m: float) -> tuple[Ints, Ints]:
@@ -414,17 +427,6 @@ def _ends(
     }
 
 
-_PAINTS = {
-    "lap": "lap",
-    "reward": "reward of a step",
-    "driven": "driven speed",
-    "speed": "requested speed",
-    "steering": "steering",
-    "slip": "slip angle",
-    "visits": "how often driven",
-}
-_SPEEDS = {"0.5": "half", "1": "real", "2": "double", "5": "5 times"}
-_LISTED = ("episode", "iteration", "read", "progress", "time", "reward", "end")
 _ROWS = 5
 
 
@@ -442,7 +444,7 @@ def map_section(run: Run, laps: LapChoice) -> Section:
         "time disagree."
     )
     content: tuple[Content, ...] = (
-        _controls(run),
+        element("div", id="map"),
         element("p", note, class_="quiet"),
         element(
             "details",
@@ -453,113 +455,20 @@ def map_section(run: Run, laps: LapChoice) -> Section:
     return Section("track", "On the track", "Track map", look, content)
 
 
-def _controls(run: Run) -> Html:
-    groups = {"steps-0": "all steps, whole training"}
+def _shows(run: Run) -> dict[str, str]:
+    shows = {"steps-0": "all steps, whole training"}
     for number, name in enumerate(FIFTHS, start=1):
-        groups[f"steps-{number}"] = f"all steps, {name} fifth"
-    groups |= {
+        shows[f"steps-{number}"] = f"all steps, {name} fifth"
+    shows |= {
         "fastest": "fastest laps",
         "worst": "worst laps of the last fifth",
         "both": "fastest and worst laps",
         "iteration": "one iteration",
     }
     shown = [each.stamp for each in same_road(run) if len(located(each.steps))]
-    groups |= {f"evaluation-{number}": f"evaluation {stamp}" for number, stamp in enumerate(shown)}
-    return element(
-        "div",
-        element(
-            "div",
-            _select("Show", "what", groups, "both"),
-            _select("Colours", "paint", _PAINTS, "lap"),
-            element(
-                "label",
-                element("input", type="checkbox", data_part="ends"),
-                "where episodes ended",
-                class_="tick",
-            ),
-            element(
-                "label",
-                element("span", "Iteration ", element("output", data_part="iteration-number")),
-                element("input", type="range", min="0", max="0", step="1", data_part="iteration"),
-                class_="wide",
-                data_part="iteration-room",
-                hidden=True,
-            ),
-            class_="controls",
-        ),
-        element(
-            "div",
-            element(
-                "canvas",
-                class_="map",
-                data_part="canvas",
-                tabindex="0",
-                role="img",
-                aria_label="Map of the track. Space plays and pauses, the left and right arrow "
-                "keys move by a step, page up and page down change the iteration, plus and "
-                "minus zoom.",
-            ),
-            element(
-                "div",
-                element("button", "+", type="button", data_part="in", aria_label="Zoom in"),
-                element(
-                    "button",
-                    "\N{MINUS SIGN}",
-                    type="button",
-                    data_part="out",
-                    aria_label="Zoom out",
-                ),
-                class_="zoom",
-            ),
-            class_="canvas-room",
-        ),
-        element(
-            "div",
-            element(
-                "span",
-                element("span", data_part="low"),
-                " ",
-                element("canvas", width="144", height="10", data_part="bar", aria_hidden="true"),
-                " ",
-                element("span", data_part="high"),
-                class_="scale",
-                data_part="scale",
-            ),
-            element("span", class_="scale", data_part="keys"),
-            class_="scale",
-        ),
-        element(
-            "div",
-            element("button", "Play", type="button", data_part="play"),
-            element(
-                "label",
-                "Time",
-                element("input", type="range", min="0", max="1", step="0.02", data_part="time"),
-                class_="wide",
-            ),
-            _select("Speed", "speed", _SPEEDS, "1"),
-            class_="controls",
-            data_part="player",
-            hidden=True,
-        ),
-        element("p", class_="readout", data_part="readout"),
-        element(
-            "div",
-            table("Laps on the map", _LISTED, [], texts=1),
-            class_="laps",
-            data_part="laps-room",
-            hidden=True,
-        ),
-        id="map",
-    )
-
-
-def _select(label: str, part: str, options: dict[str, str], chosen: str) -> Html:
-    found = [
-        element("option", text, value=value, selected=value == chosen)
-        for value, text in options.items()
-    ]
-    return element("label", label, element("select", *found, data_part=part))
+    return shows | {
+        f"evaluation-{number}": f"evaluation {stamp}" for number, stamp in enumerate(shown)
+    }
 
 
 def _lap_tables(episodes: "pd.DataFrame") -> list[Html]:

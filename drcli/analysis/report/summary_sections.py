@@ -174,27 +174,27 @@ def reward_section(run: Run) -> Section | None:
     at = table_.index.to_numpy(np.float64)
     dots = spread_over_iterations(episodes)
     series = [
-        many_points("reward of an episode", dots, episodes["reward"], "--c1", alone=False),
-        Series("mean reward", at, table_["mean_reward"], "--c1"),
+        many_points("reward of an episode", dots, episodes["reward"], "c1", alone=False),
+        Series("mean reward", at, table_["mean_reward"], "c1"),
         many_points(
             "progress of an episode",
             dots,
             episodes["progress"],
-            "--c2",
+            "c2",
             "right",
             1,
             on=False,
             alone=False,
         ),
-        Series("mean progress", at, table_["mean_progress"], "--c2", axis="right", decimals=1),
+        Series("mean progress", at, table_["mean_progress"], "c2", axis="right", decimals=1),
     ]
     evaluated = [
-        Series("mean reward of the evaluation", at, table_["eval_mean_reward"], "--c6"),
+        Series("mean reward of the evaluation", at, table_["eval_mean_reward"], "c6"),
         Series(
             "mean progress of the evaluation",
             at,
             table_["eval_mean_progress"],
-            "--c3",
+            "c3",
             axis="right",
             decimals=1,
         ),
@@ -292,8 +292,8 @@ def lap_section(run: Run) -> Section | None:
         share = 100 * table_["complete_laps"].to_numpy(float) / table_["episodes"].to_numpy(float)
     evaluated = table_["eval_mean_progress"]
     completion = [
-        Series("clean laps of the training", at, share, "--c1", decimals=0),
-        Series("mean progress of the evaluation", at, evaluated, "--c3", decimals=1),
+        Series("clean laps of the training", at, share, "c1", decimals=0),
+        Series("mean progress of the evaluation", at, evaluated, "c3", decimals=1),
     ]
     graphs = [
         Graph(
@@ -314,10 +314,10 @@ def lap_section(run: Run) -> Section | None:
         dots = spread_over_iterations(run.episodes)[complete]
         evaluated_s = table_["eval_best_lap_s"]
         times = [
-            many_points("lap", dots, run.episodes["time"][complete], "--c1", decimals=2),
-            Series("mean lap time", at, table_["mean_lap_s"], "--c1", decimals=2),
-            Series("best so far", at, best_s, "--c3", decimals=2),
-            Series("best lap of the evaluation", at, evaluated_s, "--c2", "marks", decimals=2),
+            many_points("lap", dots, run.episodes["time"][complete], "c1", decimals=2),
+            Series("mean lap time", at, table_["mean_lap_s"], "c1", decimals=2),
+            Series("best so far", at, best_s, "c3", decimals=2),
+            Series("best lap of the evaluation", at, evaluated_s, "c2", "marks", decimals=2),
         ]
         times = [one for one in times if np.isfinite(np.asarray(one.y, np.float64)).any()]
         graphs.append(
@@ -365,7 +365,7 @@ def learner_section(run: Run) -> Section | None:
         if values.dtype.kind not in "fiu" or not np.isfinite(values.to_numpy(np.float64)).any():
             continue
         title, unit = _LEARNER.get(name, (str(name).replace("_", " ").capitalize(), str(name)))
-        series = [Series(unit, at, values, "--c1")]
+        series = [Series(unit, at, values, "c1")]
         graphs.append(Graph(f"learner-{name}", title, "iteration", series, unit, height=200))
     if not graphs:
         return None

@@ -112,7 +112,7 @@ def explained(error: Exception, action: str, region: str) -> DrError:
     if isinstance(error, boto.NoCredentialsError | boto.PartialCredentialsError):
         return StorageError(
             f"{start}no access keys for Amazon were found on this machine.",
-            remedy=f"Run `aws configure`, or name a profile with {PROFILE_SETTING} or --profile.",
+            remedy=f"Run `aws configure`, or name a profile with --profile or {PROFILE_SETTING}.",
         )
     by_sign_in = ("SSOTokenLoadError", "UnauthorizedSSOTokenError", "TokenRetrievalError")
     if code in _EXPIRED or type(error).__name__ in by_sign_in:
@@ -127,7 +127,7 @@ def explained(error: Exception, action: str, region: str) -> DrError:
             f"{start}Amazon does not know these access keys, or they belong to another account "
             f"({code}).",
             remedy=f"Correct the keys with `aws configure`, or choose other ones with "
-            f"{PROFILE_SETTING} or --profile, and check the clock of this machine.",
+            f"--profile or {PROFILE_SETTING}, and check the clock of this machine.",
         )
     if code in _QUOTA:
         return SettingsError(
@@ -161,7 +161,7 @@ def _denial(error: Exception, start: str, said: str) -> StorageError:
     return StorageError(
         f"{start}your access keys lack the permission {action}{where}.",
         remedy=f"Add {action} to the policy of these keys, or choose other keys with "
-        f"{PROFILE_SETTING} or --profile.",
+        f"--profile or {PROFILE_SETTING}.",
     )
 
 

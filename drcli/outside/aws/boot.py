@@ -54,6 +54,7 @@ END_WORK_FAILED = 10
 MOST_FAILURES, FAILURE_WINDOW_S = 5, 3600.0
 READ_LINES, SHOWN_LINES, SHOWN_LETTERS = 60, 3, 1500
 BOOT_ATTEMPTS, BOOT_PAUSE_S = 3, 60.0
+LEAVE_PAUSE_S = 300.0
 LAST_MINUTES = 5
 """Before the machine's end, for stopping the training."""
 
@@ -407,7 +408,7 @@ def start() -> int:
     """Three attempts, then give the machine back."""
     machine = Machine()
     if machine.ends and machine.ends - time.time() < 60 * (LAST_MINUTES + 1):
-        machine.leave("stopped", "The time of the stack is over.")
+        leave_at_last(machine, "stopped", "The time of the stack is over.")
         return 0
     problem = ""
     for attempt in range(BOOT_ATTEMPTS):
@@ -426,8 +427,19 @@ def start() -> int:
             log(f"attempt {attempt + 1} of {BOOT_ATTEMPTS} failed: {problem}")
         else:
             return 0
-    machine.leave("failed", f"The machine could not be set up: {problem}")
+    leave_at_last(machine, "failed", f"The machine could not be set up: {problem}")
     return 1
+
+
+def leave_at_last(machine: Machine, state: str, text: str) -> None:
+    """Without a training nothing else would end a machine that has no network now."""
+    while True:
+        try:
+            machine.leave(state, text)
+        except BootFailed:  # it is in the log
+            pause(LEAVE_PAUSE_S)
+        else:
+            return
 
 
 def ended() -> int:
@@ -438,9 +450,9 @@ def ended() -> int:
         memory = os.environ.get("SERVICE_RESULT") == "oom-kill"
         why = " because the memory of the machine ran out" if memory else ""
         said = f"The training was ended by signal {status}{why}."
-    if code == END_WORK_FAILED:
-        said = f"{said} {failed_end_work()}"
-    elif code not in (0, 143):
+    if FINAL.get(code) in ("finished", "stopped"):
+        said = f"{said} {recorded_end(code)}".rstrip()
+    else:
         said = f"{said} {last_words(only_errors=code in SOON_AGAIN)}".rstrip()
     log(said)
     machine = Machine()
@@ -505,16 +517,17 @@ def last_words(*, only_errors: bool) -> str:
     return "" if only_errors else " ".join(lines[-SHOWN_LINES:])[-SHOWN_LETTERS:]
 
 
-def failed_end_work() -> str:
-    """For a complete training; says how to repeat it."""
+def recorded_end(code: int) -> str:
+    """How a training ended as wanted, and what to do about work at its end that failed."""
     for path in at(RACER).glob("data/runs/*/run.json"):
         try:
             record = json.loads(path.read_text())
-            if record["exit_code"] == END_WORK_FAILED:
+            if record["exit_code"] == code:
                 return f"{record['message']} {record['remedy']}"
         except (OSError, ValueError, KeyError) as error:
             log(f"{path} says nothing: {error}")  # a machine must end without it too
-    return "It is complete, but the upload or import at its end failed."
+    complete = "It is complete, but the upload or import at its end failed."
+    return complete if code == END_WORK_FAILED else ""
 
 
 def failures() -> list[float]:

@@ -102,7 +102,7 @@ def stop_training_there(
             raise StorageError(
                 f"The training on {', '.join(left)} has not stopped within {patience_s:.0f} s; "
                 "nothing was deleted.",
-                remedy=f"Wait and repeat the command, look with `dr-spot logs {stack.name}`, or "
+                remedy=f"Wait and repeat this, look with `dr-spot logs {stack.name}`, or "
                 "give up what is not in the bucket with --now.",
             )
         pause(_POLL_S)
@@ -123,7 +123,7 @@ def verified_checkpoint(account: Account, stack: Stack) -> str:
     if held is not None:
         raise StorageError(
             f"{model} is still being trained by {held.owner}; nothing was deleted.",
-            remedy="Repeat the command in a minute, or add --now.",
+            remedy="Repeat this in a minute, or give up what is not in the bucket with --now.",
         )
     newest = newest_checkpoint(store)
     if newest is None:
@@ -135,7 +135,7 @@ def verified_checkpoint(account: Account, stack: Stack) -> str:
     if loaded is None or loaded.record.name != str(newest):
         raise StorageError(
             f"The newest checkpoint of {model}, {newest}, is not whole; nothing was deleted.",
-            remedy="Look at it with `dr-list-models`; add --now to delete the stack all the same. "
+            remedy="Look at it with `dr-list-models`; --now deletes the stack all the same. "
             "The model stays in the bucket.",
         )
     return str(newest)
@@ -241,7 +241,8 @@ def _send(account: Account, instances: Sequence[str]) -> str:
             raise StorageError(
                 f"The machine {', '.join(instances)} does not answer Systems Manager; it may "
                 "still be booting. Nothing was deleted.",
-                remedy="Repeat the command in two minutes, or add --now.",
+                remedy="Repeat this in two minutes, or give up what is not in the bucket with "
+                "--now.",
             ) from error
     return str(answer["Command"]["CommandId"])
 

@@ -14,6 +14,9 @@ from drcli.outside.aws.machine_marks import read_marks
 from drcli.outside.aws.machines import Machine, cost_of, machines_of, scaling_problem
 from drcli.outside.aws.stacks import Stack
 
+SILENT_S = 600.0
+"""A machine tells the bucket of its boot within a minute."""
+
 
 @dataclass(frozen=True)
 class StackReport:
@@ -91,19 +94,29 @@ def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> Stac
     )
     if stack.status != "CREATE_COMPLETE":
         return report
-    state, reason = _state(machines, owned=owned)
+    state, reason = _state(machines, stack.name, owned=owned)
     if state == "waiting for a machine":
         reason = scaling_problem(account, stack)
     return replace(report, state=state, reason=reason or report.reason)
 
 
-def _state(machines: Sequence[Machine], *, owned: bool) -> tuple[str, str]:
+def _state(machines: Sequence[Machine], stack: str, *, owned: bool) -> tuple[str, str]:
     there = [each for each in machines if each.running]
     if there:
         last = there[-1]
         if last.said in ("training", "waiting", "restarting"):
             return ("training" if owned else last.said), last.reason
-        return last.said or "booting", last.reason
+        return last.said or "booting", last.reason or _silence(last, stack)
     if machines and machines[-1].said in ("finished", "stopped", "failed"):
         return machines[-1].said, machines[-1].reason
     return "waiting for a machine", ""
+
+
+def _silence(machine: Machine, stack: str) -> str:
+    silent_s = 3600 * machine.hours
+    if machine.said or silent_s < SILENT_S:
+        return ""
+    return (
+        f"{machine.instance} has not reached the bucket in {silent_s / 60:.0f} minutes; "
+        f"`dr-spot logs {stack} console` in a terminal shows what it has printed."
+    )

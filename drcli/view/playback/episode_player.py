@@ -20,6 +20,7 @@ from drcli.model.files.model_metadata import ModelMetadata
 from drcli.model.model_store import ModelStore
 from drcli.model.reconstruct import readable_history
 from drcli.records.checkpoint import CHECKPOINT_NAME
+from drcli.tracks.outline import outline
 from drcli.transfer.record_training import of_parameter_file
 from drcli.view.playback.lap_parameters import KnownRace, directed_track, lap_parameters
 from drcli.view.playback.player_handle import pack
@@ -144,8 +145,6 @@ def _of_iteration(model: ModelStore, config: ModelConfig, iteration: int) -> int
 
 T = TypeVar("T")
 
-_DIGITS = 3
-
 
 @dataclass(eq=False)
 class OpenedTrace:
@@ -238,17 +237,6 @@ def open_trace(model: ModelStore, defaults: Defaults, name: str) -> OpenedTrace:
     )
     race = _race(trace, found, str(told.get("race_type", "")))
     return OpenedTrace(trace, found, track, race, policy, eyes, used, notes)
-
-
-def outline(track: Track) -> dict[str, Any]:
-    """A map's lines, in metres with millimetres."""
-    lines = {"center": track.center, "inner": track.inner, "outer": track.outer}
-    return {
-        "name": track.name,
-        "closed": track.closed,
-        "length_m": track.length_m,
-        **{name: np.round(line, _DIGITS).tolist() for name, line in lines.items()},
-    }
 
 
 def used_parameters(text: bytes) -> list[str]:

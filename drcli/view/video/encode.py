@@ -25,6 +25,9 @@ Frame = NDArray[np.uint8]
 _QUALITY = 21
 """x264's constant rate factor: 18 looks like the original, 28 does not."""
 
+_BT709, _LIMITED = 1, 1
+"""Matrix, primaries and transfer of H.273; brightness from 16 to 235."""
+
 _QUEUE = 8
 _SAMPLED = 12
 GIF_FPS = 10
@@ -119,6 +122,11 @@ class _Mp4:
         self._stream.pix_fmt = "yuv420p"
         self._stream.options = {"preset": "veryfast", "crf": str(_QUALITY)}
         self._stream.codec_context.thread_count = 2
+        # Without these, browsers take a video of 720 rows or more for BT.709, which is not what the
+        # encoder makes of RGB by itself, and show other colours.
+        for name in ("colorspace", "color_primaries", "color_trc"):
+            setattr(self._stream.codec_context, name, _BT709)
+        self._stream.codec_context.color_range = _LIMITED
         self._queue: Queue[Frame | None] = Queue(_QUEUE)
         self._error: BaseException | None = None
         self._thread = Thread(target=self._encode, name="encoder", daemon=True)
@@ -154,6 +162,7 @@ class _Mp4:
                 continue  # so that nobody waits for room in the queue
             try:
                 picture = self._av.VideoFrame.from_ndarray(frame, format="rgb24")
+                picture = picture.reformat(format="yuv420p", dst_colorspace=_BT709)
                 for packet in self._stream.encode(picture):
                     self._file.mux(packet)
             except BaseException as error:

@@ -8,41 +8,34 @@ export class ApiError extends Error {
   }
 }
 
+const refused = (status, answer) =>
+  Object.assign(
+    new ApiError(status, answer?.error ?? { message: `The console answered ${status}.` }),
+    { answer },
+  );
+
+/** The answer to a request, whose error is thrown. */
 async function answerOf(method, path, body, signal) {
-  const options = { method, signal, headers: {} };
-  if (body instanceof Blob || body instanceof FormData) options.body = body;
-  else if (body !== undefined) {
-    options.body = JSON.stringify(body);
-    options.headers["content-type"] = "application/json";
-  }
-  try {
-    return await fetch(path, options);
-  } catch (error) {
+  const isFile = body instanceof Blob || body instanceof FormData;
+  const headers = body === undefined || isFile ? {} : { "content-type": "application/json" };
+  const sent = isFile ? body : JSON.stringify(body);
+  const answer = await fetch(path, { method, signal, headers, body: sent }).catch((error) => {
     if (error.name === "AbortError") throw error;
     throw new ApiError(0, {
       message: "The console does not answer.",
       remedy: "Start it with `dr console start`; the page connects again by itself.",
     });
-  }
+  });
+  if (!answer.ok) throw refused(answer.status, await answer.json().catch(() => null));
+  return answer;
 }
 
+/** What is answered as JSON; an answer of something between is none. */
 async function request(method, path, body, signal) {
   const answer = await answerOf(method, path, body, signal);
-  let value = null;
-  try {
-    value = await answer.json();
-  } catch {
-    /* not JSON: an answer of something between */
-  }
-  if (!answer.ok || value === null)
-    throw Object.assign(
-      new ApiError(
-        answer.status,
-        value?.error ?? { message: `The console answered ${answer.status}.` },
-      ),
-      { answer: value },
-    );
-  return value;
+  return answer.json().catch((error) => {
+    throw error.name === "AbortError" ? error : refused(answer.status, null);
+  });
 }
 
 export const get = (path, signal) => request("GET", path, undefined, signal);
@@ -51,15 +44,7 @@ export const put = (path, body = {}, signal) => request("PUT", path, body, signa
 export const remove = (path, signal) => request("DELETE", path, undefined, signal);
 
 /** The answer to a request for what is not JSON; its error may be. */
-async function file(path, signal) {
-  const answer = await answerOf("GET", path, undefined, signal);
-  if (answer.ok) return answer;
-  const value = await answer.json().catch(() => null);
-  throw new ApiError(
-    answer.status,
-    value?.error ?? { message: `The console answered ${answer.status}.` },
-  );
-}
+const file = (path, signal) => answerOf("GET", path, undefined, signal);
 
 export const getBlob = async (path, signal) => (await file(path, signal)).blob();
 

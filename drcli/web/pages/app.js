@@ -4,7 +4,8 @@ import { clearNotices, dismiss, notices, notify } from "/notices.js";
 import { mendLink } from "/mend.js";
 import { follow, onConnection } from "/socket.js";
 import { route, useGet } from "/store.js";
-import { Empty, Prose, html, render, signal, useEffect, useState } from "/ui.js";
+import { ThemeButton } from "/theme_colors.js";
+import { Empty, Failure, Told, html, render, signal, useEffect, useState } from "/ui.js";
 
 const PAGES = [
   { path: "/", name: "Live", module: "/live_page.js" },
@@ -84,8 +85,7 @@ function Main() {
 
 const Broken = ({ error, again }) => html`
   <h1>This page cannot be shown</h1>
-  <p><${Prose} text=${error.message} /></p>
-  ${error.remedy && html`<p><${Prose} text=${error.remedy} /></p>`}
+  <${Failure} error=${error} />
   <p><button type="button" onClick=${again}>Try again</button></p>`;
 
 function Menu() {
@@ -149,33 +149,11 @@ function Connection() {
   }`;
 }
 
-function Theme() {
-  const root = document.documentElement;
-  const [theme, setTheme] = useState(root.dataset.theme);
-  const other = theme === "dark" ? "light" : "dark";
-  const change = () => {
-    root.dataset.theme = other;
-    try {
-      localStorage.setItem("dr-theme", other);
-    } catch {
-      /* storage is switched off */
-    }
-    setTheme(other);
-    dispatchEvent(new Event("themechange"));
-  };
-  return html`<button id="theme" type="button" class="plain" aria-label="Dark or light" onClick=${change}>
-    ${other === "dark" ? "Dark" : "Light"}
-  </button>`;
-}
-
 const Notices = () =>
   notices.value.map(
     ({ id, text, kind, remedy, link }) => html`
       <div key=${id} class=${`notice ${kind}`}>
-        <p>
-          <${Prose} text=${text} />${remedy && html` <span class="remedy"><${Prose} text=${remedy} /></span>`}
-          ${link && html` <a href=${link.href}>${link.text}</a>`}
-        </p>
+        <p><${Told} text=${text} remedy=${remedy} link=${link} /></p>
         <button type="button" class="plain" aria-label="Close this notice" onClick=${() => dismiss(id)}>×</button>
       </div>`,
   );
@@ -242,7 +220,7 @@ addEventListener("keydown", (event) => {
 });
 render(html`<${Menu} />`, byId("pages"));
 render(html`<${Connection} />`, byId("connection"));
-render(html`<${Theme} />`, byId("themes"));
+render(html`<${ThemeButton} />`, byId("themes"));
 render(html`<${Notices} />`, byId("notices"));
 render(html`<${Tasks} />`, byId("tasks"));
 render(html`<${Main} />`, main);

@@ -1,87 +1,84 @@
-// A dialog with fields and one action.
+// A dialog with fields and one action. What was typed is kept until it was taken, or cancelled.
 
 import { dialog } from "/dialogs.js";
-import { Field, SelectField } from "/fields.js";
-import { html, useState } from "/ui.js";
+import { useDraft } from "/drafts.js";
+import { Fields, readFields, startOf } from "/fields.js";
+import { DraftNote } from "/steps.js";
+import { route, useAction } from "/store.js";
+import { Button, Failure, Form, html, useEffect, useState } from "/ui.js";
 
 /**
- * @typedef {Object} AskedField
- * @property {string} name
- * @property {string} label
- * @property {any} value what it begins with; true or false for a check box
- * @property {(string | string[])[]} [options] of a choice
- * @property {string} [help]
- * @property {boolean} [lines] several lines of text
- * @property {Object} [more] attributes of the control, such as min and required
- * @property {string[]} [only] name and value of another field that it belongs to
- * @property {string} [on] what is given for a check box that is ticked
- * @property {string} [list] the list to which the name of a ticked check box belongs
+ * What the server refuses, and the field of a form that it is about.
+ * @param {any} error
  */
+export const aboutField = ({ message, remedy = "", key = "", problems = [] }) => ({
+  ...{ severity: "error", key, message, remedy },
+  ...problems[0],
+});
 
-const isHidden = ({ only }, values) => Boolean(only) && values[only[0]] !== only[1];
-
-/** What was chosen; numbers as such, null for none. */
-function given(fields, values) {
-  const found = {};
-  for (const field of fields) {
-    const { name, on, list, more } = field;
-    const value = values[name];
-    if (isHidden(field, values)) continue;
-    if (list) found[list] = [...(found[list] ?? []), ...(value ? [name] : [])];
-    else if (on) found[name] = value ? on : "";
-    else if (more?.type === "number") found[name] = value === "" ? null : Number(value);
-    else found[name] = value;
-  }
-  return found;
-}
-
-const control = (field, values, set) => {
-  const { name, label, options, help, lines, more = {} } = field;
-  const common = { key: name, label, help, hidden: isHidden(field, values) };
-  const change = (value) => set({ ...values, [name]: value });
-  if (typeof field.value === "boolean")
-    return html`<p key=${name}><label class="form-check">
-      <input type="checkbox" checked=${values[name]} onChange=${(event) => change(event.currentTarget.checked)} /> ${label}
-    </label></p>`;
-  if (options)
-    return html`<${SelectField} ...${common} options=${options} value=${values[name]} onChange=${change} />`;
-  if (lines)
-    return html`<${Field} ...${common} control=${(
-      own,
-    ) => html`<textarea ...${own} rows="5" value=${values[name]} ...${more}
-      onInput=${(event) => change(event.currentTarget.value)}></textarea>`} />`;
-  return html`<${Field} ...${common} control=${(
-    own,
-  ) => html`<input ...${own} autocomplete="off" spellcheck=${false} value=${values[name]} ...${more}
-    onInput=${(event) => change(event.currentTarget.value)} />`} />`;
-};
-
-function Form({ title, intro, fields, action, danger, confirm, close }) {
-  const [values, setValues] = useState(
-    Object.fromEntries(fields.map(({ name, value }) => [name, value])),
-  );
-  const submit = (event) => {
-    event.preventDefault();
-    close(given(fields, values));
+function Asked({ title, intro, fields: first, action, danger, confirm, again, send, close }) {
+  const draft = useDraft(confirm === null ? `ask:${route.value.path}:${title}` : null, null);
+  const [fields, setFields] = useState(first);
+  const [refused, setRefused] = useState(null);
+  const start = startOf(fields);
+  const values = { ...start, ...draft.edits };
+  const chosen = again && values[again.name];
+  useEffect(() => {
+    if (again && chosen !== start[again.name])
+      again.fields(chosen).then(setFields, (error) => setRefused(aboutField(error)));
+  }, [chosen]);
+  const set = (name, value) => {
+    setRefused(null);
+    draft.change(name, value, start[name]);
+    // What comes after the choice of other fields is about it.
+    if (name === again?.name)
+      for (const each of fields.slice(fields.findIndex((field) => field.name === name) + 1))
+        draft.change(each.name, null, null);
   };
+  const leave = (value) => {
+    draft.set({});
+    close(value);
+  };
+  const [submit, busy] = useAction(async () => {
+    const { given } = readFields(fields, values);
+    try {
+      leave(send ? await send(given) : given);
+    } catch (error) {
+      setRefused(aboutField(error));
+    }
+  });
   return html`
-    <form class="ask" onSubmit=${submit}>
+    <${Form} class="ask" onSubmit=${submit}>
       <h2 id="ask-title">${title}</h2>
       ${typeof intro === "string" ? html`<p>${intro}</p>` : intro}
-      ${fields.map((field) => control(field, values, setValues))}
+      <${Fields} fields=${fields} values=${values} set=${set} problems=${refused ? [refused] : []} />
+      <${DraftNote} draft=${draft} />
+      ${refused && !(refused.key in start) && html`<${Failure} error=${refused} />`}
       <p class="actions">
-        <button type="button" onClick=${() => close(null)}>Cancel</button>
-        <button type="submit" class=${danger ? "danger" : "main"} disabled=${confirm !== null && values.confirm !== confirm}>${action}</button>
+        <button type="button" onClick=${() => leave(null)}>Cancel</button>
+        <${Button} type="submit" class=${danger ? "danger" : "main"} busy=${busy} disabled=${confirm !== null && values.confirm !== confirm}>${action}<//>
       </p>
-    </form>`;
+    <//>`;
 }
 
 /**
  * Ask for values.
- * @param {{title: string, action: string, intro?: any, fields: (AskedField | null | false)[], danger?: boolean, confirm?: string | null}} spec `confirm`: what must be typed into the field of that name
- * @returns {Promise<Object | null>} values by name; null if it was left
+ * @param {{title: string, action: string, intro?: any, fields: import("./fields.js").Described[], danger?: boolean, confirm?: string | null,
+ *   again?: {name: string, fields: (value: string) => Promise<any[]>} | null, send?: ((values: Object) => Promise<any>) | null}} spec
+ *   `confirm`: what must be typed into the field of that name; `again`: a field, and what the fields are for its value;
+ *   `send` takes the values: what it refuses is said in the dialog, which stays
+ * @returns {Promise<any>} values by name, or the answer of `send`; null if it was left
  */
-export function ask({ intro = null, fields, danger = false, confirm = null, ...spec }) {
-  const props = { ...spec, intro, fields: fields.filter(Boolean), danger, confirm };
-  return dialog((close) => html`<${Form} ...${props} close=${close} />`, { label: "ask-title" });
+export function ask({ intro = null, danger = false, confirm = null, again, send, ...spec }) {
+  const props = { ...spec, intro, danger, confirm, again, send };
+  return dialog((close) => html`<${Asked} ...${props} close=${close} />`, { label: "ask-title" });
 }
+
+/**
+ * Ask before something that cannot be undone.
+ * @param {string} question
+ * @param {{action: string, detail?: any}} options
+ * @returns {Promise<boolean>}
+ */
+export const confirmed = async (question, { action, detail = null }) =>
+  (await ask({ title: question, intro: detail, action, danger: true, fields: [] })) !== null;

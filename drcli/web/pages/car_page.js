@@ -1,19 +1,19 @@
 // The physical car: its camera, its models, and a model of the bucket that is sent to it.
 
 import { post } from "/api.js";
-import { SelectField, TextField } from "/fields.js";
+import { Field } from "/fields.js";
 import { pageSeen } from "/live_picture.js";
 import { runTask } from "/model_tasks.js";
 import { notify } from "/notices.js";
-import { useAction, useGet, useTopic } from "/store.js";
-import { Button, Empty, Failure, Tiles, html, useState } from "/ui.js";
+import { Act, useAction, useGet, useTopic } from "/store.js";
+import { Button, Empty, Failure, Form, Tiles, html, useState } from "/ui.js";
 
 export const title = "Car";
 
 export function Page() {
   const { value: car, error, reload } = useGet("/api/car");
   if (error)
-    return html`<h1>Car</h1><${Failure} error=${error} /><p><a href="#/settings">Settings</a> has the address of the car (DR_CAR_ADDRESS).</p><${Button} onClick=${reload}>Look again<//>`;
+    return html`<h1>Car</h1><${Failure} error=${error} /><${Button} onClick=${reload}>Look again<//>`;
   if (!car) return html`<h1>Car</h1><p class="quiet">Asking the car …</p>`;
   return html`
     <h1>Car ${car.car}</h1>
@@ -30,17 +30,13 @@ function Login({ car, reload }) {
       );
     reload();
   });
-  const submit = (event) => {
-    event.preventDefault();
-    login();
-  };
   return html`
     <p>${car.login}</p>
-    <form class="car-login" onSubmit=${submit}>
-      <${TextField} label="Password of the car" type="password" value=${password} onInput=${setPassword}
+    <${Form} class="car-login" onSubmit=${login}>
+      <${Field} label="Password of the car" type="password" value=${password} set=${setPassword}
         help="That of its own web page; the first one is on a sticker at the bottom of the car. It is not kept, only the login." />
       <p class="actions"><button type="submit" class="main" disabled=${busy || !password}>Log in</button></p>
-    </form>`;
+    <//>`;
 }
 
 function Own({ car, reload }) {
@@ -73,31 +69,31 @@ function Own({ car, reload }) {
 }
 
 function Send({ car, reload }) {
-  const list = useTopic("models").value?.models ?? [];
+  const list = useTopic("models").value?.models.map((each) => each.model.prefix) ?? [];
   const [chosen, setChosen] = useState("");
-  const prefix = chosen || list[0]?.prefix;
-  const [send, busy] = useAction(async () => {
+  const prefix = chosen || list[0];
+  const send = async () => {
     const { model, usable, why } = await runTask("/api/car/send", { prefix });
     notify(usable ? `The car has ${model} now.` : `The car cannot load ${model} now: ${why}.`);
     reload();
-  });
+  };
   if (!list.length) return html`<p class="quiet">The bucket has no model yet.</p>`;
   return html`
-    <${SelectField} label="Model of the bucket" value=${prefix} options=${list.map((each) => each.prefix)} onChange=${setChosen}
+    <${Field} label="Model of the bucket" value=${prefix} options=${list} set=${setChosen}
       help="Its best checkpoint is sent. A model of the same name on the car is replaced." />
-    <p class="actions"><${Button} class="main" busy=${busy} onClick=${send}>Send to ${car.car}<//></p>`;
+    <p class="actions"><${Act} class="main" action=${send} text=${`Send to ${car.car}`} /></p>`;
 }
 
 function Models({ models, reload }) {
-  const [load, busy] = useAction(async (name) => {
+  const load = (name) => async () => {
     await runTask("/api/car/load", { name });
     notify(`The car has loaded ${name}.`);
     reload();
-  });
+  };
   return html`<ul class="car-models">${models.map(
     (each) => html`<li key=${each.name}>
       <span><strong>${each.name}</strong> <span class="quiet">${[each.size, each.algorithm, each.action_space, each.sensors.join(", ")].filter(Boolean).join(", ")}${each.usable ? "" : `; ${each.why}`}</span></span>
-      <${Button} busy=${busy || !each.usable} onClick=${() => load(each.name)} aria-label=${`Load ${each.name}`}>Load<//>
+      <${Act} disabled=${!each.usable} action=${load(each.name)} aria-label=${`Load ${each.name}`} text="Load" />
     </li>`,
   )}</ul>`;
 }

@@ -12,36 +12,30 @@ function type(area, text) {
     area.setRangeText(text, area.selectionStart, area.selectionEnd, "end");
 }
 
+const lineStart = ({ value, selectionStart }) => value.lastIndexOf("\n", selectionStart - 1) + 1;
+
 /** Indent the chosen lines, or take it back. */
 function shift(area, back) {
-  const start = area.value.lastIndexOf("\n", area.selectionStart - 1) + 1;
-  let end = area.value.indexOf("\n", Math.max(area.selectionEnd - 1, area.selectionStart));
-  if (end < 0) end = area.value.length;
-  const moved = area.value
-    .slice(start, end)
-    .split("\n")
+  const start = lineStart(area);
+  const { value, selectionStart, selectionEnd } = area;
+  const end = value.indexOf("\n", Math.max(selectionEnd - 1, selectionStart));
+  const lines = value.slice(start, end < 0 ? value.length : end).split("\n");
+  const moved = lines
     .map((line) => (back ? line.replace(/^( {1,4}|\t)/, "") : line && INDENT + line))
     .join("\n");
-  area.setSelectionRange(start, end);
+  area.setSelectionRange(start, end < 0 ? value.length : end);
   type(area, moved);
   area.setSelectionRange(start, start + moved.length);
 }
 
 function indent(area, back) {
-  const several = area.value.slice(area.selectionStart, area.selectionEnd).includes("\n");
-  if (back || several) {
-    shift(area, back);
-    return;
-  }
-  const column = area.selectionStart - area.value.lastIndexOf("\n", area.selectionStart - 1) - 1;
-  type(area, INDENT.slice(column % 4));
+  const { value, selectionStart, selectionEnd } = area;
+  if (back || value.slice(selectionStart, selectionEnd).includes("\n")) shift(area, back);
+  else type(area, INDENT.slice((selectionStart - lineStart(area)) % 4));
 }
 
 function newLine(area) {
-  const line = area.value.slice(
-    area.value.lastIndexOf("\n", area.selectionStart - 1) + 1,
-    area.selectionStart,
-  );
+  const line = area.value.slice(lineStart(area), area.selectionStart);
   type(area, `\n${/^[ \t]*/.exec(line)[0]}${line.trimEnd().endsWith(":") ? INDENT : ""}`);
 }
 
@@ -82,21 +76,21 @@ export function CodeEditor({ label, text, onInput, problems, area }) {
 
   const onKey = (event) => {
     const { key } = event;
-    if (key === "Escape") {
-      setFree(true);
-      return;
-    }
-    if (key === "Tab" && !free) {
+    const isEnter = key === "Enter" && !event.ctrlKey && !event.metaKey && !event.isComposing;
+    const does = { Tab: !free && indent, Enter: isEnter && newLine }[key];
+    if (does) {
       event.preventDefault();
-      indent(event.currentTarget, event.shiftKey);
-    } else if (key === "Enter" && !event.ctrlKey && !event.metaKey && !event.isComposing) {
-      event.preventDefault();
-      newLine(event.currentTarget);
+      does(event.currentTarget, event.shiftKey);
     }
-    if (key !== "Tab" && key !== "Shift") setFree(false);
+    if (key === "Escape") setFree(true);
+    else if (key !== "Tab" && key !== "Shift") setFree(false);
   };
   const tell = ({ currentTarget }) =>
     setAt(currentTarget.value.slice(0, currentTarget.selectionStart).split("\n").length);
+  const enter = (event) => {
+    setFree(false);
+    tell(event);
+  };
   const mark = marks.get(at);
   const place = mark
     ? `Line ${at}: ${mark.message}`
@@ -119,10 +113,7 @@ export function CodeEditor({ label, text, onInput, problems, area }) {
           </div>
           <textarea class="code-area" ref=${area} wrap="off" spellcheck=${false} autocapitalize="off" autocomplete="off"
             aria-label=${label} aria-describedby="code-keys" value=${text} onInput=${(event) => onInput(event.currentTarget.value)}
-            onKeyDown=${onKey} onFocus=${(event) => {
-              setFree(false);
-              tell(event);
-            }} onKeyUp=${tell} onClick=${tell}
+            onKeyDown=${onKey} onFocus=${enter} onKeyUp=${tell} onClick=${tell}
             onScroll=${(event) => setScrolled(event.currentTarget.scrollTop)}></textarea>
         </div>
       </div>

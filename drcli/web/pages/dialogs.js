@@ -32,19 +32,12 @@ export function dialog(content, { label, wide = false }) {
   });
 }
 
-/**
- * Ask before something that cannot be undone.
- * @param {string} question
- * @param {{action: string, detail?: any}} options
- * @returns {Promise<boolean>}
- */
-export async function confirmed(question, { action, detail = "" }) {
-  const content = (close) => html`
-    <h2 id="question">${question}</h2>
-    ${detail && html`<p>${detail}</p>`}
-    <p class="actions">
-      <button type="button" autofocus onClick=${() => close(false)}>Cancel</button>
-      <button type="button" class="danger" onClick=${() => close(true)}>${action}</button>
-    </p>`;
-  return (await dialog(content, { label: "question" })) === true;
-}
+/** Show something until it is closed. */
+export const show = (title, content) =>
+  dialog(
+    (close) => html`
+      <h2 id="shown">${title}</h2>
+      ${content}
+      <p class="actions"><button type="button" autofocus onClick=${() => close(null)}>Close</button></p>`,
+    { label: "shown", wide: true },
+  );

@@ -32,7 +32,8 @@ function ownTab() {
   }
 }
 
-const keyOf = (name) => `${PREFIX}${name}:${tab}`;
+const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+const keyOf = (name) => name && `${PREFIX}${name}:${tab}`;
 
 function read(key) {
   if (memory.has(key)) return memory.get(key);
@@ -44,6 +45,7 @@ function read(key) {
 }
 
 function write(key, draft) {
+  if (!key) return;
   if (draft) memory.set(key, draft);
   else memory.delete(key);
   try {
@@ -67,11 +69,13 @@ function strangers(name) {
 
 /**
  * What was changed in a form and is not saved.
- * @param {string} name of the form, with its folder
+ * @param {string | null} name of the form, with its folder; null keeps it as long as the form is shown
  * @param {any} version of what is edited now
  * @returns {{edits: Record<string, any>, version: any, restored: number | null, set: (edits: Record<string, any>) => void,
+ *   change: (name: string, value: any, start: any) => void,
  *   saved: (written: Record<string, any>, version?: any) => void,
  *   found: {at: number, take: () => void, drop: () => void} | null}}
+ *   `change` sets one value, which is no edit if it is as at the start;
  *   `saved` forgets what was written, and keeps what was changed since, for this version of the file;
  *   `restored`: when the shown edits were left, until the next one; `found`: those of a tab that is gone or elsewhere
  */
@@ -89,8 +93,12 @@ export function useDraft(name, version) {
     if (!changed) setRestored(null);
   };
   const set = (edits) => keep(edits, newest.current?.version ?? version);
+  const change = (name, value, start) => {
+    const { [name]: _, ...others } = newest.current?.edits ?? {};
+    set(same(value, start) ? others : { ...others, [name]: value });
+  };
   const saved = (written, base = version) => {
-    const isNew = ([key, value]) => JSON.stringify(value) !== JSON.stringify(written[key]);
+    const isNew = ([key, value]) => !same(value, written[key]);
     keep(Object.fromEntries(Object.entries(newest.current?.edits ?? {}).filter(isNew)), base);
     setRestored(null);
   };
@@ -110,9 +118,7 @@ export function useDraft(name, version) {
   return {
     edits: draft?.edits ?? {},
     version: draft?.version ?? version,
-    restored,
-    set,
-    saved,
+    ...{ restored, set, change, saved },
     found: first ? { at: read(first)?.at ?? 0, take, drop } : null,
   };
 }

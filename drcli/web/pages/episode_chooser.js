@@ -2,17 +2,11 @@
 
 import { playPath } from "/episode_data.js";
 import { setQuery, useGet } from "/store.js";
-import { andResets, duration, lapTime, moment, number, stampText } from "/text.js";
-import { Choice, Empty, Failure, html, useState } from "/ui.js";
+import { duration, lapTime, number } from "/text.js";
+import { Choice, Empty, Failure, Table, html, useState } from "/ui.js";
 
 const KINDS = { training: "Training", evaluation: "Evaluations", opponent: "Race as the opponent" };
 const MARKS = { best: "good-mark", worst: "bad-mark" };
-
-/** What a trace is called on the page. */
-export function traceTitle({ kind, iteration, worker, stamp }) {
-  if (kind === "training") return `Iteration ${iteration}${worker ? `, worker ${worker}` : ""}`;
-  return kind === "evaluation" ? `Evaluation of ${stampText(stamp)}` : "Last race as the opponent";
-}
 
 /**
  * @param {{chosen: {model?: string, trace?: string, episode?: string}, link: (chosen: Object) => string, action: string}} props
@@ -88,7 +82,7 @@ export function EpisodeChooser({ chosen, link, action }) {
         ${
           trace &&
           html`<${Choice} key="trace" label=${kind === "training" ? "Iteration" : "Drive"} value=${trace.name}
-            options=${drives.map((each) => [each.name, optionText(each)])}
+            options=${drives.map((each) => [each.name, each.text])}
             onChange=${(value) => take(traces.find((each) => each.name === value))} />`
         }
       </div>
@@ -96,62 +90,20 @@ export function EpisodeChooser({ chosen, link, action }) {
     </div>`;
 }
 
-function optionText(trace) {
-  const {
-    mean_progress: progress,
-    mean_reward: reward,
-    clean_laps: clean,
-    full_laps: full,
-  } = trace;
-  const numbers = [
-    progress !== null && `progress ${number(progress, 0)} %`,
-    reward !== null && `reward ${number(reward, 1)}`,
-    clean != null && `${clean} clean laps${andResets(trace.resets)}`,
-    clean == null && full && `${full} clean laps`,
-    trace.best_lap_s != null && `best ${number(trace.best_lap_s, 2)} s`,
-  ]
-    .filter(Boolean)
-    .join(", ");
-  const name = {
-    training: () => `Iteration ${trace.iteration}`,
-    evaluation: () => `${stampText(trace.stamp)}${trace.iteration ? ` (${trace.iteration})` : ""}`,
-    opponent: () => moment(trace.modified),
-  }[trace.kind]();
-  return numbers ? `${name}: ${numbers}` : name;
-}
+const HEADS = ["Episode", "Reward", "Progress", "Time", "Ended", "Resets", "Start", "Steps"];
 
 function Episodes({ facts, link, action, current }) {
   const start = (share) =>
     share === null ? "–" : `${number(Math.round(share) % 100, 0)} % of the lap`;
-  const title = `${traceTitle(facts)}${facts.world ? ` on ${facts.world}` : ""}`;
-  return html`
-    <div class="scroll" tabindex="0" role="region" aria-label="Episodes">
-      <table>
-        <caption>${title}</caption>
-        <thead><tr>
-          <th scope="col"><span class="unseen">Action</span></th>
-          ${["Episode", "Reward", "Progress", "Time", "Ended", "Resets", "Start", "Steps"].map(
-            (head) => html`<th key=${head} scope="col">${head}</th>`,
-          )}
-        </tr></thead>
-        <tbody>${facts.episodes.map(
-          (each) => html`
-          <tr key=${each.index} class=${each.index === current ? "current" : null}>
-            <td>${
-              each.index === current
-                ? "shown"
-                : html`<a class="button short" href=${link(each.index)} aria-label=${`${action} episode ${each.number}`}>${action}</a>`
-            }</td>
-            <th scope="row">${each.number} ${each.mark && html`<strong class=${`mark ${MARKS[each.mark]}`}>${each.mark}</strong>`}</th>
-            <td class="number">${number(each.reward, 1)}</td>
-            <td class="number">${number(each.progress, 1, "%")}</td>
-            <td class="number">${each.completed ? lapTime(each.seconds) : duration(each.seconds)}</td>
-            <td>${each.text}</td>
-            <td class="number">${each.resets}</td>
-            <td class="number">${start(each.start_percent)}</td>
-            <td class="number">${each.steps}</td>
-          </tr>`,
-        )}</tbody>
-      </table>
-    </div>`;
+  const rows = facts.episodes.map((each) => [
+    each.index === current
+      ? html`<span class="current">shown</span>`
+      : html`<a class="button short" href=${link(each.index)} aria-label=${`${action} episode ${each.number}`}>${action}</a>`,
+    html`${each.number} ${each.mark && html`<strong class=${`mark ${MARKS[each.mark]}`}>${each.mark}</strong>`}`,
+    ...[number(each.reward, 1), number(each.progress, 1, "%")],
+    each.completed ? lapTime(each.seconds) : duration(each.seconds),
+    ...[each.text, each.resets, start(each.start_percent), each.steps],
+  ]);
+  return html`<${Table} caption=${`${facts.title}${facts.world ? ` on ${facts.world}` : ""}`}
+    heads=${[html`<span class="unseen">Action</span>`, ...HEADS]} rows=${rows} />`;
 }

@@ -1,8 +1,8 @@
 // One lap at one step: camera, numbers, choices of the policy, reward and its parameters.
 
-import { traceTitle } from "/episode_chooser.js";
 import { capital, number } from "/text.js";
-import { Choice, Failure, Folded, Tiles, html, useEffect, useMemo, useRef, useState } from "/ui.js";
+import { Choice, Failure, Folded, Table, Tick, Tiles, html } from "/ui.js";
+import { useEffect, useMemo, useRef, useState } from "/ui.js";
 
 const STATUS = {
   immobilized: "Did not move",
@@ -40,7 +40,7 @@ export function EpisodePane({ data, row, name, color, links }) {
   const inTrace = lap.step[0] === 1 ? "" : ` (${number(lap.step[row])} in the trace)`;
   return html`
     <section class="episode-pane" aria-label=${`${name}: ${data.query.model}`}>
-      <h2><span class=${`swatch ink-${color}`}></span>${traceTitle(facts)}, episode ${summary?.number}</h2>
+      <h2><span class=${`swatch ink-${color}`}></span>${facts.title}, episode ${summary?.number}</h2>
       <p class="quiet">${`${data.query.model}${facts.world ? ` on ${facts.world}` : ""}: ${summary?.text ?? ""}, progress ${number(summary?.progress, 1, "%")}, ${number(summary?.seconds, 2, "s")}`}</p>
       ${facts.notes.map((note) => html`<p key=${note} class="problem">${note}</p>`)}
       ${problems.map((error) => html`<${Failure} key=${error.message} error=${error} />`)}
@@ -51,11 +51,8 @@ export function EpisodePane({ data, row, name, color, links }) {
         <div class="pane-choices">
           <h3>Choice of the policy at this picture</h3>
           <div class="choices">${choicesOf(data, last)}</div>
-          <label class="tick">
-            <input type="checkbox" checked=${data.explains} disabled=${data.checkpoint === null}
-              onChange=${(event) => data.explain(event.currentTarget.checked)} />
-            <span>Show which pixels move the action (key E)</span>
-          </label>
+          <${Tick} label="Show which pixels move the action (key E)" on=${data.explains}
+            disabled=${data.checkpoint === null} set=${(on) => data.explain(on)} />
           ${policyChoice(data)}
         </div>
       </div>
@@ -78,27 +75,11 @@ export function EpisodePane({ data, row, name, color, links }) {
 }
 
 function CameraPicture({ data, row, name }) {
-  const canvas = useRef(null);
   const [damaged, setDamaged] = useState(null);
   const { blob, explained } = data.picture(row);
-  useEffect(() => {
-    let here = true;
-    const draw = async () => {
-      try {
-        const bitmap = await createImageBitmap(blob);
-        if (!here) return;
-        if (canvas.current.width !== bitmap.width) canvas.current.width = bitmap.width;
-        canvas.current.getContext("2d").drawImage(bitmap, 0, 0);
-        bitmap.close();
-      } catch {
-        if (here) setDamaged(blob);
-      }
-    };
-    if (blob) draw();
-    return () => {
-      here = false;
-    };
-  }, [blob]);
+  const url = useMemo(() => blob && URL.createObjectURL(blob), [blob]);
+  useEffect(() => () => URL.revokeObjectURL(url), [url]);
+  const newest = useLast(url);
   const note = () => {
     if (!data.facts.outline) return "The track is not known here, so there are no pictures.";
     if (!blob) return data.problem ? "There is no picture." : "The picture is drawn …";
@@ -110,8 +91,8 @@ function CameraPicture({ data, row, name }) {
   };
   return html`
     <figure class="camera">
-      <canvas ref=${canvas} width=${160 * Math.max(data.facts.eyes, 1)} height="120" role="img"
-        aria-label=${`Camera of the ${name} at step ${row + 1}`}></canvas>
+      <img src=${newest} width=${160 * Math.max(data.facts.eyes, 1)} height="120"
+        alt=${`Camera of the ${name} at step ${row + 1}`} onError=${() => setDamaged(blob)} />
       <p class="camera-note quiet">${note()}</p>
     </figure>`;
 }
@@ -168,21 +149,18 @@ function Discrete({ lap, choice, next }) {
 
 function Continuous({ lap, choice, next }) {
   const { at, low, high } = choice;
-  const spread = (k) =>
-    low && high ? ` (${number(low[at][k], 1)} to ${number(high[at][k], 1)} in training)` : "";
+  const row = (name, asked, driven, k, digits, unit) => [
+    name,
+    number(asked[at], digits, unit) +
+      (low && high ? ` (${number(low[at][k], 1)} to ${number(high[at][k], 1)} in training)` : ""),
+    next === null ? "–" : number(driven[next], digits, unit),
+  ];
   const rows = [
-    ["Steering", `${number(choice.steering_deg[at], 1)}°`, lap.steering_deg, 1, "°"],
-    ["Speed", `${number(choice.speed_mps[at], 2)} m/s`, lap.speed_mps, 2, " m/s"],
+    row("Steering", choice.steering_deg, lap.steering_deg, 0, 1, "°"),
+    row("Speed", choice.speed_mps, lap.speed_mps, 1, 2, "m/s"),
   ];
   return html`
-    <table>
-      <thead><tr><td></td><th scope="col">Asked for</th><th scope="col">Driven next</th></tr></thead>
-      <tbody>${rows.map(
-        ([name, asked, driven, digits, unit], k) => html`
-        <tr key=${name}><th scope="row">${name}</th><td>${asked}${spread(k)}</td>
-          <td>${next === null ? "–" : `${number(driven[next], digits)}${unit}`}</td></tr>`,
-      )}</tbody>
-    </table>
+    <${Table} label="Continuous action" heads=${["Action", "Asked for", "Driven next"]} rows=${rows} />
     ${choice.no_value && quiet(choice.no_value)}`;
 }
 

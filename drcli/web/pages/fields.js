@@ -1,7 +1,8 @@
 // Fields of forms: label, control, help and problems; and lists of problems that lead to their places.
 
 import { post } from "/api.js";
-import { Prose, html, signal, useEffect, useId, useRef, useState } from "/ui.js";
+import { Failure, Options, Prose, Tick, useId } from "/ui.js";
+import { html, signal, useEffect, useRef, useState } from "/vendor/preact/preact.js";
 
 /**
  * The answer of a check of values, asked for when nothing was changed for a while.
@@ -69,32 +70,38 @@ export function Problems({ problems, lead = null }) {
   })}</ul>`;
 }
 
+/** What was refused: its problems, which lead to their places, or else its sentence. */
+export const Refused = ({ error, lead = leadTo }) =>
+  error?.problems?.length
+    ? html`<${Problems} problems=${error.problems} lead=${lead} />`
+    : error && html`<${Failure} error=${error} />`;
+
 /**
- * A labelled control with help and problems.
- * @param {{label: any, help?: any, problems?: Object[], control: (common: Object) => any, children?: any, hidden?: boolean}} props
- *   `control` gets id and descriptions for its element
+ * A labelled control with help and problems: a choice with `options`, a text of several lines with `rows`, or a line.
+ * @param {{label: any, value: any, set: (text: string) => void, options?: any[] | null, rows?: number, numeric?: boolean,
+ *   help?: string, problems?: Object[], hidden?: boolean, place?: string, children?: any} & Record<string, any>} props
+ *   `place`: the key of problems that lead here; what is not named here is an attribute of the control
  */
-export function Field({
-  label,
-  help = "",
-  problems = [],
-  control,
-  children = null,
-  hidden = false,
-  ...more
-}) {
+export function Field({ label, value, set, options = null, rows = 0, numeric = false, ...props }) {
+  const { help = "", problems = [], hidden = false, place = null, children, ...more } = props;
   const id = useId();
-  const bad = problems.some((each) => each.severity === "error");
-  const common = {
-    id,
+  const own = {
+    ...{ id, value, onInput: (event) => set(event.currentTarget.value) },
     "aria-describedby": `${id}-help ${id}-problem`,
-    "aria-invalid": bad ? "true" : null,
+    "aria-invalid": problems.some((each) => each.severity === "error") ? "true" : null,
+    ...more,
   };
+  const line = { autocomplete: "off", spellcheck: false, inputmode: numeric ? "decimal" : null };
+  const control = options
+    ? html`<select ...${own}><${Options} options=${options} /></select>`
+    : rows
+      ? html`<textarea ...${own} rows=${rows}></textarea>`
+      : html`<input ...${line} ...${own} />`;
   return html`
-    <div class="field" hidden=${hidden} ...${more}>
+    <div class="field" hidden=${hidden} data-key=${place}>
       <label for=${id}>${label}</label>
-      ${control(common)}
-      <p class="help" id=${`${id}-help`}>${typeof help === "string" ? html`<${Prose} text=${help} />` : help}</p>
+      ${control}
+      <p class="help" id=${`${id}-help`}><${Prose} text=${help} /></p>
       <p class="field-problem" id=${`${id}-problem`} role="status">${problems.map(
         (each) =>
           html`<span class=${each.severity === "error" ? "bad" : "warn"}><${Prose} text=${`${each.message} ${each.remedy} `} /></span>`,
@@ -103,54 +110,101 @@ export function Field({
     </div>`;
 }
 
-/** A text field. @param {{label: any, value: string, onInput: (text: string) => void, numeric?: boolean, placeholder?: string, type?: string} & Record<string, any>} props */
-export const TextField = ({
-  value,
-  onInput,
-  numeric = false,
-  placeholder = null,
-  type = "text",
-  ...more
-}) => html`
-  <${Field} ...${more} control=${(
-    common,
-  ) => html`<input ...${common} type=${type} autocomplete="off" spellcheck=${false}
-    inputmode=${numeric ? "decimal" : null} placeholder=${placeholder} value=${value}
-    onInput=${(event) => onInput(event.currentTarget.value)} />`} />`;
+/**
+ * A field as the server describes it.
+ * @typedef {Object} Described
+ * @property {string} name
+ * @property {string} label
+ * @property {any} value what it begins with; true or false for a check box, a list for several
+ * @property {string} [kind] text, choice, whole, number, time, flag, many or lines
+ * @property {any[]} [options] of a choice, or of several
+ * @property {string} [help]
+ * @property {string} [placeholder]
+ * @property {Object} [more] attributes of the control, such as min and required
+ * @property {[string, string[]]} [only] another field, and its values with which this one has a meaning
+ */
 
-/** A choice. @param {{label: any, options: (string | string[])[], value: string, onChange: (value: string) => void}} props */
-export const SelectField = ({ options, value, onChange, ...more }) => html`
-  <${Field} ...${more} control=${(common) => html`<select ...${common} value=${value}
-    onChange=${(event) => onChange(event.currentTarget.value)}>${options.map((each) => {
-      const [key, text] = Array.isArray(each) ? each : [each, each];
-      return html`<option key=${key} value=${key}>${text}</option>`;
-    })}</select>`} />`;
+/** @param {Described} field @param {Record<string, any>} values */
+const isHidden = ({ only }, values) => Boolean(only) && !only[1].includes(values[only[0]]);
+
+/** @param {{kind?: string}} field */
+const isNumber = ({ kind }) => kind === "whole" || kind === "number";
+
+function localTime(unix) {
+  if (!unix) return "";
+  const at = new Date(unix * 1000);
+  return new Date(Number(at) - at.getTimezoneOffset() * 60_000).toISOString().slice(0, 16);
+}
+
+/** What the controls of described fields begin with. @param {Described[]} fields */
+export const startOf = (fields) =>
+  Object.fromEntries(
+    fields.map((field) => {
+      const { name, kind, value } = field;
+      if (kind === "time") return [name, localTime(value)];
+      return [name, isNumber(field) ? String(value ?? "") : value];
+    }),
+  );
+
+/** The controls of described fields. @param {{fields: Described[], values: Record<string, any>, set: (name: string, value: any) => void, problems?: Object[]}} props */
+export const Fields = ({ fields, values, set, problems = [] }) =>
+  fields.map((field) => {
+    const { name, label, kind = "text", options = [], help, placeholder, more } = field;
+    const value = values[name];
+    const change = (given) => set(name, given);
+    if (kind === "flag")
+      return html`<p key=${name} data-key=${name} hidden=${isHidden(field, values)}><${Tick} label=${label} on=${value} set=${change} /></p>`;
+    if (kind === "many")
+      return html`
+        <div key=${name} data-key=${name} role="group" aria-label=${label}>
+          <p class="many">${label}</p>
+          ${options.map(([key, text]) => {
+            const others = value.filter((one) => one !== key);
+            return html`<${Tick} key=${key} label=${text} on=${value.includes(key)} set=${(on) => change(on ? [...others, key] : others)} />`;
+          })}
+        </div>`;
+    const own = {
+      ...{ key: name, place: name, label, help, value, set: change, placeholder, ...more },
+      ...{ options: kind === "choice" ? options : null, rows: kind === "lines" ? 5 : 0 },
+      ...{ numeric: isNumber(field), type: kind === "time" ? "datetime-local" : more?.type },
+    };
+    return html`<${Field} ...${own} hidden=${isHidden(field, values)} problems=${problems.filter((each) => each.key === name)} />`;
+  });
+
+/**
+ * What is sent of described fields: numbers as such, null for none, times of the world; nothing of hidden ones.
+ * @param {Described[]} fields
+ * @param {Record<string, any>} values
+ * @returns {{given: Record<string, any>, wrong: Object[]}} with problems that no server needs to find
+ */
+export function readFields(fields, values) {
+  const given = {};
+  const wrong = [];
+  for (const field of fields.filter((each) => !isHidden(each, values))) {
+    const { name, label, kind } = field;
+    const text = values[name];
+    given[name] = text;
+    if (kind === "time") given[name] = text && new Date(text).toISOString();
+    if (!isNumber(field)) continue;
+    given[name] = text.trim() === "" ? null : Number(text);
+    const whole = kind === "whole";
+    if (whole ? Number.isSafeInteger(given[name] ?? 0) : Number.isFinite(given[name] ?? 0))
+      continue;
+    const message = `“${label}” is not a ${whole ? "whole " : ""}number.`;
+    const remedy = `Write digits, such as ${whole ? "3" : "2.5"}.`;
+    wrong.push({ severity: "error", key: name, where: "", message, remedy });
+  }
+  return { given, wrong };
+}
 
 /**
  * A field for one setting of /api/settings.
- * @param {{facts: Object, value: string, onInput: (text: string) => void, label?: string, places?: boolean, problems?: Object[], hidden?: boolean}} props
- *   `places`: say where its value comes from
+ * @param {{facts: Object, label?: string, places?: boolean} & Record<string, any>} props `places`: say where its value comes from
  */
-export function SettingField({
-  facts,
-  value,
-  onInput,
-  label = facts.name,
-  places = false,
-  ...more
-}) {
-  const common = {
-    label: label === facts.name ? label : html`${label}<code class="quiet"> ${facts.name}</code>`,
-    help: places ? `${facts.help} ${facts.origin}` : facts.help,
-    value,
-    "data-key": facts.name,
-    ...more,
-  };
-  if (facts.kind === "flag" || facts.kind === "choice")
-    return html`<${SelectField} ...${common} options=${facts.choices} onChange=${onInput} />`;
-  return html`<${TextField} ...${common} numeric=${facts.kind === "number"} onInput=${onInput}
-    type=${facts.secret ? "password" : "text"} placeholder=${facts.secret ? (facts.set ? "set; not shown" : "not set") : null} />`;
-}
+export const SettingField = ({ facts, label = "", places = false, ...more }) => html`
+  <${Field} label=${label ? html`${label}<code class="quiet"> ${facts.name}</code>` : facts.name}
+    help=${places ? `${facts.help} ${facts.origin}` : facts.help} place=${facts.name} options=${facts.options}
+    numeric=${facts.kind === "number"} type=${facts.secret ? "password" : "text"} placeholder=${facts.placeholder} ...${more} />`;
 
 /** The line of the reward function that somebody wants to see. */
 export const wantedLine = signal({ line: 0, times: 0 });

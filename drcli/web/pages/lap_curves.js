@@ -1,44 +1,36 @@
 // Curves along one or two laps, with a line at the step that is shown; a click goes to its step.
 
-import { lastAt } from "/episode_data.js";
-import { Plot } from "/plot.js";
+import { lastAt, valueAt } from "/lap_player.js";
+import { Plot, aligned } from "/plot.js";
 import { number } from "/text.js";
 import { html, useMemo } from "/ui.js";
 
 const AXES = { time: { x: "seconds" }, progress: { x: "progress in %" } };
 
-/** The rows at which x is greater than ever before: a plot needs an x that rises strictly. */
-function risingRows(x) {
-  let last = -Infinity;
-  return x.flatMap((value, k) => (value > last ? [((last = value), k)] : []));
-}
-
 /**
- * @param {{title: string, unit?: string, digits?: number, lines: {name: string, of: (data: any) => number[], dash?: number[]}[],
+ * @param {{title: string, unit?: string, digits?: number, lines: Record<string, string>, values?: any[][][],
  *   laps: any[], names: string[], colors: string[], over: string, x: number[][], at: number, rows: number[],
- *   seek: (x: number) => void, version?: string}} props
- *   x is what each lap is aligned by, `version` changes with what the lines show.
+ *   seek: (x: number) => void}} props
+ *   x is what each lap is aligned by; lines are names and columns of the laps; values are those of each lap and line
+ *   that is no column.
  */
-export function Curve({ title, unit = "", digits = 2, lines, version = "", ...laid }) {
+export function Curve({ title, unit = "", digits = 2, lines, values: given, ...laid }) {
   const { laps, names, colors, over, x, at, rows, seek } = laid;
   const two = laps.length > 1;
   const values = useMemo(
-    () => laps.map((data) => lines.map((line) => line.of(data))),
-    [laps, version],
+    () => given ?? laps.map(({ lap }) => Object.values(lines).map((column) => lap[column])),
+    [laps, given],
   );
-  const data = useMemo(() => {
-    const tables = laps.map((_, k) => {
-      const rising = risingRows(x[k]);
-      return [x[k], ...values[k]].map((column) => rising.map((row) => column[row]));
-    });
-    return two ? uPlot.join(tables) : tables[0];
-  }, [values, over]);
+  const data = useMemo(
+    () => aligned(laps.flatMap((_, k) => values[k].map((y) => ({ x: x[k], y })))),
+    [values, over],
+  );
   const series = laps.flatMap((_, k) =>
-    lines.map(({ name, dash }) => ({
+    Object.keys(lines).map((name, n) => ({
       name: `${names[k]} ${name}`,
       group: two ? names[k] : name,
       color: colors[k],
-      dash,
+      dash: n ? [4, 3] : undefined,
     })),
   );
   const read = () =>
@@ -50,22 +42,16 @@ export function Curve({ title, unit = "", digits = 2, lines, version = "", ...la
 }
 
 /** Seconds from the beginning of a lap to a progress. */
-function timeAt({ lap, progress }, share) {
-  const row = lastAt(progress, share);
-  const next = Math.min(row + 1, progress.length - 1);
-  const gain = progress[next] - progress[row];
-  const part = gain > 0 ? Math.min(Math.max((share - progress[row]) / gain, 0), 1) : 0;
-  return lap.time_s[row] + part * (lap.time_s[next] - lap.time_s[row]);
-}
+const timeAt = ({ lap, progress }, share) => valueAt(progress, lap.time_s, share);
 
 /** How many seconds the second lap is ahead of the first at each progress that both reach. @param {any} props */
 export function Gain({ laps, colors, over, rows, seek }) {
   const [first, second] = laps;
   const data = useMemo(() => {
     const most = Math.min(first.progress.at(-1), second.progress.at(-1));
-    const shares = risingRows(first.progress)
-      .map((row) => first.progress[row])
-      .filter((share) => share >= second.progress[0] && share <= most);
+    const shares = [...new Set(first.progress)].filter(
+      (share) => share >= second.progress[0] && share <= most,
+    );
     return [shares, shares.map((share) => timeAt(first, share) - timeAt(second, share))];
   }, [laps]);
   const starts = laps.map((each) => each.facts.episodes[Number(each.query.episode)]?.start_percent);

@@ -8,9 +8,6 @@ import { html, signal, useEffect, useRef, useSeen, useState } from "/ui.js";
 const TRAIL_POINTS = 400;
 const MOST_TRAILS = 8;
 
-/** The colour of a car. */
-export const rgb = (values) => (values?.length === 3 ? `rgb(${values.join(",")})` : "c1");
-
 export const pageSeen = signal(!document.hidden);
 document.addEventListener("visibilitychange", () => {
   pageSeen.value = !document.hidden;
@@ -34,7 +31,7 @@ export function useTrack(world) {
   return state.world === world ? state : { lines: null, error: null };
 }
 
-const CAPTION_MS = 500; // pictures come faster than anybody reads
+const CAPTION_MS = 450; // pictures come faster than anybody reads
 
 /**
  * A picture of a worker that is replaced by each newer one; its size never changes.
@@ -54,44 +51,24 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
       return undefined;
     }
     const own = new AbortController();
-    let newest = null;
+    let busy = false;
     let last = { car: undefined, at: 0 };
-    let drawing = false;
-    const draw = async () => {
-      drawing = true;
-      while (newest && !own.signal.aborted) {
-        const { facts, blob } = newest;
-        newest = null;
-        try {
-          const picture = await createImageBitmap(blob);
-          const place = canvas.current;
-          if (!place) break;
-          if (place.width !== picture.width)
-            Object.assign(place, { width: picture.width, height: picture.height });
-          place.getContext("2d").drawImage(picture, 0, 0);
-          picture.close();
-          const age = Date.now() - 1000 * facts.step_s;
-          Object.assign(place.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
-          const whose = facts.car ?? null;
-          if (whose !== last.car || Date.now() - last.at > CAPTION_MS) {
-            last = { car: whose, at: Date.now() };
-            setTold({ car: whose, age });
-            onCar(whose);
-          }
-        } catch {
-          /* a damaged picture; the next one comes soon */
-        }
-      }
-      drawing = false;
+    const take = async ({ facts, blob }) => {
+      if (busy) return; // the next one comes soon, also after a damaged one
+      busy = true;
+      const picture = await createImageBitmap(blob).catch(() => null);
+      busy = false;
+      if (!picture || !canvas.current || own.signal.aborted) return;
+      canvas.current.getContext("bitmaprenderer").transferFromImageBitmap(picture);
+      const [now, whose] = [Date.now(), facts.car ?? null];
+      const age = now - 1000 * facts.step_s;
+      Object.assign(canvas.current.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
+      if (whose === last.car && now - last.at < CAPTION_MS) return;
+      last = { car: whose, at: now };
+      setTold({ car: whose, age });
+      onCar(whose);
     };
-    follow(
-      topic,
-      (value) => {
-        newest = value;
-        if (!drawing) draw();
-      },
-      own.signal,
-    );
+    follow(topic, take, own.signal);
     return () => own.abort();
   }, [topic, wanted]);
   const other = told && (car ?? null) !== null && told.car !== car;

@@ -3,7 +3,7 @@
 import { api, get, post } from "/api.js";
 import { ask } from "/ask.js";
 import { Diff } from "/model_files.js";
-import { runTask, save } from "/model_tasks.js";
+import { runTask, save, taskEnd } from "/model_tasks.js";
 import { notify } from "/notices.js";
 import { setQuery } from "/store.js";
 import { html } from "/ui.js";
@@ -12,11 +12,6 @@ const Intro = ({ intro = "", diffs = [] }) => html`
   ${intro && html`<p>${intro}</p>`}
   ${diffs.map(({ summary, lines }) => html`<details key=${summary}><summary>${summary}</summary><${Diff} lines=${lines} /></details>`)}`;
 
-/** What is not a task: the answer comes at once. */
-const AT_ONCE = {
-  clone: (body) => post("/api/model/clone", body),
-  submit: ({ race, ...body }) => post(api("race", race, "submit"), body),
-};
 /** What follows an action: its answer or the result of its task, and what was asked for. */
 const AFTER = {
   start: ({ ends }) => notify(ends),
@@ -55,15 +50,18 @@ export const modelActions =
   async () => {
     const query = new URLSearchParams({ prefix, about: name, ...given });
     const { intro, diffs, ...question } = await get(`/api/model/question?${query}`);
-    const values = await ask({
+    let body;
+    const answer = await ask({
       ...question,
       intro: html`<${Intro} intro=${intro} diffs=${diffs} />`,
+      send: (values) => {
+        body = { prefix, take: [], ...given, ...values };
+        return post(name === "submit" ? api("race", body.race, name) : `/api/model/${name}`, body);
+      },
     });
-    if (!values) return;
+    if (!answer) return;
     if (name === "evaluate") setQuery({ tab: "evaluations" }, true);
-    const body = { prefix, take: [], ...given, ...values };
-    const act = AT_ONCE[name] ?? ((wanted) => runTask(`/api/model/${name}`, wanted));
-    const made = await act(body);
+    const made = answer.task ? await taskEnd(answer.task) : answer;
     for (const sentence of made?.warnings ?? []) notify(sentence, "warn");
     AFTER[name]?.(made, body);
   };

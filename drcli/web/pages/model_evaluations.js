@@ -1,51 +1,41 @@
 // Evaluations: the one that drives now, stored ones with their trials, two side by side, and their videos.
 
-import { SelectField } from "/fields.js";
+import { Field } from "/fields.js";
 import { Worker } from "/live_worker.js";
 import { stopEvaluation } from "/model_actions.js";
-import { Act } from "/model_page.js";
-import { useGet, useTopic } from "/store.js";
+import { Act, useGet, useTopic } from "/store.js";
 import { number } from "/text.js";
-import { Empty, Failure, Table, html, useState } from "/ui.js";
-
-const VIEWS = {
-  "camera-pip": "from behind, with the camera",
-  "camera-45degree": "from behind",
-  "camera-topview": "from above",
-};
+import { Empty, Loaded, Table, html, useState } from "/ui.js";
 
 /** @param {{prefix: string, path: (name: string) => string, version: any, running: Object[], action: Function}} props */
-export function Evaluations({ prefix, path, version, running, action }) {
-  const { value: list, error } = useGet(path("evaluations"), version);
-  const [chosen, setChosen] = useState({ one: "", other: "" });
-  const stored = list?.evaluations ?? [];
-  // A new result is shown at once, unless an older one was chosen.
-  const one = stored.find((each) => each.stamp === chosen.one) ?? stored[0];
-  const other = stored.find((each) => each.stamp === chosen.other);
-  const options = stored.map((each) => [each.stamp, each.label]);
-  const choose = (name) => (stamp) => setChosen({ ...chosen, [name]: stamp });
+export function Evaluations({ version, running, ...props }) {
+  const found = useGet(props.path("evaluations"), version);
   return html`
-    ${running.map((each) => html`<${Running} key=${each.stamp} prefix=${prefix} evaluation=${each} />`)}
-    ${error && html`<${Failure} error=${error} />`}
-    ${
-      list &&
-      !one &&
-      !running.length &&
+    ${running.map((each) => html`<${Running} key=${each.stamp} prefix=${props.prefix} evaluation=${each} />`)}
+    <${Loaded} found=${found}>${(list) => html`<${Stored} ...${props} ...${list} isRunning=${running.length > 0} />`}<//>`;
+}
+
+function Stored({ evaluations, total, isRunning, ...props }) {
+  const [chosen, setChosen] = useState({ one: "", other: "" });
+  // A new result is shown at once, unless an older one was chosen.
+  const one = evaluations.find((each) => each.stamp === chosen.one) ?? evaluations[0];
+  const other = evaluations.find((each) => each.stamp === chosen.other);
+  const options = evaluations.map((each) => [each.stamp, each.label]);
+  if (!one)
+    return (
+      !isRunning &&
       html`<${Empty} text="This model has no stored evaluation yet.">
-      <${Act} class="main" action=${action("evaluate")} text="Evaluate it" />
-    <//>`
-    }
-    ${
-      one &&
-      html`
-      <div class="model-tools">
-        <${SelectField} label="Evaluation" options=${options} value=${one.stamp} onChange=${choose("one")} />
-        ${stored.length > 1 && html`<${SelectField} label="Compare with" options=${[["", "nothing"], ...options]} value=${chosen.other} onChange=${choose("other")} />`}
-      </div>
-      ${list.total > stored.length && html`<p class="quiet">The newest ${stored.length} of ${list.total} evaluations are listed.</p>`}
-      ${other && other !== one ? html`<${Comparison} one=${one} other=${other} />` : html`<${Single} one=${one} />`}
-      <${Film} key=${one.stamp} prefix=${prefix} path=${path} one=${one} action=${action} videos=${list.videos} isNewest=${one === stored[0]} />`
-    }`;
+        <${Act} class="main" action=${props.action("evaluate")} text="Evaluate it" />
+      <//>`
+    );
+  return html`
+    <div class="model-tools">
+      <${Field} label="Evaluation" options=${options} value=${one.stamp} set=${(stamp) => setChosen({ ...chosen, one: stamp })} />
+      ${options.length > 1 && html`<${Field} label="Compare with" options=${[["", "nothing"], ...options]} value=${chosen.other} set=${(stamp) => setChosen({ ...chosen, other: stamp })} />`}
+    </div>
+    ${total > options.length && html`<p class="quiet">The newest ${options.length} of ${total} evaluations are listed.</p>`}
+    ${other && other !== one ? html`<${Comparison} one=${one} other=${other} />` : html`<${Single} one=${one} />`}
+    <${Film} key=${one.stamp} ...${props} one=${one} />`;
 }
 
 /** What drives now: camera, map and figures, and a button that ends it. */
@@ -87,35 +77,31 @@ function Comparison({ one, other }) {
     ${one.world && other.world && one.world !== other.world && html`<p class="quiet">The tracks differ, so times cannot be compared.</p>`}`;
 }
 
-function Film({ prefix, path, one, action, videos, isNewest }) {
-  const own = videos.filter((name) => name === `evaluation-${one.stamp}/video.mp4`);
-  const names = [...own, ...(isNewest ? videos.filter((name) => name.startsWith("mp4/")) : [])];
+function Film({ prefix, path, one, action }) {
   const [chosen, setChosen] = useState("");
   const query = new URLSearchParams({
     model: prefix,
     trace: `evaluation-${one.stamp}/evaluation-simtrace/0-iteration.csv`,
     episode: "0",
   });
+  const { films, trace } = one;
+  const make = films.length ? "Make another video" : "Make a video";
   const more =
-    one.trace &&
+    trace &&
     html`
-    <${Act} action=${action("film", { stamp: one.stamp })} text=${own.length ? "Make another video" : "Make a video"} />
+    <${Act} action=${action("film", { stamp: one.stamp })} text=${make} />
     <a class="button" href=${`#/play?${query}`}>Step by step</a>`;
-  if (!names.length)
-    return html`<h2>Video</h2><${Empty} text=${
-      one.trace
-        ? "There is no video of this evaluation yet; it can be made from its stored steps."
-        : "There is no video of this evaluation, and its steps are not stored."
-    }>${more}<//>`;
-  const name = names.includes(chosen) ? chosen : names[0];
+  if (!films.length) {
+    const why = trace
+      ? "yet; it can be made from its stored steps."
+      : "and its steps are not stored.";
+    return html`<h2>Video</h2><${Empty} text=${`There is no video of this evaluation ${why}`}>${more}<//>`;
+  }
+  const name = films.some(([each]) => each === chosen) ? chosen : films[0][0];
   const source = `${path("video")}&name=${encodeURIComponent(name)}`;
-  const label = (each) =>
-    each.startsWith("mp4/")
-      ? `newest evaluation, ${VIEWS[each.split("/")[1]] ?? each}`
-      : "this evaluation";
   return html`
     <h2>Video</h2>
-    ${names.length > 1 && html`<${SelectField} label="View" options=${names.map((each) => [each, label(each)])} value=${name} onChange=${setChosen} />`}
+    ${films.length > 1 && html`<${Field} label="View" options=${films} value=${name} set=${setChosen} />`}
     <video class="model-video" controls preload="metadata" key=${source} src=${source} aria-label=${`Video of the evaluation of ${one.name}`}></video>
     <p class="actions"><a class="button" href=${`${source}&download`} download="">Download the video</a>${more}</p>`;
 }

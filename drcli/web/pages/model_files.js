@@ -1,9 +1,13 @@
 // Settings and files of a model, and what differs from its parent or from any other model.
 
-import { SelectField } from "/fields.js";
-import { BothCurves } from "/model_curves.js";
+import { Field } from "/fields.js";
+import { saveBlob } from "/model_tasks.js";
+import { Plot } from "/plot.js";
 import { setQuery, useGet } from "/store.js";
-import { Empty, Failure, Table, html } from "/ui.js";
+import { number } from "/text.js";
+import { Empty, Failure, Table, html, useMemo } from "/ui.js";
+
+const COLORS = ["c1", "c2"];
 
 /** @param {{prefix: string, path: (name: string) => string, version: any, names: string[], other: string | null}} props other: the model to compare with; null for its parent */
 export function Files({ prefix, path, version, names, other }) {
@@ -18,15 +22,15 @@ export function Files({ prefix, path, version, names, other }) {
   );
   if (error) return html`<${Failure} error=${error} />`;
   if (!value) return null;
-  const all = [...new Set([...(parent ? [parent] : []), ...names])].filter(
-    (name) => name !== prefix,
+  const all = [parent, ...names.filter((name) => name !== parent && name !== prefix)].filter(
+    Boolean,
   );
   const options = [
     ["none", "no other model"],
     ...all.map((name) => [name, name === parent ? `${name} (its parent)` : name]),
   ];
   return html`
-    ${all.length > 0 && html`<${SelectField} label="Compare with" options=${options} value=${compared || "none"} onChange=${(name) => setQuery({ other: name })} />`}
+    ${all.length > 0 && html`<${Field} label="Compare with" options=${options} value=${compared || "none"} set=${(name) => setQuery({ other: name })} />`}
     <div role="status">
       ${difference.error && html`<${Failure} error=${difference.error} />`}
       ${difference.value && html`<${Differences} found=${difference.value} other=${compared} prefix=${prefix} />`}
@@ -44,7 +48,7 @@ function OwnFiles({ files, given, defaults, machine }) {
       (name) => html`<details key=${name} open=${name === "reward_function.py"}>
       <summary>${name}</summary>
       <pre class="file-text" tabindex="0" role="region" aria-label=${name}>${files[name]}</pre>
-      <p><button type="button" class="fine" onClick=${() => keep(name, files[name])}>Download ${name}</button></p>
+      <p><button type="button" class="fine" onClick=${() => saveBlob(new Blob([files[name]]), name)}>Download ${name}</button></p>
     </details>`,
     )}
     ${!names.length && html`<${Empty} text="The model has no files of its own." />`}
@@ -57,13 +61,6 @@ function OwnFiles({ files, given, defaults, machine }) {
         : html`<${Empty} text="The settings of this training were not recorded (version 0.1.0 and other programs do not record them)." />`
     }
     ${machine.length > 0 && html`<details><summary>Machine and versions</summary>${table("Machine and versions", machine)}</details>`}`;
-}
-
-/** Let the browser keep a text. */
-function keep(name, content) {
-  const url = URL.createObjectURL(new Blob([content], { type: "text/plain" }));
-  Object.assign(document.createElement("a"), { href: url, download: name }).click();
-  setTimeout(() => URL.revokeObjectURL(url), 10000);
 }
 
 /** Lines of a difference, added and removed ones in colour. */
@@ -93,4 +90,51 @@ function Differences({ found, other, prefix }) {
       ${table("Results", found.results)}
       ${machine.length > 0 && html`<details><summary>Versions and machine differ</summary>${table("Versions and machine", machine)}</details>`}
     </section>`;
+}
+
+/**
+ * The learning curves of two trainings over each other, with what chance alone would do.
+ * @param {{prefix: string, other: string, sameReward: boolean}} props `sameReward`: whether their rewards can be compared
+ */
+function BothCurves({ prefix, other, sameReward }) {
+  const path = (name) => `/api/model/curve?prefix=${encodeURIComponent(name)}`;
+  const names = [other, prefix];
+  const curves = [useGet(path(other)).value, useGet(path(prefix)).value];
+  const found = useMemo(() => {
+    if (!curves.every(Boolean)) return null;
+    const both = curves.map((each) => new Map(each.iterations.map((row) => [row.iteration, row])));
+    const x = [...new Set(both.flatMap((rows) => [...rows.keys()]))].sort((a, b) => a - b);
+    const column = (rows, pick) => x.map((iteration) => pick(rows.get(iteration)) ?? null);
+    const shares = (rows) => [0, 1, 2].map((k) => column(rows, (row) => row?.clean?.[k]));
+    const rewards = both.map((rows) => column(rows, (row) => row?.mean_reward));
+    return { both, x, clean: [x, ...both.flatMap(shares)], rewards: [x, ...rewards] };
+  }, curves);
+  if (!found) return null;
+  const { both, x } = found;
+  const shares = names.flatMap((name, k) => [
+    { name, color: COLORS[k], unit: "%", digits: 0 },
+    { name: `${name}, low`, group: name, color: COLORS[k], hidden: true },
+    { name: `${name}, high`, group: name, color: COLORS[k], hidden: true },
+  ]);
+  const bands = COLORS.map((color, k) => [3 * k + 3, 3 * k + 2, color]);
+  const at = (index) => {
+    const iteration = x[index] ?? x.findLast((each) => both.some((rows) => rows.get(each)?.clean));
+    if (iteration === undefined) return "None of them was evaluated.";
+    const said = both.map((rows, k) => {
+      const [share, low, high] = rows.get(iteration)?.clean ?? [];
+      return share === undefined
+        ? `${names[k]} was not evaluated`
+        : `${names[k]} ${number(share, 0, "%")} (${number(low)} to ${number(high)})`;
+    });
+    return `Iteration ${number(iteration)}: ${said.join(", ")}`;
+  };
+  const rewards = names.map((name, k) => ({ name, color: COLORS[k], digits: 1 }));
+  return html`
+    <${Plot} title="Clean laps in evaluations" hint="The band is where the true share lies with 95 %: bands that overlap may differ by chance alone."
+      series=${shares} data=${found.clean} limits=${{ y: [0, 105] }} axes=${{ left: "% of the laps" }} read=${at} bands=${bands} />
+    ${
+      sameReward
+        ? html`<${Plot} title="Mean reward" series=${rewards} data=${found.rewards} axes=${{ left: "Reward" }} />`
+        : html`<p class="quiet">Their reward functions differ, so their rewards cannot be compared.</p>`
+    }`;
 }

@@ -1,17 +1,17 @@
 // The notes of a model: read, write, edit, remove.
 
 import { post, put, remove } from "/api.js";
-import { ask } from "/ask.js";
-import { confirmed } from "/dialogs.js";
+import { ask, confirmed } from "/ask.js";
 import { DraftNote } from "/steps.js";
 import { useDraft } from "/drafts.js";
 import { Field } from "/fields.js";
 import { useAction, useGet } from "/store.js";
 import { moment } from "/text.js";
-import { Button, Empty, Failure, html } from "/ui.js";
+import { Button, Empty, Failure, Form, html } from "/ui.js";
 
-/** @param {{prefix: string, path: string, version: any}} props `path` is where notes are read and changed */
-export function Notes({ prefix, path, version }) {
+/** @param {{prefix: string, path: (name: string) => string, version: any}} props */
+export function Notes({ prefix, path: pathOf, version }) {
+  const path = pathOf("notes");
   const { value: found, error, reload } = useGet(path, version);
   const draft = useDraft(`note/${prefix}`, null);
   const [send] = useAction(async (action) => {
@@ -19,22 +19,21 @@ export function Notes({ prefix, path, version }) {
     reload();
   });
   const text = draft.edits.text ?? "";
-  const add = (event) => {
-    event.preventDefault();
+  const add = () =>
     send(async () => {
       await post(path, { text });
       draft.saved({ text });
     });
-  };
   const edit = async ({ number, text: before }) => {
-    const values = await ask({
-      title: number === 0 ? "Describe the model" : `Edit note ${number}`,
+    const changed = await ask({
+      title: number === 0 ? `Describe ${prefix}` : `Edit note ${number} of ${prefix}`,
       action: "Save",
       fields: [
-        { name: "text", label: "Text", value: before, lines: true, more: { required: true } },
+        { name: "text", label: "Text", value: before, kind: "lines", more: { required: true } },
       ],
+      send: ({ text: written }) => put(path, { number, text: written }),
     });
-    if (values) send(() => put(path, { number, text: values.text }));
+    if (changed) reload();
   };
   const drop = async (note) => {
     if (await confirmed("Remove this note?", { action: "Remove", detail: note.text }))
@@ -58,12 +57,9 @@ export function Notes({ prefix, path, version }) {
     )}</ul>
     ${!found.notes.length && html`<${Empty} text="There is no note yet. Notes stay with the model, also in copies of it." />`}
     ${!found.notes.some((note) => note.number === 0) && html`<p><button type="button" onClick=${() => edit({ number: 0, text: "" })}>Describe the model</button></p>`}
-    <form onSubmit=${add}>
+    <${Form} onSubmit=${add}>
       <${DraftNote} draft=${draft} />
-      <${Field} label="New note" control=${(
-        common,
-      ) => html`<textarea ...${common} rows="3" maxlength="2000" value=${text}
-        onInput=${(event) => draft.set(event.currentTarget.value ? { text: event.currentTarget.value } : {})}></textarea>`} />
+      <${Field} label="New note" rows=${3} maxlength="2000" value=${text} set=${(given) => draft.change("text", given, "")} />
       <p class="actions"><button type="submit" class="main" disabled=${!text.trim()}>Add the note</button></p>
-    </form>`;
+    <//>`;
 }

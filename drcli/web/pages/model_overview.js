@@ -6,39 +6,15 @@ import { runTask } from "/model_tasks.js";
 import { useAction, useGet } from "/store.js";
 import { lapTime, moment, number } from "/text.js";
 import { TrackMap } from "/track_map.js";
-import { Button, Empty, Failure, html, useMemo, useState } from "/ui.js";
+import { Button, Empty, Failure, Tick, html, useMemo, useState } from "/ui.js";
 
 const PARTS = 10; // of a training, of which one is shown
 
-/** The points of /api/model/curve as the reward graph takes them. */
-function rowsOf({ iterations, episodes, best_iteration: best }) {
-  return {
-    iterations: iterations.map((each) => ({
-      iteration: each.iteration,
-      mean_reward: each.reward,
-      mean_progress: each.progress,
-      evaluation_progress:
-        each.evaluation_progress === null
-          ? []
-          : Array(each.evaluation_episodes).fill(each.evaluation_progress),
-      evaluation_lap_s: { length: each.evaluation_laps },
-    })),
-    episodes: episodes.map((each) => [
-      each.iteration,
-      each.evaluation ? 1 : 0,
-      each.reward,
-      each.progress,
-    ]),
-    best: best === null ? null : `${best}_`,
-  };
-}
-
 export function Overview({ prefix, path, version }) {
   const { value, error } = useGet(path("curve"), version);
-  const rows = useMemo(() => value && rowsOf(value), [value]);
   return html`
     ${error && html`<${Failure} error=${error} />`}
-    ${rows && html`<${RewardPlot} ...${rows} height=${320} />`}
+    ${value && html`<${RewardPlot} ...${value} height=${320} />`}
     <${Analysis} prefix=${prefix} path=${path} />`;
 }
 
@@ -97,7 +73,7 @@ export function Ends({ ends, world }) {
       <figcaption><strong>Where it fails</strong> Darker: more episodes ended there.</figcaption>
       <${TrackMap} label=${`Map of the ends of episodes. ${text}`} height=${360} track=${lines} dots=${dots} />
       <p class="actions">
-        <label class="form-check"><input type="checkbox" checked=${all} onChange=${(event) => setAll(event.currentTarget.checked)} /> All iterations</label>
+        <${Tick} label="All iterations" on=${all} set=${setAll} />
         <label class="choice"><span>or those until</span><input type="range" min=${span - 1} max=${newest} value=${last} disabled=${all}
           aria-label="Newest iteration that is shown" onInput=${(event) => setLast(Number(event.currentTarget.value))} /></label>
       </p>

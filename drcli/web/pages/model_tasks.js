@@ -37,6 +37,15 @@ export async function runTask(path, body, signal) {
   return taskEnd(task, signal);
 }
 
+const KEPT_MS = 60_000;
+
+/** Let the browser keep what a page has. */
+export function saveBlob(blob, name) {
+  const url = URL.createObjectURL(blob);
+  save({ url, name });
+  setTimeout(() => URL.revokeObjectURL(url), KEPT_MS);
+}
+
 /** Let the browser keep a file that a task has made. */
 export function save({ url, name }) {
   const link = Object.assign(document.createElement("a"), { href: url, download: name });

@@ -1,21 +1,14 @@
 // A race for a projector: leaderboard, who drives now and how, what comes next, the last result, and the winner.
 
-import { LivePicture, addTrails, pageSeen, rgb, useTrack } from "/live_picture.js";
+import { aboutField } from "/ask.js";
+import { LivePicture, addTrails, pageSeen, useTrack } from "/live_picture.js";
 import { Pairs } from "/race_pairs.js";
-import {
-  aboutField,
-  driversText,
-  gapText,
-  inPairs,
-  pointsText,
-  raceLink,
-  videoPath,
-  waitText,
-} from "/race_words.js";
+import { driversText, inPairs, raceLink, videoPath } from "/race_words.js";
 import { useTopic } from "/store.js";
 import { andResets, duration, mean, number } from "/text.js";
 import { TrackMap } from "/track_map.js";
-import { Failure, html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "/ui.js";
+import { Failure, html, signal } from "/ui.js";
+import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "/vendor/preact/preact.js";
 
 export const title = "Race night";
 
@@ -24,38 +17,31 @@ const LAST_MS = 15_000;
 const REST_MS = 4000;
 const START_S = 5; // after it, a worker has its live view
 const ROWS = 8; // more become too small to be read from far away
+const MOVE = { duration: 900, easing: "ease-in-out" };
 const SPLITS = [100 / 3, 200 / 3];
-const narrow = matchMedia("(max-width: 900px)");
 const still = matchMedia("(prefers-reduced-motion: reduce)");
+const phone = matchMedia("(max-width: 900px)");
+const isNarrow = signal(phone.matches);
+phone.addEventListener("change", () => {
+  isNarrow.value = phone.matches;
+});
+const isFull = signal(false);
+document.addEventListener("fullscreenchange", () => {
+  isFull.value = Boolean(document.fullscreenElement);
+});
 
-/** Calls a listener for events of a target, with what it knows now. */
-function useEvents(target, names, listener) {
-  const newest = useRef(listener);
-  newest.current = listener;
-  useEffect(() => {
-    const call = (event) => newest.current(event);
-    for (const name of names) target.addEventListener(name, call);
-    return () => {
-      for (const name of names) target.removeEventListener(name, call);
-    };
-  }, []);
-}
-
-function useNarrow() {
-  const [value, setValue] = useState(narrow.matches);
-  useEvents(narrow, ["change"], () => setValue(narrow.matches));
-  return value;
-}
+/** Whether nobody has moved or typed anything for a while. */
+const isResting = signal(false);
+let rest = 0;
+const wake = () => {
+  isResting.value = false;
+  clearTimeout(rest);
+  rest = setTimeout(() => (isResting.value = true), REST_MS);
+};
+for (const name of ["pointermove", "keydown", "focusin"]) addEventListener(name, wake);
 
 export function Page({ params: [id] }) {
   const { value: race, error } = useTopic(`race:${id}`);
-  useEffect(() => {
-    document.documentElement.classList.add("night-on");
-    return () => {
-      document.documentElement.classList.remove("night-on");
-      if (document.fullscreenElement) document.exitFullscreen().catch(() => {});
-    };
-  }, []);
   useEffect(() => {
     if (race) document.title = `${race.rules.name} – Race night`;
   }, [race?.rules.name]);
@@ -68,13 +54,10 @@ function Night({ id, race, trouble }) {
   const place = useRef(null);
   const [slide, setSlide] = useState(0);
   const [paused, setPaused] = useState(false);
-  const [full, setFull] = useState(false);
   const [refused, setRefused] = useState(false);
-  const [resting, setResting] = useState(0);
-  const isNarrow = useNarrow();
   const cars = useDrivers(race);
   const rows = boardRows(race, cars.drivers);
-  const size = isNarrow ? Infinity : ROWS;
+  const size = isNarrow.value ? Infinity : ROWS;
   const pages = Math.max(1, Math.ceil(rows.length / size));
   const slides = [
     ...(race.winner ? ["winner"] : []),
@@ -97,8 +80,7 @@ function Night({ id, race, trouble }) {
       ? document.exitFullscreen()
       : place.current.requestFullscreen()
     ).catch(() => setRefused(true));
-  useEvents(document, ["fullscreenchange"], () => setFull(Boolean(document.fullscreenElement)));
-  useEvents(window, ["keydown"], (event) => {
+  const press = (event) => {
     const typed = event.target.closest?.("input, select, textarea, dialog");
     if (event.ctrlKey || event.metaKey || event.altKey || typed) return;
     const next = () => turn(1);
@@ -110,34 +92,26 @@ function Night({ id, race, trouble }) {
     if (!does) return;
     event.preventDefault();
     does();
-  });
-  const [wakes, setWakes] = useState(0);
-  useEvents(window, ["pointermove", "keydown", "focusin"], () => setWakes((times) => times + 1));
+  };
   useEffect(() => {
-    const timer = setTimeout(() => setResting(wakes), REST_MS);
-    return () => clearTimeout(timer);
-  }, [wakes]);
+    addEventListener("keydown", press);
+    return () => removeEventListener("keydown", press);
+  });
 
   const alone = shown === "winner" || shown === "pairs";
   const { rules, words } = race;
-  const classes = [
-    "night",
-    alone && "night-alone",
-    (cars.topic || cars.scene) && "night-live",
-    wakes > 0 && resting === wakes && "night-still",
-  ];
   return html`
-    <div ref=${place} class=${classes.filter(Boolean).join(" ")}>
+    <div ref=${place} class=${isResting.value ? "night night-still" : "night"}>
       <header><h1>${rules.name}</h1><p class="night-facts">${words.place}. ${words.decides}</p></header>
       <div role="status">${trouble}${refused && html`<p>This browser does not allow full screen here; its own key is often F11.</p>`}</div>
       <div class="night-body">
         <section class="night-stage" aria-label="Leaderboard">
           ${shown === "winner" && html`<${Winner} race=${race} />`}
-          ${shown === "pairs" && html`<${AllPairs} race=${race} isNarrow=${isNarrow} />`}
+          ${shown === "pairs" && html`<${AllPairs} race=${race} />`}
           ${!alone && html`<${Board} race=${race} first=${Number(shown) * ROWS || 0} rows=${rows.slice(Number(shown) * size || 0, (Number(shown) + 1) * size)} />`}
           ${count > 1 && html`<p class="night-dots" aria-hidden="true">${slides.map((each, k) => html`<span key=${each} class=${k === at && "on"}></span>`)}</p>`}
         </section>
-        <div class="night-side"><${Side} id=${id} race=${race} cars=${cars} isNarrow=${isNarrow} /></div>
+        <div class="night-side"><${Side} id=${id} race=${race} cars=${cars} /></div>
       </div>
       <${LastResult} race=${race} />
       <p class="night-bar actions">
@@ -145,7 +119,7 @@ function Night({ id, race, trouble }) {
         <button type="button" onClick=${() => turn(-1)}>Previous</button>
         <button type="button" onClick=${() => turn(1)}>Next</button>
         <button type="button" aria-pressed=${String(paused)} onClick=${() => setPaused(!paused)}>Pause</button>
-        <button type="button" onClick=${fullScreen}>${full ? "Leave full screen" : "Full screen"}</button>
+        <button type="button" onClick=${fullScreen}>${isFull.value ? "Leave full screen" : "Full screen"}</button>
         <span class="night-keys">Keys: F full screen, arrows previous and next, P pause</span>
       </p>
     </div>`;
@@ -156,12 +130,12 @@ function useDrivers(race) {
   const { driving } = race.moments;
   const live = driving && pageSeen.value ? race.live : null;
   const topic = live && `live:${live.run_id}:${live.worker}`;
-  const told = useTopic(topic && `${topic}:scene`).value?.scene;
+  const told = useTopic(topic && `${topic}:scene`).value;
   const seen = useRef(new Map());
   // The last scene stays until the result is there: a film may be made first.
   const kept = useRef(null);
-  if (told && driving) kept.current = { key: driving.key, scene: told };
-  const scene = kept.current?.key === driving?.key ? (kept.current?.scene ?? null) : null;
+  if (told?.scene && driving) kept.current = { key: driving.key, ...told };
+  const { scene = null, words } = (kept.current?.key === driving?.key && kept.current) || {};
   const drivers = useMemo(() => {
     if (!driving) seen.current.clear();
     return (driving?.cars ?? []).map((car) => {
@@ -178,7 +152,7 @@ function useDrivers(race) {
       return { ...car, shown, laps, splits };
     });
   }, [driving, scene]);
-  return { topic, scene, drivers };
+  return { topic, scene, words, drivers };
 }
 
 /** The time at which a car has passed each third of its lap, between two scenes. */
@@ -194,10 +168,6 @@ function addSplits(seen, key, { laps, progress, lap_s: now }) {
   seen.set(key, { lap: laps, progress, now, splits });
 }
 
-function scoreText(race, row) {
-  if (inPairs(race)) return `${pointsText(row)} ${row.points === 1 ? "point" : "points"}`;
-  return row.score_s === null ? row.laps_text : row.score_text;
-}
 const clock = (seconds) =>
   `${Math.floor(seconds / 60)}:${(seconds % 60).toFixed(3).padStart(6, "0")}`;
 
@@ -218,27 +188,21 @@ export function resultSoFar({ ranking, min_laps: least, average_laps: many }, la
 
 /** The rows of the board; who drives is in it with the result so far, which an average may still improve. */
 function boardRows(race, drivers) {
-  const rows = race.leaderboard.map((row) => ({
-    ...{ racer: row.racer, rank: row.rank, seconds: row.score_s, score: scoreText(race, row) },
-    gap: inPairs(race) ? `best lap ${row.best_lap_text}` : gapText(row),
-    drives: drivers.some((car) => car.racer === row.racer),
+  let rows = race.leaderboard.map(({ racer, rank, score_s: seconds, result: score, gap }) => ({
+    ...{ racer, rank, seconds, score, gap, drives: drivers.some((car) => car.racer === racer) },
   }));
-  if (inPairs(race)) return rows;
+  const time = ({ seconds }) => seconds ?? Infinity;
   const open = race.rules.ranking === "best-average" ? " so far" : "";
-  for (const { racer, laps } of drivers) {
+  for (const { racer, laps } of inPairs(race) ? [] : drivers) {
+    const old = rows.find((row) => row.racer === racer) ?? { seconds: null };
     const best = resultSoFar(race.rules, laps);
-    const old = rows.findIndex((row) => row.racer === racer);
-    if (best === Infinity || (old >= 0 && (rows[old].seconds ?? Infinity) <= best)) continue;
-    if (old >= 0) rows.splice(old, 1);
-    const behind = rows.findIndex((row) => (row.seconds ?? Infinity) > best);
-    const rank = behind < 0 ? rows.length : behind;
-    const first = rank ? rows[0].seconds : best;
-    const gap = rank ? `+${number(best - first, 3, "s")}${open}` : `leads${open || " now"}`;
-    const row = { racer, rank: rank + 1, seconds: best, score: clock(best), gap, drives: true };
-    rows.splice(rank, 0, row);
-    rows.forEach((each, k) => {
-      if (each.rank !== null) each.rank = k + 1;
-    });
+    if (best >= time(old)) continue;
+    const others = rows.filter((row) => row !== old);
+    const first = Math.min(...others.map(time));
+    const gap = first < best ? `+${number(best - first, 3, "s")}${open}` : `leads${open || " now"}`;
+    const row = { racer, rank: 0, seconds: best, score: clock(best), gap, drives: true };
+    rows = [...others, row].sort((a, b) => time(a) - time(b) || 0);
+    rows = rows.map((each, k) => ({ ...each, rank: each.rank === null ? null : k + 1 }));
   }
   return rows;
 }
@@ -252,10 +216,7 @@ function Board({ race, rows, first }) {
       const top = row.offsetTop;
       const moved = (tops.current.get(racer) ?? top) - top;
       if (moved && !still.matches)
-        row.animate([{ transform: `translateY(${moved}px)` }, { transform: "none" }], {
-          duration: 900,
-          easing: "ease-in-out",
-        });
+        row.animate([{ transform: `translateY(${moved}px)` }, { transform: "none" }], MOVE);
       now.set(racer, top);
     }
     tops.current = now;
@@ -281,12 +242,12 @@ function Winner({ race }) {
     <div class="night-winner" role="status">
       <p>Winner</p>
       <p class="night-winner-name">${race.winner}</p>
-      <p class="night-winner-score">${scoreText(race, first)}</p>
-      ${podium.length > 0 && html`<p class="night-podium">${podium.map((row) => `${row.rank}. ${row.racer} ${scoreText(race, row)}`).join("   ")}</p>`}
+      <p class="night-winner-score">${first.result}</p>
+      ${podium.length > 0 && html`<p class="night-podium">${podium.map((row) => `${row.rank}. ${row.racer} ${row.result}`).join("   ")}</p>`}
     </div>`;
 }
 
-function AllPairs({ race, isNarrow }) {
+function AllPairs({ race }) {
   const box = useRef(null);
   // Smaller text until all pairs are seen; many of them are scrolled rather than made unreadable.
   useLayoutEffect(() => {
@@ -294,7 +255,7 @@ function AllPairs({ race, isNarrow }) {
     for (let share = 1; share > 0.4; share -= 0.1) {
       current.style.setProperty("--fit", share.toFixed(1));
       const tall = current.scrollHeight > current.clientHeight + 1;
-      if (isNarrow || (!tall && current.scrollWidth <= current.clientWidth + 1)) return;
+      if (isNarrow.value || (!tall && current.scrollWidth <= current.clientWidth + 1)) return;
     }
   });
   return html`
@@ -302,75 +263,44 @@ function AllPairs({ race, isNarrow }) {
     <div ref=${box} class="night-pairs"><${Pairs} race=${race} /></div>`;
 }
 
-/** Videos of a run that has ended. */
-export function filmsOf(race, run) {
-  const names = run.cars.map((car) => car.submission);
-  if (names.length === 1)
-    return race.submissions
-      .filter((entry) => entry.submission === names[0] && entry.video)
-      .map((entry) => entry.video);
-  const same = (pair) => names.includes(pair.first) && names.includes(pair.second);
-  return race.pairs.find(same)?.videos ?? [];
-}
-
 /** Who drives with pictures, then the film of it, and who is next. */
-function Side({ id, race, cars, isNarrow }) {
+function Side({ id, race, cars }) {
   const { driving, last } = race.moments;
   const begun = useRef(last?.key);
   const [ended, setEnded] = useState("");
-  const films = last?.state === "done" ? filmsOf(race, last) : [];
+  const { films } = race;
   const fresh = last?.key !== begun.current && ended !== last?.key;
   const shown = films.length > 0 && ended !== `bad ${last.key}` && (!driving || fresh);
-  const screen =
-    shown &&
-    html`
-    <section class="night-film" aria-label="Film of the last run">
-      <h2>${driversText(last)}</h2>
-      <div class="night-films">${films.map(
-        (
-          film,
-          k,
-        ) => html`<video key=${film} autoplay muted playsinline loop=${!driving} src=${videoPath(id, film)}
-          aria-label=${`Film of ${driversText(last)}${films.length > 1 ? `, camera ${k + 1}` : ""}`}
-          onEnded=${() => setEnded(last.key)} onError=${() => setEnded(`bad ${last.key}`)}></video>`,
-      )}</div>
-    </section>`;
+  const film = (key, k) => html`
+    <video key=${key} autoplay muted playsinline loop=${!driving} src=${videoPath(id, key)}
+      aria-label=${`Film of ${driversText(last)}${films.length > 1 ? `, camera ${k + 1}` : ""}`}
+      onEnded=${() => setEnded(last.key)} onError=${() => setEnded(`bad ${last.key}`)}></video>`;
   return html`
-    <section class="night-now" aria-label="Driven now"><h2>Now</h2>${driving ? html`<${Driving} key=${driving.key} race=${race} ...${cars} />` : html`<p class="quiet">${idleText(race)}</p>`}</section>
-    ${screen}
-    ${!(driving && shown) && html`<${Next} race=${race} isNarrow=${isNarrow} />`}`;
+    <section class="night-now" aria-label="Driven now"><h2>Now</h2>${driving ? html`<${Driving} key=${driving.key} race=${race} ...${cars} />` : html`<p class="quiet">${race.words.idle}</p>`}</section>
+    ${
+      shown &&
+      html`<section class="night-film" aria-label="Film of the last run">
+        <h2>${driversText(last)}</h2>
+        <div class="night-films">${films.map(film)}</div>
+      </section>`
+    }
+    ${!(driving && shown) && html`<${Next} race=${race} />`}`;
 }
 
-function idleText({ state, queue, runner }) {
-  if (state === "finished") return "The race is over.";
-  if (!queue.length) return "Nobody is driving.";
-  return runner
-    ? "The next car goes to the start."
-    : `${waitText(queue.length)}. Nobody is driving the queue.`;
-}
-
-function Driving({ race, topic, scene, drivers }) {
+function Driving({ race, topic, scene, words, drivers }) {
   const [, setNow] = useState(0);
   const trails = useRef(new Map());
   const { lines, error } = useTrack(scene?.world ?? race.rules.world);
   const [pictured, setPictured] = useState(null);
-  const moving = scene?.cars ?? [];
-  const color = (each) => rgb(scene.racers[each.racer]?.rgb);
-  const paths = useMemo(() => (scene ? addTrails(trails.current, moving, color) : []), [scene]);
+  const { cars = [], objects } = words ?? {};
+  const paths = useMemo(() => addTrails(trails.current, cars, (each) => each.color), [words]);
   const began = race.moments.driving.began_at;
   useEffect(() => {
     const timer = setInterval(() => setNow(Date.now()), 1000);
     return () => clearInterval(timer);
   }, []);
-  const marks = moving.map((each) => ({
-    ...{ x: each.x, y: each.y, yaw: (each.yaw_deg * Math.PI) / 180, color: color(each), name: "" },
-  }));
-  const objects = (scene?.shown?.objects ?? []).map(({ x, y, yaw_deg: yaw }) => [
-    ...[x, y, (yaw * Math.PI) / 180],
-  ]);
-  const seen = moving.find((each) => each.car === pictured);
-  const whose =
-    drivers.find((car) => seen && car.shown === seen)?.racer ?? driversText({ cars: drivers });
+  const everybody = driversText({ cars: drivers });
+  const whose = drivers.find(({ shown }) => shown?.car === pictured)?.racer ?? everybody;
   return html`
     ${drivers.map((car) => html`<${Driver} key=${car.submission} car=${car} laps=${race.rules.max_laps} began=${began} live=${Boolean(topic)} here=${race.here} />`)}
     ${
@@ -379,8 +309,8 @@ function Driving({ race, topic, scene, drivers }) {
         <${LivePicture} topic=${topic && `${topic}:camera`} name="Camera" label=${`What the car of ${whose} sees`} size=${[160, 120]} wait=${topic ? "Waiting for the first picture." : "No picture now."} onCar=${setPictured} />
         ${
           !error &&
-          html`<div class="night-map"><${TrackMap} label=${`Map of the track with the car of ${driversText({ cars: drivers })}`} height=${null}
-          track=${lines} paths=${paths} cars=${marks} objects=${objects} /></div>`
+          html`<div class="night-map"><${TrackMap} label=${`Map of the track with the car of ${everybody}`} height=${null}
+          track=${lines} paths=${paths} cars=${cars.map((each) => ({ ...each, name: "" }))} objects=${objects} /></div>`
         }
       </div>`
     }`;
@@ -419,15 +349,9 @@ function Driver({ car, laps: most, began, live, here }) {
     </div>`;
 }
 
-function Next({ race, isNarrow }) {
-  const racers = new Map(race.submissions.map(({ submission, racer }) => [submission, racer]));
-  const runs = race.queue.map((run) =>
-    run
-      .split("+")
-      .map((each) => racers.get(each) ?? each)
-      .join(" – "),
-  );
-  const most = isNarrow ? runs.length : race.moments.driving ? 2 : 4;
+function Next({ race }) {
+  const { next: runs } = race;
+  const most = isNarrow.value ? runs.length : race.moments.driving ? 2 : 4;
   return html`
     <section class="night-next" aria-label="Next">
       <h2>Next</h2>

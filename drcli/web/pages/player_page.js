@@ -1,52 +1,32 @@
 // Plays stored episodes step by step, one lap or two side by side.
 
 import { EpisodeChooser } from "/episode_chooser.js";
-import { lastAt, useLaps } from "/episode_data.js";
+import { useLap } from "/episode_data.js";
 import { EpisodePane } from "/episode_pane.js";
 import { Curve, Gain } from "/lap_curves.js";
+import { Playback, carAt, lastAt, pressKey, usePlayer, valueAt } from "/lap_player.js";
 import { setQuery, useGet } from "/store.js";
 import { number } from "/text.js";
 import { TrackMap } from "/track_map.js";
-import { Choice, Failure, Folded, html, useEffect, useMemo, useRef, useState } from "/ui.js";
+import { Choice, Failure, Folded, Tick, html, useEffect, useMemo, useRef, useState } from "/ui.js";
 
 export const title = "Episodes";
 
-const SPEEDS = [0.25, 0.5, 1, 2, 4];
 const COLORS = ["c1", "c2"];
 const NAMES = ["first lap", "second lap"];
+// What the path on the map may show, by the column of the lap.
 const PATHS = {
-  driven: { name: "Speed driven", unit: "m/s", of: (lap) => lap.driven_mps },
-  speed: { name: "Speed asked for", unit: "m/s", of: (lap) => lap.speed_mps },
-  reward: { name: "Reward", digits: 3, of: (lap) => lap.reward },
-  steering: { name: "Steering", unit: "°", digits: 1, of: (lap) => lap.steering_deg },
-  // Continuous actions have no number.
-  action: { name: "Number of the action", digits: 0, of: (lap) => lap.action.map(Number) },
+  driven: { column: "driven_mps", name: "Speed driven", unit: "m/s", digits: 2 },
+  speed: { column: "speed_mps", name: "Speed asked for", unit: "m/s", digits: 2 },
+  reward: { column: "reward", name: "Reward", digits: 3 },
+  steering: { column: "steering_deg", name: "Steering", unit: "°", digits: 1 },
+  action: { column: "action", name: "Number of the action", digits: 0 },
 };
 const CURVES = [
-  {
-    title: "Speed",
-    unit: "m/s",
-    lines: [
-      { name: "driven", of: ({ lap }) => lap.driven_mps },
-      { name: "asked for", of: ({ lap }) => lap.speed_mps, dash: [4, 3] },
-    ],
-  },
-  {
-    title: "Steering",
-    unit: "°",
-    digits: 1,
-    lines: [{ name: "steering", of: ({ lap }) => lap.steering_deg }],
-  },
-  {
-    title: "Reward of a step",
-    digits: 3,
-    lines: [{ name: "reward", of: ({ lap }) => lap.reward }],
-  },
+  { title: "Speed", unit: "m/s", lines: { driven: "driven_mps", "asked for": "speed_mps" } },
+  { title: "Steering", unit: "°", digits: 1, lines: { steering: "steering_deg" } },
+  { title: "Reward of a step", digits: 3, lines: { reward: "reward" } },
 ];
-const CRITIC = {
-  title: "What the critic expects",
-  lines: [{ name: "value", of: (data) => data.values() }],
-};
 const KEYS = [
   ["Space or K", "play, pause"],
   ["← →", "one step"],
@@ -81,7 +61,9 @@ export function Page({ query }) {
       trace: asked.other_trace,
       episode: asked.other_episode ?? "0",
     };
-  const { laps, error, key, again } = useLaps([first, second].filter(Boolean));
+  const found = [useLap(first || null), useLap(second || null)].slice(0, second ? 2 : 1);
+  const laps = found.every((each) => each.data) && found.map((each) => each.data);
+  const { error, again } = found.find((each) => each.error) ?? {};
   const [open, setOpen] = useState({});
   const chooser = (k) => html`<${EpisodeChooser} key=${k} action=${k ? "Compare" : "Play"}
     chosen=${(k ? second : null) || first || { model }}
@@ -104,7 +86,7 @@ export function Page({ query }) {
         html`<${Failure} error=${error} />
           <p class="actions"><button type="button" onClick=${again}>Try again</button></p>`
       }
-      ${laps && html`<${Player} key=${key} laps=${laps} query=${query} />`}
+      ${laps && html`<${Player} key=${JSON.stringify([first, second])} laps=${laps} query=${query} />`}
     </div>
     <div class="choosers">${folds.map(
       (
@@ -143,91 +125,32 @@ function Player({ laps, query }) {
   const path = PATHS[query.get("path")] ? query.get("path") : "driven";
   /** What both laps are aligned by: seconds, or percent of the lap. */
   const axis = (data, by = over) => (by === "time" ? data.lap.time_s : data.progress);
-  const [at, setAt] = useState(
-    () => axis(lead)[Math.min(Math.max(Number(query.get("step")) || 0, 0), lead.rows - 1)],
+  const axes = laps.map((data) => axis(data));
+  const start = axes[0][Math.min(Math.max(Number(query.get("step")) || 0, 0), lead.rows - 1)];
+  const player = usePlayer(axes, start, (now, seconds) =>
+    over === "time" ? now + seconds : progressAfter(lead, now, seconds),
   );
-  const [playing, setPlaying] = useState(false);
-  const [speed, setSpeed] = useState(1);
+  const { at, seek } = player;
   const [numbers, setNumbers] = useState(false);
-  const rows = laps.map((data) => lastAt(axis(data), at));
-  const end = Math.max(...laps.map((data) => axis(data).at(-1)));
-  const beginning = Math.min(...laps.map((data) => axis(data)[0]));
-  const seek = (x) => setAt(Math.min(Math.max(x, beginning), end));
-  const toggle = () => {
-    if (!playing && at >= end - 1e-6) seek(beginning);
-    setPlaying(!playing);
-  };
-  /** Some steps of the first lap on, of the second one where the first has ended. */
-  const move = (steps) => {
-    setPlaying(false);
-    const data =
-      laps.find((each) =>
-        steps > 0 ? axis(each).at(-1) > at : axis(each)[0] < at && axis(each).at(-1) >= at,
-      ) ?? lead;
-    const values = axis(data);
-    let row = Math.min(Math.max(lastAt(values, at) + steps, 0), data.rows - 1);
-    // Progress may stand still for some steps.
-    while (row > 0 && row < data.rows - 1 && values[row] === at) row += Math.sign(steps);
-    seek(values[row]);
-  };
+  const rows = axes.map((values) => lastAt(values, at));
   const align = (by) => {
     setQuery({ align: by === "time" ? "" : by });
-    setAt(axis(lead, by)[rows[0]]);
+    seek(axis(lead, by)[rows[0]]);
   };
-  const faster = (by) =>
-    setSpeed(SPEEDS[Math.min(Math.max(SPEEDS.indexOf(speed) + by, 0), SPEEDS.length - 1)]);
   const seekPlace = (x, y) => {
     const far = lead.lap.x.map((each, k) => Math.hypot(each - x, lead.lap.y[k] - y));
     const least = far.reduce((best, each) => Math.min(best, each), Infinity);
-    if (least < 1) seek(axis(lead)[far.indexOf(least)]);
+    if (least < 1) seek(axes[0][far.indexOf(least)]);
   };
-
-  const now = useRef(null);
-  now.current = {
-    advance: (seconds) => seek(over === "time" ? at + seconds : progressAfter(lead, at, seconds)),
-    keys: {
-      k: toggle,
-      ArrowRight: (event) => move(event.shiftKey ? 15 : 1),
-      ArrowLeft: (event) => move(event.shiftKey ? -15 : -1),
-      Home: () => seek(-Infinity),
-      End: () => seek(Infinity),
-      e: () => laps.forEach((data) => data.checkpoint !== null && data.explain(!data.explains)),
-      "+": () => faster(1),
-      "-": () => faster(-1),
-    },
+  const keys = useRef(null);
+  keys.current = {
+    ...player.keys,
+    e: () => laps.forEach((data) => data.checkpoint !== null && data.explain(!data.explains)),
   };
   useEffect(() => {
-    if (!playing) return undefined;
-    let before = performance.now();
-    let frame = 0;
-    const step = (time) => {
-      now.current.advance((Math.max(Math.min(time - before, 250), 0) / 1000) * speed);
-      before = time;
-      frame = requestAnimationFrame(step);
-    };
-    frame = requestAnimationFrame(step);
-    return () => cancelAnimationFrame(frame);
-  }, [playing, speed]);
-  useEffect(() => {
-    if (playing && at >= end - 1e-6) setPlaying(false);
-  }, [playing, at, end]);
-  useEffect(() => {
-    const own = new AbortController();
-    const press = (event) => {
-      const typed = event.target.closest?.(
-        "input:not([type=range]), select, textarea, dialog, .u-over",
-      );
-      if (typed || event.ctrlKey || event.metaKey || event.altKey) return;
-      if (document.querySelector("dialog[open]")) return;
-      const onControl = event.target.closest?.("button, a, summary");
-      const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-      const action = now.current.keys[key === " " && !onControl ? "k" : key];
-      if (!action) return;
-      event.preventDefault();
-      action(event);
-    };
-    addEventListener("keydown", press, { signal: own.signal });
-    return () => own.abort();
+    const press = (event) => pressKey(event, keys.current);
+    addEventListener("keydown", press);
+    return () => removeEventListener("keydown", press);
   }, []);
 
   const { world, reverse } = lead.facts;
@@ -238,20 +161,17 @@ function Player({ laps, query }) {
   const paths = useMemo(
     () => [
       ...laps.map(({ lap }, k) => {
-        const { of, ...shown } = PATHS[path];
         const line = { x: lap.x, y: lap.y };
         return k
           ? { ...line, color: COLORS[k], dashed: true }
-          : { ...line, ...shown, values: of(lap) };
+          : { ...line, ...PATHS[path], values: lap[PATHS[path].column].map(Number) };
       }),
       ...lineOf(limit.value),
     ],
     [laps, path, limit.value],
   );
   const cars = laps.map(({ lap }, k) => ({
-    x: lap.x[rows[k]],
-    y: lap.y[rows[k]],
-    yaw: lap.yaw_rad[rows[k]],
+    ...carAt(lap, axes[k], at),
     color: COLORS[k],
     name: two ? String(k + 1) : "",
   }));
@@ -263,64 +183,34 @@ function Player({ laps, query }) {
     )
     .join(" · ");
   const version = laps.map((data) => data.version.value).join(" ");
-  const valued = useMemo(
-    () =>
-      laps.some((data) => data.checkpoint !== null && data.values().some((each) => each !== null)),
-    [laps, version],
+  const critic = useMemo(() => laps.map((data) => [data.values()]), [laps, version]);
+  const valued = laps.some(
+    (data, k) => data.checkpoint !== null && critic[k][0].some((each) => each !== null),
   );
-  const laid = {
-    laps,
-    names: NAMES,
-    colors: COLORS,
-    over,
-    x: laps.map((data) => axis(data)),
-    at,
-    rows,
-    seek,
-  };
+  const laid = { laps, names: NAMES, colors: COLORS, over, x: axes, at, rows, seek };
   const curves = html`
     <div class="lap-curves">
       ${two && html`<${Gain} ...${laid} />`}
       ${CURVES.map((each) => html`<${Curve} key=${each.title} ...${each} ...${laid} />`)}
-      ${valued && html`<${Curve} key="critic" ...${CRITIC} ...${laid} version=${version} />`}
+      ${valued && html`<${Curve} key="critic" title="What the critic expects" lines=${{ value: "" }} values=${critic} ...${laid} />`}
     </div>`;
   const pane = (k) => html`<${EpisodePane} key=${k} data=${laps[k]} row=${rows[k]} name=${NAMES[k]}
     color=${COLORS[k]} links=${paneLinks(laps[k], k, query)} />`;
   const shows = Object.keys(PATHS).filter(
-    (key) => key !== "action" || PATHS.action.of(lead.lap).some(Number.isFinite),
+    (key) => key !== "action" || lead.lap.action.some((each) => Number.isFinite(Number(each))), // continuous actions have no number
   );
-  const button = (label, text, action) =>
-    html`<button type="button" aria-label=${label} onClick=${action}>${text}</button>`;
   return html`
-    <div class="player-controls" role="group" aria-label="Playback" ref=${useBelowBar()}>
-      ${button("To the beginning", "|◀", () => seek(-Infinity))}
-      ${button("One step back", "◀", () => move(-1))}
-      <button type="button" class="main play" onClick=${toggle}>${playing ? "Pause" : "Play"}</button>
-      ${button("One step on", "▶", () => move(1))}
-      <${Choice} label=${html`<span class="unseen">Speed</span>`} value=${String(speed)}
-        options=${SPEEDS.map((each) => [String(each), `${each}×`])} onChange=${(value) => setSpeed(Number(value))} />
-      ${two && html`<${Choice} label="Align by" options=${["time", "progress"]} value=${over} onChange=${align} />`}
-      <input type="range" min=${beginning} max=${end} step="any" value=${at} aria-label="Position in the episode"
-        aria-valuetext=${position} onInput=${(event) => seek(Number(event.currentTarget.value))} />
-      <p class="position">${position}</p>
-    </div>
     <div class=${`player-grid${two ? " two" : ""}`}>
       ${pane(0)}
       <section class="map-part" aria-label="Map">
         <${TrackMap} label=${`Track with the driven path${two ? "s of both laps and the cars" : " and the car"}`}
           track=${lead.facts.outline ?? laps.at(-1).facts.outline} paths=${paths} cars=${cars}
-          objects=${objects[Math.min(rows[0], objects.length - 1)]} numbers=${numbers} pick=${seekPlace} />
+          objects=${objects[Math.min(rows[0], objects.length - 1)]} numbers=${numbers} pick=${seekPlace} zooms />
         <p class="actions">
           <${Choice} label="Path shows" options=${shows.map((key) => [key, PATHS[key].name])} value=${path}
             onChange=${(key) => setQuery({ path: key === "driven" ? "" : key })} />
-          <label class="tick">
-            <input type="checkbox" checked=${numbers} onChange=${(event) => setNumbers(event.currentTarget.checked)} />
-            <span>Waypoint numbers</span>
-          </label>
-          <label class="tick">
-            <input type="checkbox" checked=${lined} onChange=${() => setQuery({ line: lined ? "off" : "" })} />
-            <span>Best known line</span>
-          </label>
+          <${Tick} label="Waypoint numbers" on=${numbers} set=${setNumbers} />
+          <${Tick} label="Best known line" on=${lined} set=${(on) => setQuery({ line: on ? "" : "off" })} />
         </p>
         ${lined && limit.value && html`<p class="quiet">Best known line: ${limit.value.text}</p>`}
         ${lined && limit.error && html`<p class="quiet">${limit.error.message}</p>`}
@@ -329,33 +219,17 @@ function Player({ laps, query }) {
       ${two && pane(1)}
     </div>
     ${two && curves}
+    <${Playback} player=${player} position=${position}>
+      ${two && html`<${Choice} label="Align by" options=${["time", "progress"]} value=${over} onChange=${align} />`}
+    <//>
     <details class="folded">
       <summary>Keys</summary>
       <dl class="keys">${KEYS.map(([key, what]) => html`<div key=${key}><dt><kbd>${key}</kbd></dt><dd>${what}</dd></div>`)}</dl>
     </details>`;
 }
 
-/** Keeps an element below the bar of the page, however high that is. */
-function useBelowBar() {
-  const place = useRef(null);
-  useEffect(() => {
-    const bar = /** @type {HTMLElement} */ (document.querySelector("header.bar"));
-    const measured = new ResizeObserver(() =>
-      place.current?.style.setProperty("--bar-height", `${bar.offsetHeight}px`),
-    );
-    measured.observe(bar);
-    return () => measured.disconnect();
-  }, []);
-  return place;
-}
-
 /** Progress of the lap after so many seconds more than at a progress. */
-function progressAfter(data, progress, seconds) {
-  const { time_s: time } = data.lap;
-  const row = lastAt(data.progress, progress);
-  const next = Math.min(row + 1, data.rows - 1);
-  const gain = data.progress[next] - data.progress[row];
-  const span = time[next] - time[row];
-  if (!(span > 0)) return progress + seconds * 5;
-  return gain > 1e-6 ? progress + (seconds / span) * gain : data.progress[next] + 1e-6;
+function progressAfter({ lap, progress }, at, seconds) {
+  if (at >= progress.at(-1)) return at + 5 * seconds; // another lap has come further
+  return valueAt(lap.time_s, progress, valueAt(progress, lap.time_s, at) + seconds);
 }

@@ -1,28 +1,17 @@
 // One race: leaderboard, submissions, queue, pairs, and everything that its organiser and its racers do.
 
-import { post } from "/api.js";
-import { confirmed } from "/dialogs.js";
+import { post, remove } from "/api.js";
+import { aboutField } from "/ask.js";
 import { useDraft } from "/drafts.js";
 import { notify } from "/notices.js";
-import * as ask from "/race_actions.js";
+import { asked, keep, showLog, submitted, watch } from "/race_actions.js";
 import { RaceForm } from "/race_form.js";
 import { Pairs } from "/race_pairs.js";
-import {
-  StateBadge,
-  aboutField,
-  checkpointNumber,
-  dateText,
-  driversText,
-  gapText,
-  inPairs,
-  nightLink,
-  pointsText,
-  racePath,
-  waitText,
-} from "/race_words.js";
-import { setQuery, useAction, useGet, useTopic } from "/store.js";
+import { StateBadge, checkpointNumber, dateText, inPairs, racePath } from "/race_words.js";
+import { setQuery, useGet, useTopic } from "/store.js";
 import { moment, number } from "/text.js";
-import { Button, Empty, Failure, Folded, html, useEffect, useRef, useState } from "/ui.js";
+import { Button, Columns, Empty, Failure, Folded, useTitle } from "/ui.js";
+import { html, useEffect, useRef, useState } from "/vendor/preact/preact.js";
 
 export const title = "Race";
 
@@ -30,15 +19,13 @@ const MOST_SHOWN = 8;
 
 export function Page({ params: [id], query }) {
   const told = useTopic(`race:${id}`);
-  const folder = useGet("/api/new-folder").value;
-  const [race, setRace] = useState(null);
+  const folder = useGet("/api/new-folder").value?.directory;
+  const [race, take] = useState(null);
   const before = useRef(Promise.resolve());
   useEffect(() => {
-    if (told.value) setRace(told.value);
+    if (told.value) take(told.value);
   }, [told.value]);
-  useEffect(() => {
-    if (race) document.title = `${race.rules.name} – DeepRacer console`;
-  }, [race?.rules.name]);
+  useTitle(race && `${race.rules.name} – DeepRacer console`);
 
   /** Do something, and say what went wrong; one after the other. */
   const after = (action) => {
@@ -50,20 +37,26 @@ export function Page({ params: [id], query }) {
     );
     return before.current;
   };
-  const act = (name, body = {}, said = "") =>
+  const act = async (name, body = {}) => {
+    const answer = await post(racePath(id, name), body);
+    if (answer.race) take(answer.race);
+    return answer;
+  };
+  const change = (name, body = {}, said = "") =>
     after(async () => {
-      const answer = await post(racePath(id, name), body);
-      if (answer.race) setRace(answer.race);
+      const answer = await act(name, body);
       if (said) notify(said);
       return answer;
     });
+  const ask = (name, given = {}, send = (body) => act(name, body)) =>
+    after(() => asked(id, name, given, send));
   const error = told.error && aboutField(told.error);
   const back = html`<p><a href="#/races">All races</a></p>`;
   if (!race)
     return html`${back}<h1>Race</h1>
     ${error ? html`<${Failure} error=${error} />` : html`<p class="quiet">Reading the bucket …</p>`}`;
-  const props = { id, race, act, after, take: setRace };
-  const watch = (video, name) => ask.watch(id, video, name);
+  const props = { id, race, folder, change, after, ask, take };
+  const film = (video, name) => watch(id, video, name);
   return html`
     ${back}
     <${Head} race=${race} />
@@ -72,92 +65,61 @@ export function Page({ params: [id], query }) {
       ${error && html`<${Failure} error=${error} />`}
       ${race.damaged.map((message) => html`<${Failure} key=${message} error=${{ message }} />`)}
     </div>
-    ${folder && race.changeable && html`<${Rules} key=${folder.directory} folder=${folder.directory} open=${query.has("rules")} ...${props} />`}
-    <section class="race-page-part"><h2>Leaderboard</h2><${Board} race=${race} watch=${watch} /></section>
+    ${folder && race.changeable && html`<${Rules} key=${folder} open=${query.has("rules")} ...${props} />`}
+    <section class="race-page-part"><h2>Leaderboard</h2><${Board} race=${race} film=${film} /></section>
     <div class="race-columns">
       <section aria-label="Queue"><h2>Queue</h2><${Queue} ...${props} /></section>
       ${
         inPairs(race) &&
         html`<section class=${race.rules.pairing === "bracket" && "wide"} aria-label="Pairs">
-          <h2>Pairs</h2><${Pairs} race=${race} watch=${watch} />
+          <h2>Pairs</h2><${Pairs} race=${race} watch=${film} />
         </section>`
       }
     </div>
-    ${race.submissions.length > 0 && html`<${Submissions} ...${props} watch=${watch} />`}`;
+    ${race.submissions.length > 0 && html`<${Submissions} ...${props} film=${film} />`}`;
 }
 
-function Head({ race }) {
-  const { rules, words, state, queue, runner } = race;
-  const taking = state === "open" || state === "scheduled";
-  const most = rules.max_submissions;
-  const facts = [
-    rules.opens_at && `Opens ${moment(rules.opens_at)}.`,
-    rules.closes_at && `${taking ? "Closes" : "Closed"} ${moment(rules.closes_at)}.`,
-    most > 0 && `Each racer has ${number(most)} ${most === 1 ? "submission" : "submissions"}.`,
-    rules.sensors.length > 0 && `Sensors: ${rules.sensors.join(", ")}.`,
-    words.conditions && `Settings: ${words.conditions}.`,
-    runner && `The queue is driven by ${runner}.`,
-  ];
-  const { driving } = race.moments;
-  const standing = [
-    {
-      scheduled: "Not open yet.",
-      open: "Open for submissions.",
-      closed: "Closed for submissions.",
-      finished: "Finished; nobody is ranked.",
-    }[state],
-    driving && `${driversText(driving)} ${driving.cars.length > 1 ? "drive" : "drives"} now.`,
-    queue.length > 0 &&
-      `${waitText(queue.length)} in the queue${runner ? "." : ", but nobody is driving it."}`,
-  ];
-  return html`
-    <div class="race-head">
-      <h1>${rules.name} <${StateBadge} state=${state} /></h1>
-      <p>${words.place}. ${words.decides} ${words.penalties}</p>
-      <p class="race-standing" role="status">${race.winner ? `Winner: ${race.winner}.` : standing.filter(Boolean).join(" ")}</p>
-      <p class="quiet">${facts.filter(Boolean).join(" ")}</p>
-    </div>`;
-}
+const Head = ({ race: { rules, words, badge } }) => html`
+  <div class="race-head">
+    <h1>${rules.name} <${StateBadge} badge=${badge} /></h1>
+    <p>${words.place}. ${words.decides} ${words.penalties}</p>
+    <p class="race-standing" role="status">${words.standing}</p>
+    <p class="quiet">${words.facts}</p>
+  </div>`;
 
-function Actions({ id, race, act, after, take }) {
+function Actions({ id, race, change, after, ask, take }) {
   const open = race.state === "open";
   const scheduled = race.state === "scheduled";
-  const submit = () =>
-    after(async () => {
-      const answer = await ask.submitted(id);
-      if (!answer) return;
-      const { taken } = answer;
-      take(answer.race);
-      notify(
-        `${taken.racer} has submitted checkpoint ${checkpointNumber(taken)} of ${taken.model}.${taken.queue ? "" : " Drive the queue to see its laps."}`,
-      );
-    });
-  const [asked] = useAction(async (name, question) => {
-    const body = await question();
-    if (body) await act(name, body);
-  });
-  const close = async () => {
-    const detail =
-      "What waits in the queue is still driven, and then there is a winner. You can open it again.";
-    if (await confirmed("Close this race for submissions?", { action: "Close it", detail }))
-      act("close");
+  const submit = async () => {
+    const answer = await submitted(id);
+    if (!answer) return;
+    const { taken } = answer;
+    take(answer.race);
+    notify(
+      `${taken.racer} has submitted checkpoint ${checkpointNumber(taken)} of ${taken.model}.${taken.queue ? "" : " Drive the queue to see its laps."}`,
+    );
   };
-  const stop = () => act("stop", {}, "The queue was stopped. What was driven is kept.");
+  const savePage = ({ videos }) => keep(id, `page.html${videos ? "?videos=1" : ""}`, `${id}.html`);
+  const erase = async () => {
+    await remove(racePath(id));
+    notify(`The race ${race.rules.name} was deleted.`);
+    location.hash = "#/races";
+  };
   const button = (text, onClick, kind = null) =>
     html`<${Button} key=${text} class=${kind} onClick=${onClick}>${text}<//>`;
   return html`
     <p class="actions race-actions">
-      ${open && button("Submit a model", submit, "main")}
-      ${race.runner && race.here && button("Stop the queue", stop)}
-      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => asked("run", () => ask.howToDrive(id)), open ? null : "main")}
-      <a class="button" href=${nightLink(id)}>Race night</a>
-      ${(open || scheduled) && button("Close for submissions", close)}
-      ${!open && button(scheduled ? "Open now" : "Open again", () => asked("open", () => ask.untilWhen(id)))}
-      ${button("Save as CSV", () => after(() => ask.keep(id, "table.csv", `${id}.csv`)))}
-      ${button("Save as a page", () => after(() => ask.savePage(id)))}
-      ${button("Log of the queue", () => after(() => ask.showLog(id)))}
+      ${open && button("Submit a model", () => after(submit), "main")}
+      ${race.runner && race.here && button("Stop the queue", () => change("stop", {}, "The queue was stopped. What was driven is kept."))}
+      ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => ask("run"), open ? null : "main")}
+      <a class="button" href=${`#/night/${id}`}>Race night</a>
+      ${(open || scheduled) && button("Close for submissions", () => ask("close"))}
+      ${!open && button(scheduled ? "Open now" : "Open again", () => ask("open"))}
+      ${button("Save as CSV", () => after(() => keep(id, "table.csv", `${id}.csv`)))}
+      ${button("Save as a page", () => ask("page", {}, savePage))}
+      ${button("Log of the queue", () => after(() => showLog(id)))}
       ${race.changeable && button("Change the rules", () => setQuery({ rules: "1" }))}
-      ${button("Delete", () => after(() => ask.erase(id, race)), "danger")}
+      ${button("Delete", () => ask("delete", {}, erase), "danger")}
     </p>`;
 }
 
@@ -176,113 +138,82 @@ function Rules({ id, folder, open, take }) {
   return html`<${RaceForm} title="Change the rules" action="Change the rules" draft=${draft} path=${racePath(id, "rules")} present=${true} send=${send} leave=${leave} />`;
 }
 
-const WatchButton = ({ video, name, watch }) => html`
-  <button type="button" class="race-small" aria-label=${`Watch the video of ${name}`} onClick=${() => watch(video, name)}>Watch</button>`;
+const WatchButton = ({ video, name, film }) => html`
+  <button type="button" class="race-small" aria-label=${`Watch the video of ${name}`} onClick=${() => film(video, name)}>Watch</button>`;
 
-function Board({ race, watch }) {
-  const { leaderboard, rules } = race;
-  if (!leaderboard.length)
-    return html`<${Empty} text=${
-      race.submissions.length
-        ? "Nobody has driven yet. Drive the queue."
-        : race.state === "open"
-          ? "Nobody has submitted a model yet."
-          : "Nobody has driven."
-    } />`;
+function Board({ race, film }) {
+  const { leaderboard, rules, submissions, state } = race;
+  if (!leaderboard.length) {
+    const nobody = state === "open" ? "Nobody has submitted a model yet." : "Nobody has driven.";
+    const next = race.runner ? "The first result appears here." : "Drive the queue.";
+    const text = submissions.length ? `Nobody has driven yet. ${next}` : nobody;
+    return html`<${Empty} text=${text} />`;
+  }
   const paired = inPairs(race);
-  // Name, text, class: what decides and the gap stay on a small screen, details do not.
-  const figure = (name, key, kind = "detail") => [name, (row) => row[key], `figure ${kind}`];
-  const time = (name, ranking, key) =>
-    figure(name, key, ranking === rules.ranking ? "decides" : "detail");
-  const average = `Best average of ${rules.average_laps} laps`;
-  const won = (row) => `${row.wins}, ${row.draws}, ${row.losses}`;
+  // What decides and the gap stay on a small screen, details do not.
+  const figure = (name, key, decides = false) => [
+    ...[name, (row) => row[key], `figure ${decides ? "decides" : "detail"}`],
+  ];
+  const time = (name, ranking, key) => figure(name, key, ranking === rules.ranking);
   const model = (row) =>
     html`${row.model}<span class="quiet race-checkpoint"> checkpoint ${checkpointNumber(row)}</span>`;
-  const film = ({ video, racer }) =>
-    video
-      ? html`<${WatchButton} video=${video} name=${racer} watch=${watch} />`
-      : html`<span class="detail">–</span>`;
+  const watchIt = ({ video, racer }) =>
+    video && html`<${WatchButton} video=${video} name=${racer} film=${film} />`;
+  const results = paired
+    ? [
+        ["Points", (row) => row.points_text, "figure decides"],
+        ["Won, drawn, lost", (row) => `${row.wins}, ${row.draws}, ${row.losses}`, "figure gap"],
+        figure("Best lap", "best_lap_text"),
+      ]
+    : [
+        time("Best lap", "best-lap", "best_lap_text"),
+        time(`Best average of ${rules.average_laps} laps`, "best-average", "best_average_text"),
+        time("Total time", "total-time", "total_text"),
+        ["Gap", (row) => row.gap, "figure gap"],
+      ];
   const columns = [
     ["Rank", (row) => row.rank ?? "–", "rank"],
     ["Racer", (row) => row.racer, "racer"],
     ["Model", model, "model"],
-    paired
-      ? ["Points", pointsText, "figure decides"]
-      : time("Best lap", "best-lap", "best_lap_text"),
-    !paired && time(average, "best-average", "best_average_text"),
-    !paired && time("Total time", "total-time", "total_text"),
-    paired ? ["Won, drawn, lost", won, "figure gap"] : ["Gap", gapText, "figure gap"],
-    paired && figure("Best lap", "best_lap_text"),
+    ...results,
     figure("Laps", "laps_text"),
     figure("Off track", "off_track"),
     figure("Crashes", "crashes"),
-    ["Video", film, "film"],
-  ].filter(Boolean);
+    ["Video", watchIt, "film"],
+  ];
   return html`
     ${race.limit && html`<p class="quiet">The best lap, ${race.limit}.</p>`}
-    <div class="scroll" tabindex="0" role="region" aria-label="Leaderboard">
-      <table class="race-table race-board" role="table">
-        <caption>Times in minutes:seconds; penalties are included. ${!paired && "The column in bold decides."}</caption>
-        <thead role="rowgroup"><tr role="row">${columns.map(([name, , kind]) => html`<th key=${name} scope="col" role="columnheader" class=${kind.startsWith("figure") && "figure"}>${name}</th>`)}</tr></thead>
-        <tbody role="rowgroup">${leaderboard.map(
-          (row) => html`
-            <tr key=${row.submission} role="row" class=${row.rank === 1 && "first"}>
-              ${columns.map(([name, text, kind]) => html`<td key=${name} role="cell" class=${kind} data-label=${name}><span>${text(row)}</span></td>`)}
-            </tr>`,
-        )}</tbody>
-      </table>
-    </div>`;
+    <${Columns} kind="race-table race-board" label="Leaderboard" columns=${columns} rows=${leaderboard}
+      caption=${`Times in minutes:seconds; penalties are included.${paired ? "" : " The column in bold decides."}`}
+      keyOf=${(row) => row.submission} kindOf=${(row) => row.rank === 1 && "first"} />`;
 }
 
-const QUESTIONS = {
-  withdraw: [
-    (name) => `Withdraw ${name}?`,
-    "Withdraw it",
-    "Its laps are removed, and it no longer counts. It cannot be undone; the model stays.",
-  ],
-  restart: [
-    (name) => `Drive ${name} again?`,
-    "Drive it again",
-    "Its present laps no longer count.",
-  ],
-};
-
-/** A button that asks first. */
-function Asking({ what, label, text, entry, act }) {
-  const { submission, racer, model } = entry;
-  const [question, action, detail] = QUESTIONS[what];
-  const go = async () => {
-    if (await confirmed(question(`${racer}'s ${model}`), { action, detail }))
-      act(what, { submission });
-  };
-  return html`<button type="button" class="race-small" aria-label=${label} onClick=${go}>${text}</button>`;
-}
-
-function Queue({ race, act }) {
+function Queue({ race, change, ask }) {
   const [moved, setMoved] = useState(null);
   const { driving } = race.moments;
   const entries = new Map(race.submissions.map((entry) => [entry.submission, entry]));
   const names = race.drawn ? [] : [...new Set(race.queue.flatMap((run) => run.split("+")))];
   const move = async (submission, place) => {
-    if (place >= 1 && place <= names.length && (await act("move", { submission, place })))
+    if (place >= 1 && place <= names.length && (await change("move", { submission, place })))
       setMoved(submission);
   };
+  const order = inPairs(race) ? "Pairs are made in this order." : "They drive in this order.";
   return html`
-    ${driving && html`<p class="race-driving"><span class="dot good"></span>${driversText(driving)}, driven since ${moment(driving.began_at)}</p>`}
+    ${driving && html`<p class="race-driving"><span class="dot good"></span>${driving.cars.map((car) => car.racer).join(" against ")}, driven since ${moment(driving.began_at)}</p>`}
     ${
       names.length
         ? html`
-          <p class="quiet">${inPairs(race) ? "Pairs are made in this order." : "They drive in this order."} The arrows move a submission; so do Alt and the arrow keys.</p>
+          <p class="quiet">${order} The arrows move a submission; so do Alt and the arrow keys.</p>
           <ol class="race-queue">${names.map(
             (name, k) =>
               html`<${Waiting} key=${name} entry=${entries.get(name)} at=${k} last=${k === names.length - 1}
-                focused=${moved === name} onFocused=${() => setMoved(null)} move=${move} act=${act} />`,
+                focused=${moved === name} onFocused=${() => setMoved(null)} move=${move} ask=${ask} />`,
           )}</ol>`
-        : html`<p class="quiet">${race.drawn ? `The bracket is drawn; ${waitText(race.queue.length)}.` : "The queue is empty."}</p>`
+        : html`<p class="quiet">${race.drawn ? "The bracket is drawn." : "The queue is empty."}</p>`
     }`;
 }
 
-function Waiting({ entry, at, last, focused, onFocused, move, act }) {
+function Waiting({ entry, at, last, focused, onFocused, move, ask }) {
   const place = useRef(null);
   const { submission, racer, model } = entry;
   const who = `${racer}, ${model}`;
@@ -299,54 +230,48 @@ function Waiting({ entry, at, last, focused, onFocused, move, act }) {
     event.preventDefault();
     go();
   };
+  const button = (text, does, go, disabled = false) => html`
+    <button type="button" class="race-small" disabled=${disabled} aria-label=${does} onClick=${go}>${text}</button>`;
   return html`
     <li ref=${place} tabindex="0" data-key=${`item-${submission}`} aria-label=${`${at + 1}. ${who}`} aria-keyshortcuts="Alt+ArrowUp Alt+ArrowDown" onKeyDown=${press}>
       <div>
         <span class="race-who"><strong>${racer}</strong><span class="quiet"> ${model}</span></span>
         <span class="race-buttons">
-          <button type="button" class="race-small" disabled=${at === 0} aria-label=${`Move ${who} up`} onClick=${up}>↑</button>
-          <button type="button" class="race-small" disabled=${last} aria-label=${`Move ${who} down`} onClick=${down}>↓</button>
-          <${Asking} what="withdraw" label=${`Withdraw ${who}`} text="Withdraw" entry=${entry} act=${act} />
+          ${button("↑", `Move ${who} up`, up, at === 0)}
+          ${button("↓", `Move ${who} down`, down, last)}
+          ${button("Withdraw", `Withdraw ${who}`, () => ask("withdraw", { submission }))}
         </span>
       </div>
     </li>`;
 }
 
-const ENTRY_STATES = {
-  queued: "waits",
-  running: "is driven now",
-  done: "was driven",
-  failed: "failed",
-  "over the limit": "does not count: the racer has more submissions than the rules allow",
-};
-
-function Submissions({ race, act, watch }) {
+function Submissions({ race, ...props }) {
   const [open, setOpen] = useState(null);
   const count = race.submissions.length;
   return html`
     <section class="race-page-part" aria-label="Submissions">
       <${Folded} title=${html`<h2>Submissions (${number(count)})</h2>`} open=${open ?? count <= MOST_SHOWN} onToggle=${setOpen}>
-        <ul class="race-submissions">${race.submissions.map((entry) => html`<${Entry} key=${entry.submission} entry=${entry} act=${act} watch=${watch} />`)}</ul>
+        <ul class="race-submissions">${race.submissions.map((entry) => html`<${Entry} key=${entry.submission} entry=${entry} ...${props} />`)}</ul>
       <//>
     </section>`;
 }
 
-function Entry({ watch, ...props }) {
-  const { entry } = props;
-  const { racer, model, state, message, remedy } = entry;
+function Entry({ entry, film, ask }) {
+  const { submission, racer, model, state, said, video } = entry;
   const name = `${racer}, ${model}`;
-  const laps = entry.lap_s.length ? entry.lap_text.join("; ") : (ENTRY_STATES[state] ?? state);
+  const button = (text, does, about) => html`
+    <button type="button" class="race-small" aria-label=${does} onClick=${() => ask(about, { submission })}>${text}</button>`;
   return html`
     <li>
       <div>
-        <strong>${racer}</strong> ${model}, checkpoint ${checkpointNumber(entry)} <span class="quiet">${entry.submission}, ${dateText(entry.submitted_at)}</span>
-        <p class=${state === "failed" && "race-failed"}>${laps}${message && `: ${message} ${remedy}`}</p>
+        <strong>${racer}</strong> ${model}, checkpoint ${checkpointNumber(entry)} <span class="quiet">${submission}, ${dateText(entry.submitted_at)}</span>
+        <p class=${state === "failed" && "race-failed"}>${said}</p>
         ${entry.notes.map((note) => html`<p key=${note} class="quiet">${note}</p>`)}
       </div>
       <span class="race-buttons">
-        ${entry.video && html`<${WatchButton} video=${entry.video} name=${name} watch=${watch} />`}
-        ${(state === "done" || state === "failed") && html`<${Asking} what="restart" label=${`Drive ${name} again`} text="Drive again" ...${props} />`}
-        ${state !== "queued" && html`<${Asking} what="withdraw" label=${`Withdraw ${name}`} text="Withdraw" ...${props} />`}
+        ${video && html`<${WatchButton} video=${video} name=${name} film=${film} />`}
+        ${(state === "done" || state === "failed") && button("Drive again", `Drive ${name} again`, "restart")}
+        ${state !== "queued" && button("Withdraw", `Withdraw ${name}`, "withdraw")}
       </span>
     </li>`;
 }

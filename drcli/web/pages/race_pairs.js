@@ -2,14 +2,6 @@
 
 import { html } from "/ui.js";
 
-const STATES = {
-  waiting: "waits for earlier pairs",
-  queued: "in the queue",
-  running: "driven now",
-  failed: "failed",
-  alone: "goes on without racing",
-};
-
 function Side({ pair, side }) {
   const id = pair[side];
   const alone = pair.state === "alone";
@@ -22,10 +14,7 @@ function Side({ pair, side }) {
 }
 
 function Pair({ pair, watch }) {
-  const { state, first_racer: first, second_racer: second } = pair;
-  const failed = state === "failed" ? `: ${pair.message} ${pair.remedy}` : "";
-  const said =
-    state === "done" ? !pair.winner && "Nobody wins." : `${STATES[state] ?? state}${failed}`;
+  const { state, said, first_racer: first, second_racer: second } = pair;
   return html`
     <li><div class=${`race-pair ${state}`}>
       <${Side} pair=${pair} side="first" />
@@ -46,14 +35,11 @@ export function Pairs({ race, watch = null }) {
   if (!race.pairs.length)
     return html`<p class="quiet">Two submissions make a pair. There are not enough yet.</p>`;
   const bracket = race.rules.pairing === "bracket";
-  const all = Object.values(Object.groupBy(race.pairs, (pair) => pair.round));
-  const name = (round) =>
-    (bracket && ["Final", "Semi-finals", "Quarter-finals"][all.length - 1 - round]) ||
-    `Round ${round + 1}`;
+  const all = Object.entries(Object.groupBy(race.pairs, (pair) => pair.round_name));
   const rounds = all.map(
-    (pairs, round) => html`
-      <section key=${round} class=${bracket && "race-round"}>
-        <h3>${name(round)}</h3>
+    ([name, pairs]) => html`
+      <section key=${name} class=${bracket && "race-round"}>
+        <h3>${name}</h3>
         <ol>${pairs.map((pair, k) => html`<${Pair} key=${k} pair=${pair} watch=${watch} />`)}</ol>
       </section>`,
   );

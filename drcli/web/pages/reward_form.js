@@ -1,12 +1,12 @@
 // The reward function: templates, editor, and the check that is drawn while it is typed.
 
 import { CodeEditor, replaceText } from "/code_editor.js";
-import { confirmed } from "/dialogs.js";
+import { confirmed } from "/ask.js";
 import { useDraft } from "/drafts.js";
-import { Problems, SelectField, leadTo, useChecked } from "/fields.js";
+import { Field, Problems, Refused, leadTo, useChecked } from "/fields.js";
 import { RewardPicture } from "/reward_picture.js";
 import { Step, useFileSaving } from "/steps.js";
-import { Failure, Table, html, useRef, useState } from "/ui.js";
+import { Table, html, useRef, useState } from "/ui.js";
 
 const PATH = "/api/reward";
 const PAGE = crypto.getRandomValues(new Uint32Array(2)).join("-");
@@ -40,16 +40,10 @@ export function RewardStep({ facts, reload, folder, known, changes, saved }) {
   });
   const { answer, error } = checked;
   if (answer?.course) course.current = answer.course;
-  const set = (value) => draft.set(value === facts.text ? {} : { text: value });
-  const saving = useFileSaving(dirty, {
-    path: PATH,
-    draft,
-    edits: { text },
-    body: { text },
-    mine: text,
-    reload,
-    saved,
-  });
+  const set = (value) => draft.change("text", value, facts.text);
+  const body = { text };
+  const file = { path: PATH, draft, edits: body, body, mine: text, reload, saved };
+  const saving = useFileSaving(dirty, file);
   const { templates, parameters } = known;
   const insert = async () => {
     const chosen = templates[Number(template)];
@@ -58,15 +52,12 @@ export function RewardStep({ facts, reload, folder, known, changes, saved }) {
       return;
     replaceText(area.current, chosen.text);
   };
-  const rows = parameters.map(({ name, kind, unit, meaning }) => [
-    ...[html`<code>${name}</code>`, kind, unit.replaceAll("**", ""), meaning.replaceAll("**", "")],
-  ]);
   return html`
     <${Step} id="reward" title="Reward function" dirty=${dirty} saving=${saving} draft=${draft}
       hint="It is called after each step; a training makes the sum of its rewards as large as it can. The check runs while you type.">
       <div class="row">
-        <${SelectField} label="Template" options=${templates.map((each, k) => [String(k), each.name])} value=${template}
-          onChange=${setTemplate} help=${templates[Number(template)]?.about ?? ""} />
+        <${Field} label="Template" options=${templates.map((each, k) => [String(k), each.name])} value=${template}
+          set=${setTemplate} help=${templates[Number(template)]?.about ?? ""} />
         <button type="button" onClick=${insert}>Use this template</button>
       </div>
       <div class="split wide">
@@ -74,17 +65,11 @@ export function RewardStep({ facts, reload, folder, known, changes, saved }) {
           <${CodeEditor} label="Reward function" text=${text} onInput=${set} problems=${(answer?.problems ?? []).filter(isOwn)} area=${area} />
           <p class="step-state" role="status">${stateOf(checked)}</p>
           <div class="reward-problems">
-            ${
-              error
-                ? error.problems
-                  ? html`<${Problems} problems=${error.problems} />`
-                  : html`<${Failure} error=${error} />`
-                : html`<${Problems} problems=${answer?.problems} lead=${leadTo} />`
-            }
+            ${error ? html`<${Refused} error=${error} />` : html`<${Problems} problems=${answer?.problems} lead=${leadTo} />`}
           </div>
           <details>
             <summary>Parameters of the function</summary>
-            <${Table} caption="Parameters" heads=${["Name", "Type", "Unit", "Meaning"]} rows=${rows} />
+            <${Table} caption="Parameters" heads=${["Name", "Type", "Unit", "Meaning"]} rows=${parameters} />
           </details>
         </div>
         <${RewardPicture} course=${course.current} report=${answer} />

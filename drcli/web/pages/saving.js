@@ -7,16 +7,11 @@ import { html } from "/ui.js";
 
 /** One of two versions; lines that the other does not have are marked. */
 const Version = ({ text, other }) =>
-  html`<pre class="version" tabindex="0">${
-    (text ?? null) === null
-      ? "(not there)"
-      : text.split("\n").map((line, k, all) => {
-          const end = k < all.length - 1 ? "\n" : "";
-          return other?.split("\n").includes(line)
-            ? line + end
-            : html`<mark>${line || " "}</mark>${end}`;
-        })
-  }</pre>`;
+  html`<pre class="version" tabindex="0">${(text ?? "(not there)")
+    .split("\n")
+    .map((line) =>
+      other?.split("\n").includes(line) ? `${line}\n` : html`<mark>${line || " "}</mark>${"\n"}`,
+    )}</pre>`;
 
 /**
  * Both versions of what was changed here and on the disk.

@@ -3,6 +3,7 @@
 const listeners = new Map(); // topic -> Set of functions
 const newest = new Map(); // topic -> last value, for a second listener of the same topic
 const stateListeners = new Set();
+const GATHER_MS = 30;
 let socket = null,
   wait = 250,
   timer = 0,
@@ -105,10 +106,20 @@ setInterval(() => {
   silent.close();
 }, 5000);
 
+// What comes together is drawn together: each picture of the page costs more than the values in it.
+let waiting = [];
 function give(topic, value) {
-  if (!listeners.has(topic)) return;
-  newest.set(topic, value);
-  for (const listener of [...listeners.get(topic)]) listener(value);
+  if (waiting.push([topic, value]) === 1) setTimeout(hand, GATHER_MS);
+}
+
+function hand() {
+  const all = waiting;
+  waiting = [];
+  for (const [topic, value] of all) {
+    if (!listeners.has(topic)) continue;
+    newest.set(topic, value);
+    for (const listener of [...listeners.get(topic)]) listener(value);
+  }
 }
 
 function text(data) {
@@ -119,10 +130,8 @@ function text(data) {
 function picture(buffer) {
   const length = new DataView(buffer).getUint16(0);
   const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 2, length)));
-  give(facts.topic, {
-    facts,
-    blob: new Blob([new Uint8Array(buffer, 2 + length)], { type: "image/jpeg" }),
-  });
+  const jpeg = new Uint8Array(buffer, 2 + length);
+  give(facts.topic, { facts, blob: new Blob([jpeg], { type: "image/jpeg" }) });
 }
 
 // A machine that was asleep, or a page that was in the background, is connected again at once.

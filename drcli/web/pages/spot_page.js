@@ -1,24 +1,14 @@
 // Trainings on spot machines of Amazon: what runs and costs money now, its log, start, stop and delete.
 
 import { get } from "/api.js";
-import { ask } from "/ask.js";
-import { confirmed } from "/dialogs.js";
+import { ask, confirmed } from "/ask.js";
+import { useDraft } from "/drafts.js";
 import { runTask } from "/model_tasks.js";
 import { notify } from "/notices.js";
-import { useAction, useGet } from "/store.js";
+import { Act, useGet } from "/store.js";
 import { capital, moment, number } from "/text.js";
-import {
-  Button,
-  Choice,
-  Empty,
-  Failure,
-  Table,
-  Tiles,
-  html,
-  useEffect,
-  useRef,
-  useState,
-} from "/ui.js";
+import { Button, Choice, Columns, Empty, Failure, Folded, Loaded, Tiles } from "/ui.js";
+import { html, useEffect, useRef, useState } from "/vendor/preact/preact.js";
 
 export const title = "Spot machines";
 
@@ -32,6 +22,14 @@ const HOURS = [
   ...["2", "4", "8", "12", "24", "48"].map((hours) => [hours, `${hours} hours`]),
   ["0", "No limit: until the training ends"],
 ];
+/** @type {[string, (machine: any) => any][]} */
+const MACHINE = [
+  ["Type", ({ type }) => type],
+  ["Zone", ({ zone }) => zone],
+  ["State", ({ state, said }) => [state, said].filter(Boolean).join(", ")],
+  ["Since", ({ started }) => moment(started)],
+  ["USD an hour", ({ usd_per_hour: price }) => (price ? number(price, 3) : null)],
+];
 const usd = (value, digits) => number(value, digits, "USD");
 const path = (name, stack, more = "") =>
   `/api/spot/${name}?stack=${encodeURIComponent(stack)}${more}`;
@@ -40,15 +38,12 @@ const hourly = (stack) => running(stack).reduce((sum, each) => sum + each.usd_pe
 /** What machines cost now, in a sentence. */
 function costText(stacks) {
   const now = stacks.flatMap(running);
-  const unknown = now.filter((each) => !each.usd_per_hour).length;
   if (!now.length) return "No machine costs money now.";
   const all = `${now.length} ${now.length === 1 ? "machine runs" : "machines run"}`;
-  if (unknown === now.length) return `${all}; the price is not known yet.`;
-  const sum = usd(
-    stacks.reduce((total, each) => total + hourly(each), 0),
-    3,
-  );
-  return `${all} for ${unknown ? "at least " : ""}${sum} an hour.`;
+  const known = now.filter((each) => each.usd_per_hour).length;
+  if (!known) return `${all}; the price is not known yet.`;
+  const sum = stacks.reduce((total, each) => total + hourly(each), 0);
+  return `${all} for ${known < now.length ? "at least " : ""}${usd(sum, 3)} an hour.`;
 }
 
 export function Page() {
@@ -56,8 +51,8 @@ export function Page() {
   const good = useRef(null);
   if (value) good.current = value;
   const found = good.current;
-  const [log, setLog] = useState("");
-  const [values, setValues] = useState({ stack: "", place: null, market: "spot", hours: "12" });
+  const draft = useDraft("spot", null);
+  const values = { stack: "", place: null, market: "spot", hours: "12", ...draft.edits };
   useEffect(() => {
     const timer = setInterval(() => document.hidden || reload(), EVERY_MS);
     return () => clearInterval(timer);
@@ -67,26 +62,27 @@ export function Page() {
     if (typeof result === "string") notify(result);
     return result;
   };
-  const [start, starting] = useAction(async () => {
+  const start = async () => {
     const given = await askWhat(found, values);
     if (!given) return;
-    setValues(given);
+    draft.set(given);
     const { stack, market } = given;
     const base = given.place.startsWith("base:") ? given.place.slice(5) : "";
     const body = { stack, market, base, ttl_minutes: 60 * Number(given.hours) };
     const plan = await act("plan", body);
     if (!(await agreed(plan))) return;
     await act("create", { ...body, agreed_usd_per_hour: plan.most_usd_per_hour });
-  });
-  const [makeBucket, making] = useAction(async () => {
+    draft.set({});
+  };
+  const makeBucket = async () => {
     const given = await ask({
       title: "Make a bucket at Amazon",
       action: "Make it",
-      intro: html`<p>Models of spot machines need a bucket in ${found.region}. Only what is stored in it costs money, about 0.023 USD for a GB a month.</p>`,
+      intro: `Models of spot machines need a bucket in ${found.region}. Only what is stored in it costs money, about 0.023 USD for a GB a month.`,
       fields: [{ name: "stack", label: "Name", value: "", more: { required: true } }],
     });
     if (given) await act("base", given);
-  });
+  };
   if (!found)
     return html`<h1>Spot machines</h1>${error ? html`<${Failure} error=${error} /><${Missing} />` : html`<p class="quiet">Asking Amazon …</p>`}`;
   const { stacks } = found;
@@ -96,73 +92,57 @@ export function Page() {
     <p>Train the model of this folder on a machine of Amazon in ${found.region}. When the machine is taken away, the next one continues; when the training ends, so does the machine.</p>
     <p role="status"><strong>${costText(stacks)}</strong></p>
     <p class="actions">
-      <${Button} class=${hasBucket && "main"} busy=${starting || !hasBucket} onClick=${start}>Start a spot training<//>
-      <${Button} class=${hasBucket ? null : "main"} busy=${making} onClick=${makeBucket}>Make a bucket<//>
+      <${Act} class=${hasBucket && "main"} disabled=${!hasBucket} action=${start} text="Start a spot training" />
+      <${Act} class=${hasBucket ? null : "main"} action=${makeBucket} text="Make a bucket" />
       <${Button} onClick=${reload}>Look again<//>
     </p>
     ${error && html`<${Failure} error=${error} />`}
     ${!hasBucket && html`<${Empty} text="A spot training needs a bucket at Amazon for its model. Make one first." />`}
     ${hasBucket && !stacks.length && html`<${Empty} text=${`Nothing was started in ${found.region}.`} />`}
-    ${stacks.map((stack) => html`<${Stack} key=${stack.stack} stack=${stack} act=${act} showsLog=${log === stack.stack} onLog=${() => setLog(log === stack.stack ? "" : stack.stack)} />`)}`;
+    ${stacks.map((stack) => html`<${Stack} key=${stack.stack} stack=${stack} act=${act} />`)}`;
 }
 
 const Missing = () => html`
   <p>Spot machines need an account at Amazon and its access keys on this machine: run <code>aws configure</code>. With DR_CLOUD=aws, <a href="#/settings">Settings</a> has the profile (DR_LOCAL_S3_PROFILE); the region is DR_AWS_APP_REGION.</p>`;
 
-const askWhat = ({ stacks, bucket }, values) => {
-  const places = [
-    ...stacks
-      .filter((each) => each.kind === "base")
-      .map((each) => [`base:${each.stack}`, `${each.stack}: ${each.bucket}`]),
-    ...(bucket ? [["", `${bucket}, of the settings`]] : []),
-  ];
+const askWhat = ({ stacks, bucket }, { stack, place, market, hours }) => {
+  const bases = stacks.filter((each) => each.kind === "base");
+  const places = bases.map((each) => [`base:${each.stack}`, `${each.stack}: ${each.bucket}`]);
+  if (bucket) places.push(["", `${bucket}, of the settings`]);
+  const choice = (name, label, value, options) => ({ name, label, value, options, kind: "choice" });
+  const help = "Of the training at Amazon: letters, digits and hyphens.";
   return ask({
     title: "Start a spot training",
     action: "Ask for the price",
-    intro: html`<p>Nothing is started yet: everything is checked, and the price is shown first.</p>`,
+    intro: "Nothing is started yet: everything is checked, and the price is shown first.",
     fields: [
-      {
-        name: "stack",
-        label: "Name",
-        value: values.stack,
-        help: "Of the training at Amazon: letters, digits and hyphens.",
-        more: { required: true },
-      },
-      {
-        name: "place",
-        label: "Bucket of the model",
-        value: values.place ?? places[0][0],
-        options: places,
-      },
-      { name: "market", label: "Machine", value: values.market, options: MARKETS },
-      { name: "hours", label: "Ends at the latest after", value: values.hours, options: HOURS },
+      { name: "stack", label: "Name", value: stack, help, more: { required: true } },
+      choice("place", "Bucket of the model", place ?? places[0][0], places),
+      choice("market", "Machine", market, MARKETS),
+      choice("hours", "Ends at the latest after", hours, HOURS),
     ],
   });
 };
 
-const agreed = (plan) => {
-  const most = plan.most_usd_per_hour;
+const agreed = ({ stack, most_usd_per_hour: most, extra_usd_per_hour: extra, said, notes }) => {
   const price =
-    most === null
-      ? "a price that is not known"
-      : `up to ${usd(most + plan.extra_usd_per_hour, 3)} an hour`;
-  return confirmed(`Start ${plan.stack} for ${price}?`, {
-    action: "Start it",
-    detail: [...plan.said, ...plan.notes].map((line) => html`${line}<br />`),
-  });
+    most === null ? "a price that is not known" : `up to ${usd(most + extra, 3)} an hour`;
+  const detail = [...said, ...notes].map((line) => html`${line}<br />`);
+  return confirmed(`Start ${stack} for ${price}?`, { action: "Start it", detail });
 };
 
-function Stack({ stack, act, showsLog, onLog }) {
+function Stack({ stack, act }) {
   const { stack: name, kind, machines } = stack;
   const training = kind === "training";
-  const [stop, stopping] = useAction(async () => {
+  const [showsLog, setShowsLog] = useState(false);
+  const stop = async () => {
     const question = `Stop the training ${name}, and remove its machine?`;
     const detail =
       "It saves its model first, which stays in the bucket. This may take some minutes.";
     if (await confirmed(question, { action: "Stop it", detail }))
       await act("stop", { stack: name });
-  });
-  const [remove, removing] = useAction(async () => {
+  };
+  const remove = async () => {
     const content = training ? "" : (await get(path("removal", name))).content;
     const lost = training
       ? "A training that runs loses what it has done since its last checkpoint; its model stays in the bucket."
@@ -173,12 +153,12 @@ function Stack({ stack, act, showsLog, onLog }) {
       title: `Delete ${name}`,
       action: "Delete it",
       danger: true,
-      intro: html`<p>${lost}</p>`,
+      intro: lost,
       fields: [{ name: "confirm", label: `Type ${name} to confirm`, value: "" }],
       confirm: name,
     });
     if (values) await act("delete", { stack: name, ...values });
-  });
+  };
   const figures = [
     ["Model", stack.model],
     ["Newest checkpoint", stack.checkpoint || "–"],
@@ -191,30 +171,23 @@ function Stack({ stack, act, showsLog, onLog }) {
       <h2>${name}</h2>
       <p>${training ? `${capital(stack.state)}.` : `The bucket ${stack.bucket} (${stack.state}).`} ${stack.reason}</p>
       ${training && html`<${Tiles} values=${figures} />`}
-      ${
-        machines.length > 0 &&
-        html`<${Table} caption=${`Machines of ${name}`} heads=${["Type", "Zone", "State", "Since", "USD an hour"]}
-          rows=${machines.map((each) => [each.type, each.zone, `${each.state}${each.said && `, ${each.said}`}`, moment(each.started), each.usd_per_hour ? number(each.usd_per_hour, 3) : "–"])} />`
-      }
+      ${machines.length > 0 && html`<${Columns} caption=${`Machines of ${name}`} columns=${MACHINE} rows=${machines} />`}
       <p class="actions">
-        ${training && html`<button type="button" aria-expanded=${String(showsLog)} onClick=${onLog}>Log</button><${Button} busy=${stopping} onClick=${stop}>Stop and save<//>`}
-        <${Button} class="danger" busy=${removing} onClick=${remove}>Delete<//>
+        ${training && html`<${Act} action=${stop} text="Stop and save" />`}
+        <${Act} class="danger" action=${remove} text="Delete" />
       </p>
-      ${showsLog && html`<${Log} stack=${name} />`}
+      ${training && html`<${Folded} title="Log" open=${showsLog} onToggle=${setShowsLog}><${Log} stack=${name} /><//>`}
     </section>`;
 }
 
 function Log({ stack }) {
   const [chosen, setChosen] = useState("");
-  const { value, error, reload } = useGet(
-    path("logs", stack, chosen && `&log=${encodeURIComponent(chosen)}`),
-  );
-  if (error) return html`<${Failure} error=${error} />`;
-  if (!value) return html`<p class="quiet">Reading the bucket …</p>`;
+  const found = useGet(path("logs", stack, chosen && `&log=${encodeURIComponent(chosen)}`));
   return html`
-    <div class="actions">
-      <${Choice} label="Log" options=${value.logs} value=${value.log} onChange=${setChosen} />
-      <${Button} onClick=${reload}>Read again<//>
-    </div>
-    <pre class="file-text" tabindex="0" role="log" aria-live="off" aria-label=${`Log of ${stack}`}>${value.lines.join("\n")}</pre>`;
+    <${Loaded} found=${found} reading="Reading the bucket …">${({ logs, log, lines }) => html`
+      <div class="actions">
+        <${Choice} label="Log" options=${logs} value=${log} onChange=${setChosen} />
+        <${Button} onClick=${found.reload}>Read again<//>
+      </div>
+      <pre class="file-text" tabindex="0" role="log" aria-live="off" aria-label=${`Log of ${stack}`}>${lines.join("\n")}</pre>`}<//>`;
 }

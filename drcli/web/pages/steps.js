@@ -2,19 +2,10 @@
 
 import { get, put } from "/api.js";
 import { useDraft } from "/drafts.js";
-import { Problems, SettingField, asWarnings, leadTo, useChecked } from "/fields.js";
+import { Problems, Refused, SettingField, asWarnings, leadTo, useChecked } from "/fields.js";
 import { savedText, writeOwnFile, writeSettings } from "/saving.js";
 import { useAction } from "/store.js";
-import {
-  Button,
-  Failure,
-  Prose,
-  createContext,
-  html,
-  useContext,
-  useEffect,
-  useState,
-} from "/ui.js";
+import { Button, Prose, createContext, html, useContext, useEffect, useState } from "/ui.js";
 
 /** Where steps announce themselves: to the list of steps, and to the start, which saves them all. */
 export const Steps = createContext({
@@ -83,11 +74,8 @@ export function useSaving(dirty, write) {
  */
 export function useFileSaving(dirty, { path, draft, edits, body, mine, reload, saved }) {
   return useSaving(dirty, async () => {
-    const done = await writeOwnFile(
-      path,
-      { ...body, version: draft.version },
-      { mine, read: () => get(path) },
-    );
+    const changed = { ...body, version: draft.version };
+    const done = await writeOwnFile(path, changed, { mine, read: () => get(path) });
     if (!done) return null;
     await reload();
     draft.saved(edits, done.facts.version);
@@ -96,38 +84,39 @@ export function useFileSaving(dirty, { path, draft, edits, body, mine, reload, s
   });
 }
 
-/**
- * The frame of a step.
- * @param {{id: string, title: string, hint?: string, dirty: boolean, saving: Object, draft?: Object, problems?: Object[], children?: any}} props
- */
-export function Step({
-  id,
-  title,
-  hint = "",
-  dirty,
-  saving,
-  draft = null,
-  problems = [],
-  children,
-}) {
-  const { announce, numbers } = useContext(Steps);
-  useEffect(() => announce(id, { title, dirty, save: saving.save }));
-  const { error } = saving;
+/** The frame of a step. @param {{id: string, title: string, hint?: string, children?: any}} props */
+export function Frame({ id, title, hint = "", children }) {
+  const { numbers } = useContext(Steps);
   return html`
     <section class="step" id=${`step-${id}`} aria-labelledby=${`title-${id}`}>
       <h2 id=${`title-${id}`} tabindex="-1">${numbers?.[id] && `${numbers[id]}. `}${title}</h2>
       ${hint && html`<p class="quiet"><${Prose} text=${hint} /></p>`}
+      ${children}
+    </section>`;
+}
+
+/**
+ * A step that is saved by itself.
+ * @param {{id: string, title: string, hint?: string, dirty: boolean, saving: Object, draft?: Object, problems?: Object[], children?: any}} props
+ */
+export function Step({ id, title, hint = "", dirty, saving, ...more }) {
+  const { draft = null, problems = [], children } = more;
+  const { announce } = useContext(Steps);
+  useEffect(() => announce(id, { title, dirty, save: saving.save }));
+  const { error } = saving;
+  return html`
+    <${Frame} ...${{ id, title, hint }}>
       ${draft && html`<${DraftNote} draft=${draft} />`}
       ${children}
       <div class="step-problems">
-        <${Problems} problems=${error?.problems ?? problems} lead=${leadTo} />
-        ${error && !error.problems?.length && html`<${Failure} error=${error} />`}
+        ${!error?.problems && html`<${Problems} problems=${problems} lead=${leadTo} />`}
+        <${Refused} error=${error} />
       </div>
       <div class="actions">
         <${Button} class="main" busy=${saving.busy} disabled=${!dirty} onClick=${saving.save}>Save<//>
         <p class="step-state" role="status">${saving.state}</p>
       </div>
-    </section>`;
+    <//>`;
 }
 
 /**
@@ -157,14 +146,11 @@ export function useSettings({ form, draftName, names, versions, saved }) {
   });
   const found = dirty
     ? [...(checked.answer?.problems ?? []), ...asWarnings(checked.answer?.warnings)]
-    : asWarnings(warnings);
+    : [...form.problems.filter((each) => facts.has(each.key)), ...asWarnings(warnings)];
   const value = (name) => edits[name] ?? facts.get(name).start;
-  const set = (name, text) => {
-    const { [name]: _, ...others } = edits;
-    draft.set(text === facts.get(name).start ? others : { ...others, [name]: text });
-  };
+  const set = (name, text) => draft.change(name, text, facts.get(name).start);
   const field = (name, props = {}) => {
-    const own = { facts: facts.get(name), value: value(name), onInput: (text) => set(name, text) };
+    const own = { facts: facts.get(name), value: value(name), set: (text) => set(name, text) };
     return html`<${SettingField} key=${name} ...${own} ...${props}
       problems=${found.filter((each) => each.key === name).map((each) => ({ ...each, where: "" }))} />`;
   };

@@ -3,7 +3,7 @@
 import { get } from "/api.js";
 import { notify } from "/notices.js";
 import { follow, followRows } from "/socket.js";
-import { signal, useEffect, useRef, useState } from "/vendor/preact/preact.js";
+import { Button, html, signal, useEffect, useRef, useState } from "/ui.js";
 
 /** Where the page is: path and query of the part of the address after #. */
 export const route = signal(readRoute());
@@ -35,12 +35,6 @@ export function setQuery(changes, step = false) {
   route.value = { path, query };
 }
 
-/** "dark" or "light", for what is drawn on a canvas. */
-export const theme = signal(document.documentElement.dataset.theme);
-addEventListener("themechange", () => {
-  theme.value = document.documentElement.dataset.theme;
-});
-
 /** A signal that is aborted when a component goes, or one of these values changes. */
 function useWhile(begin, values) {
   useEffect(() => {
@@ -54,7 +48,12 @@ function useFollowed(how, topic) {
   const [state, setState] = useState({ topic, value: null, error: null });
   useWhile(
     (signal) => {
-      if (topic) how(topic, (value, error) => setState({ topic, value, error }), signal);
+      const listener = (value, error) =>
+        setState((before) => {
+          const stays = error && before.topic === topic;
+          return { topic, value: stays ? before.value : value, error };
+        });
+      if (topic) how(topic, listener, signal);
     },
     [topic],
   );
@@ -67,32 +66,25 @@ function useFollowed(how, topic) {
  * @param {number} every milliseconds between two values that are taken; those in between are left out
  * @returns {{value: any, error: any}}
  */
-export function useTopic(topic, every = 0) {
-  const good = useRef({ topic: null, value: null });
-  const taken = useRef({ at: 0, timer: 0 });
-  return useFollowed((name, listener, signal) => {
+export const useTopic = (topic, every = 0) =>
+  useFollowed((name, listener, signal) => {
+    let [at, timer] = [0, 0];
+    const take = (data) => {
+      at = Date.now();
+      if (!signal.aborted) listener(data.error ? null : data, data.error ?? null);
+    };
     follow(
       name,
       (data) => {
-        clearTimeout(taken.current.timer);
-        if (data.error)
-          listener(good.current.topic === name ? good.current.value : null, data.error);
-        else {
-          good.current = { topic: name, value: data };
-          const take = () => {
-            if (signal.aborted) return;
-            taken.current.at = Date.now();
-            listener(good.current.value, null);
-          };
-          const wait = taken.current.at + every - Date.now();
-          if (every && wait > 0) taken.current.timer = setTimeout(take, wait);
-          else take();
-        }
+        clearTimeout(timer);
+        const wait = at + every - Date.now();
+        // One that comes too soon is taken if no other follows: what others have drawn by then is one picture.
+        if (wait > 0 && !data.error) timer = setTimeout(take, wait + every, data);
+        else take(data);
       },
       signal,
     );
   }, topic);
-}
 
 /**
  * All rows of a growing topic.
@@ -150,4 +142,10 @@ export function useAction(action) {
     }
   };
   return [run, busy];
+}
+
+/** A button whose action takes a while, and says itself what went wrong. */
+export function Act({ action, text, ...more }) {
+  const [run, busy] = useAction(action);
+  return html`<${Button} busy=${busy} onClick=${() => run()} ...${more}>${text}<//>`;
 }

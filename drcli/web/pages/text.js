@@ -1,13 +1,30 @@
 // Numbers with their units, times and sizes in words.
 
+const formats = new Map(); // to make one takes far longer than to use it
+
 /** A number with digits behind the point; a dash for nothing. */
 export function number(value, digits = 0, unit = "") {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
-  const text = Number(value).toLocaleString("en", {
-    minimumFractionDigits: digits,
-    maximumFractionDigits: digits,
-  });
+  if (!formats.has(digits))
+    formats.set(
+      digits,
+      new Intl.NumberFormat("en", {
+        minimumFractionDigits: digits,
+        maximumFractionDigits: digits,
+        signDisplay: "negative", // no minus before a zero
+      }),
+    );
+  const text = formats.get(digits).format(value);
   return unit ? `${text} ${unit}` : text;
+}
+
+/** A number with about four digits, however large it is. */
+export function short(value) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  const size = Math.abs(value);
+  return size >= 1e6 || (value && size < 1e-3)
+    ? value.toExponential(2)
+    : String(Number(value.toPrecision(size >= 1000 ? 6 : 4)));
 }
 
 /** Seconds as "1 h 02 min", "3 min 20 s" or "12 s". */
@@ -18,12 +35,6 @@ export function duration(seconds) {
     minutes = Math.floor(whole / 60) % 60;
   if (hours) return `${hours} h ${String(minutes).padStart(2, "0")} min`;
   return minutes ? `${minutes} min ${String(whole % 60).padStart(2, "0")} s` : `${whole} s`;
-}
-
-/** The name of an evaluation, fourteen digits of its local time, as a time; other names stay as they are. */
-export function stampText(stamp) {
-  const found = /^(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)$/.exec(stamp);
-  return found ? `${found[1]}-${found[2]}-${found[3]} ${found[4]}:${found[5]}:${found[6]}` : stamp;
 }
 
 /** A lap time as the console writes it: MM:SS.mmm. */

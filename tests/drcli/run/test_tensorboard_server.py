@@ -3,6 +3,7 @@
 import json
 import urllib.request
 
+import psutil
 import pytest
 
 from drcli.base.errors import NotAvailable, SettingsError
@@ -70,6 +71,18 @@ def test_it_answers_until_it_is_stopped_and_is_started_once(settings, played, tm
     assert not exists(record.pid)
     assert {tool.name: tool.place for tool in report.tools}["Grafana"] == "udp://grafana:8092"
     assert metrics.stop_tensorboard(tmp_path) is None
+
+
+def test_it_reads_files_in_the_way_that_drops_what_was_given_up(settings, played):
+    played(SERVER)
+    loaded = settings()
+    try:
+        report = metrics.start_tensorboard(loaded)
+        words = psutil.Process(report.pid).cmdline()
+    finally:
+        metrics.stop_tensorboard(loaded.directory)
+
+    assert words[words.index("--load_fast") + 1] == "false"
 
 
 def test_it_is_stopped_with_everything_else(settings, played, tmp_path):

@@ -39,8 +39,7 @@ def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pa
 def home(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
     """A working folder with models for races, on a bucket in memory."""
     found = home_in(working_folder, monkeypatch)
-    for module in ("race_reader", "race_routes"):
-        monkeypatch.setattr(f"drcli.web.{module}.open_running_bucket", lambda _: found.bucket)
+    monkeypatch.setattr("drcli.web.race_reader.open_running_bucket", lambda _: found.bucket)
     for owner in (ServedFolder, ModelReader):
         monkeypatch.setattr(owner, "bucket", lambda *_: found.bucket)
     return found

@@ -14,6 +14,7 @@ from drcli.web import car_routes
 from drcli.web.console_app import build_app
 from fake_car import PASSWORD, FakeCar, Installed, archive, make_certificate
 from fake_car import served as served_car
+from stored_models import StoredModels
 
 BASE = "http://127.0.0.1:8100"
 
@@ -138,3 +139,26 @@ def test_the_page_logs_in_and_shows_the_camera_and_the_models(served, visit, car
 
     assert camera.evaluate("image => image.naturalWidth") == 160
     assert page.evaluate("document.documentElement.scrollWidth") == 390
+
+
+def test_the_page_sends_a_model_of_the_bucket(served, visit, logged_in, monkeypatch, tmp_path):
+    StoredModels(served.folder).model("team/mine")
+    made = {"file": str(archive(tmp_path / "mine.tar.gz"))}
+    monkeypatch.setattr(car_routes, "in_subprocess", lambda *_: made)
+    page = visit(f"{served.url}/#/car").page
+
+    page.get_by_label("Model of the bucket").select_option("team/mine")
+    page.get_by_role("button", name="Send to").click()
+
+    page.get_by_text("The car has mine now.").wait_for()
+
+
+def test_the_page_leads_to_the_setting_that_it_needs(served, visit):
+    visited = visit(f"{served.url}/#/car")
+    visited.page.get_by_role("link", name="Open DR_CAR_ADDRESS").click()
+
+    field = visited.page.get_by_label("DR_CAR_ADDRESS")
+    field.wait_for()
+    assert field.evaluate("each => each === document.activeElement")
+    # Without a car, the browser itself reports what was refused.
+    visited.problems[:] = [each for each in visited.problems if "a status of" not in each]

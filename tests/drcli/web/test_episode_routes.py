@@ -44,6 +44,8 @@ def test_models_and_traces_are_listed(client):
 
     assert models == {"own": MODEL, "models": [MODEL]}
     assert [each["name"] for each in traces["traces"]] == [GONE, TRAINING, EVALUATION]
+    assert traces["traces"][0]["text"].startswith("Iteration ")
+    assert traces["traces"][2]["text"].startswith("2026-01-02 03:04:05")
 
 
 def test_an_episode_is_opened_and_its_pictures_come_packed(client):
@@ -54,6 +56,7 @@ def test_an_episode_is_opened_and_its_pictures_come_packed(client):
     steps = client.get("/api/play/steps", params=asked)
 
     assert len(opened["episodes"]) == 3
+    assert opened["title"] == "Evaluation of 2026-01-02 03:04:05"
     assert len(lap["x"]) == 40
     facts, pictures = unpack(steps.content)
     assert steps.headers["content-type"] == episode_routes.PACKED

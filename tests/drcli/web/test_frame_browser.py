@@ -166,6 +166,17 @@ def test_the_theme_is_kept(served, visit, reports):
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"
 
 
+def test_pictures_have_the_colours_that_the_system_changes_to(served, visit, reports):
+    page = visit(served.url, theme="light").page
+    page.get_by_role("button", name="Dark or light").get_by_text("Dark").wait_for()
+    page.emulate_media(color_scheme="dark")
+    page.get_by_role("button", name="Dark or light").get_by_text("Light").wait_for()
+    page.get_by_role("button", name="Dark or light").click()
+    page.emulate_media(color_scheme="light")
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate("document.documentElement.dataset.theme") == "light"
+
+
 @pytest.mark.parametrize(
     "place", ["/nothing", "/../x", "/%E0%A4%A", "/<img src=x onerror=alert(1)>"]
 )
@@ -232,7 +243,7 @@ def busy(working_folder, monkeypatch, reports):
     monkeypatch.setattr(console_app, "PARTS", parts)
     with served_console(working_folder) as console:
         hub = folders[0].hub
-        state = run_topics.without_history(reports["report"])
+        state = run_topics.shown_run(reports["report"], [], 0)
         hub.add_kind(
             "run", lambda topic, publish: Stored(publish, lambda: Snapshot.of(topic, state))
         )
@@ -255,7 +266,7 @@ def test_a_page_that_is_left_open_does_not_grow(busy, visit, reports, make_recor
             history[-1] = make_record(99, mean_reward=float(number))
             rows.update(history)
             hub.publish("iterations:0", rows)
-            state = {**run_topics.without_history(reports["report"]), "elapsed_s": float(number)}
+            state = {**run_topics.shown_run(reports["report"], [], 0), "limit": str(number)}
             hub.publish("run:0", Snapshot.of("run:0", state))
             if number % 20 == 0:
                 page.evaluate("new Promise(requestAnimationFrame)")

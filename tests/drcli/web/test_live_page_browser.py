@@ -61,36 +61,21 @@ def drawn(page, module, component, props):
     )
 
 
-def state_of(page, **run):
+def state_of(page, said=(), **run):
     """How the live page tells a run."""
-    usual = {
-        "state": "stopped",
-        "prefix": "first",
-        "world": "reinvent_base",
-        "iterations_left": None,
-        "time_left_s": None,
-        "money_left": None,
-        "message": "",
-        "remedy": "",
-    }
-    folder = {"value": {"run_id": 0}}
-    props = {"runId": 0, "run": {**usual, **run}, "rows": [], "elsewhere": None, "folder": folder}
+    usual = {"state": "stopped", "prefix": "first", "message": "", "remedy": ""}
+    words = {"active": False, "own": True, "dot": "", "sentence": "", "hint": "", "figures": []}
+    props = {"run": {**usual, **run, "words": {**words, "said": list(said)}}, "elsewhere": None}
     return drawn(page, "/live_page.js", "State", props)
 
 
 def test_names_of_settings_in_advice_are_shown_as_code(served, visit):
     page = visit(served.url).page
 
-    told = state_of(
-        page,
-        warning="the car zigzags",
-        advice=["Reward less steering, or lower `discount_factor`."],
-    )
+    remedy = "Reward less steering, or lower `discount_factor`."
+    told = state_of(page, [{"kind": "warn", "message": "The car zigzags.", "remedy": remedy}])
 
-    assert (
-        "Learning curve: the car zigzags. Reward less steering, or lower discount_factor."
-        in told["text"]
-    )
+    assert "The car zigzags. Reward less steering, or lower discount_factor." in told["text"]
     assert "discount_factor" in told["codes"]
 
 
@@ -124,33 +109,7 @@ def test_a_training_that_failed_leads_to_what_must_be_mended(served, visit, mess
     assert message in told["text"]
 
 
-def test_clean_laps_and_their_median_come_before_everything_else(served, visit):
-    page = visit(served.url).page
-    laps = {"checkpoint": 3, "laps": 20, "clean": 19, "median_s": 6.1, "fastest_s": 6.0}
-
-    told = state_of(page, state="running", newest_laps=laps)
-
-    assert "Clean laps95 % (19 of 20)Median clean lap6.10 s" in told["text"]
-
-
 def test_the_card_of_an_evaluation_is_headed_by_its_model(served, visit):
     page = visit(served.url).page
     with driving(served.folder, "evaluation-20260102030405"):
         page.get_by_role("heading", name="Evaluation of model-1").wait_for()
-
-
-@pytest.mark.parametrize(
-    ("facts", "said"),
-    [
-        ({"alive": True, "restarts": 2}, "it was started again (2 times by now)"),
-        ({"alive": True, "restarts": 0}, "it is just starting"),
-        ({}, "It has ended before its time."),
-    ],
-)
-def test_a_worker_without_pictures_says_why(served, visit, facts, said):
-    page = visit(served.url).page
-    known = {"place": "here", "activity": "starts", "world": None, **facts}
-
-    props = {"runId": 0, "name": "sim-0", "facts": known}
-
-    assert said in drawn(page, "/live_worker.js", "Worker", props)["text"]

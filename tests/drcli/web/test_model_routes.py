@@ -1,11 +1,13 @@
 """What the console answers about models, and what it refuses."""
 
 import json
+from statistics import mean
 
 import pytest
 
 from drcli.model import keys
 from drcli.records.episode_metrics import EpisodeMetrics, encode_metrics
+from drcli.records.iteration import share_interval
 from drcli.transfer.report_place import report_file
 from drcli.web.page_words import for_page
 from stored_models import STAMP, StoredModels
@@ -50,6 +52,9 @@ def models(working_folder):
     return stored
 
 
+FIRST_FIGURES = ["Best clean lap", "Best checkpoint", "Last checkpoint"]
+
+
 def about(client, part="", **query):
     path = f"/api/model/{part}" if part else "/api/model"
     return client.get(path, params={"prefix": PREFIX, **query})
@@ -65,7 +70,7 @@ def test_the_list_has_every_model_with_its_checkpoints_and_training(client, mode
     assert (model["checkpoints"], model["best"]["metric"], model["training"]) == (2, 42.0, False)
     assert found["models"][1]["training"]["best_lap_s"] == 12.5  # 12.345 is not clean
     assert found["models"][1]["laps"] == 2
-    assert found["current"] == "model"
+    assert found["models"][1]["badges"] == []
 
 
 def test_an_empty_bucket_has_an_empty_list(client, working_folder):
@@ -93,6 +98,8 @@ def test_a_model_is_described_with_the_name_of_its_next_clone(client):
     assert found["model"]["prefix"] == PREFIX
     assert asked["fields"][0]["value"] == "team/model-2"
     assert found["training"]["iterations"] == 2
+    assert ["Best clean lap", "00:12.500"] in found["figures"]
+    assert [name for name, _ in found["figures"]][:3] == FIRST_FIGURES
 
 
 @pytest.mark.usefixtures("models")
@@ -102,6 +109,8 @@ def test_checkpoints_are_those_of_the_command(client, dr, capsys):
     dr("list-checkpoints", PREFIX, "--json")
     options = dict(found.pop("options"))
     assert list(options)[:2] == ["best", "last"]
+    assert found.pop("actions")[0] == ["evaluate", "Evaluate"]
+    assert found.pop("marks")["0"][0] == ["best", "Checkpoint the best"]
     assert found == for_page(json.loads(capsys.readouterr().out))
 
 
@@ -114,14 +123,12 @@ def test_the_reward_graph_has_episodes_means_and_the_best_checkpoint(client, mod
 
     found = about(client, "curve").json()
 
-    assert [each["reward"] for each in found["iterations"]] == [10.0, 11.0]
-    assert found["iterations"][0]["evaluation_progress"] == 75.0
-    assert found["iterations"][0]["evaluation_reward"] == 12.0
-    assert [(each["evaluation"], each["progress"]) for each in found["episodes"]] == [
-        (False, 20),
-        (True, 40),
-    ]
-    assert found["best_iteration"] == 0
+    first, second = found["iterations"]
+    assert (first["mean_reward"], second["mean_reward"]) == (10.0, 11.0)
+    assert mean(first["evaluation_progress"]) == 75.0
+    assert first["clean"] == [100 * each for each in (0.5, *share_interval(1, 2))]
+    assert found["episodes"] == [[0, 0, 11.0, 20], [0, 1, 12.0, 40]]
+    assert found["best"].startswith("0_")
 
 
 def test_a_damaged_learning_curve_is_reported_and_the_rest_shown(client, models):

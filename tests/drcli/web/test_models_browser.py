@@ -122,6 +122,7 @@ def test_the_order_and_the_search_stay_in_the_address_and_two_models_are_compare
 
     assert page.get_by_label("Search").input_value() == "o"
     assert page.get_by_role("columnheader", name="Model").get_attribute("aria-sort") == "ascending"
+    assert page.get_by_role("columnheader", name="Last checkpoint").is_visible()
     names = page.get_by_role("rowheader").get_by_role("link")
     assert names.all_inner_texts() == ["another", PREFIX]
     page.get_by_label("Compare another").check()
@@ -147,20 +148,6 @@ def test_a_checkpoint_is_cloned_and_what_its_model_brings_is_shown(served, visit
     assert dialog.get_by_label("Take its reward function").is_checked()
 
 
-@pytest.mark.parametrize(
-    ("clean", "laps", "share"),
-    [(19, 20, (95, 76, 99)), (0, 20, (0, 0, 16)), (1, 1, (100, 21, 100))],
-)
-def test_a_share_of_clean_laps_has_the_range_of_chance(served, visit, models, clean, laps, share):
-    page = visit(f"{served.url}/#/models").page
-
-    found = page.evaluate(
-        "async (given) => (await import('/model_curves.js')).cleanShare(...given)", [clean, laps]
-    )
-
-    assert tuple(round(each) for each in found) == share
-
-
 def test_the_ends_of_episodes_are_shown_for_all_iterations_or_some(served, visit, models):
     page = visit(f"{served.url}/#/models").page
     page.evaluate(
@@ -179,3 +166,29 @@ def test_the_ends_of_episodes_are_shown_for_all_iterations_or_some(served, visit
 
     page.get_by_text("4 episodes of iterations 0 to 1 ended").wait_for()
     assert "0 to 1" in page.get_by_role("img", name="Map of the ends").get_attribute("aria-label")
+
+
+def test_what_a_dialog_asks_for_is_marked_where_it_is_refused_and_kept_until_it_is_taken(
+    served, visit, models
+):
+    visited = visit(f"{served.url}/#/model?prefix={PREFIX}")
+    page = visited.page
+    dialog, name = page.get_by_role("dialog"), page.get_by_label("Name of the new model")
+    page.get_by_role("button", name="Clone").click()
+    page.get_by_label("What is it for?").fill("faster in the hairpin")
+    name.fill("../up")
+    dialog.get_by_role("button", name="Clone").click()
+
+    dialog.get_by_text("“../up” is not the name of a model. Use letters").wait_for()
+    assert name.get_attribute("aria-invalid") == "true"
+    page.evaluate("location.hash = '#/models'")
+    dialog.wait_for(state="detached")
+    page.go_back()
+    page.get_by_role("button", name="Clone").click()
+    dialog.get_by_text("not saved is shown again").wait_for()
+    assert page.get_by_label("What is it for?").input_value() == "faster in the hairpin"
+    dialog.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Clone").click()
+    assert page.get_by_label("What is it for?").input_value() == ""
+    # The browser itself reports what was refused.
+    visited.problems[:] = [each for each in visited.problems if "400" not in each]

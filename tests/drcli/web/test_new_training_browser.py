@@ -192,6 +192,21 @@ def test_what_was_typed_is_there_again_however_the_page_was_left(served, visit, 
     assert (made / "custom_files" / "reward_function.py").read_text() == typed
 
 
+def test_goals_of_a_start_and_the_name_of_a_first_model_are_there_again(served, visit, folder):
+    page = visit(f"{served.url}/#/new").page
+    name = page.get_by_label("Name of the first model")
+    name.fill("mine")
+    page.reload()
+    assert name.input_value() == "mine"
+    write(plan_folder(folder, {}))
+    (folder / "custom_files" / "reward_function.py").write_text(WRONG)
+    page.reload()
+    seed = page.get_by_label("Seed")
+    seed.fill("12")
+    page.reload()
+    assert seed.input_value() == "12"
+
+
 def test_what_was_discarded_does_not_come_again(served, visit, made):
     page = visit(f"{served.url}/#/new").page
     editor(page).fill(TYPED + WRONG)
@@ -264,6 +279,24 @@ def test_wrong_fields_and_actions_are_marked(served, visit, made):
         color = control.evaluate("each => getComputedStyle(each).borderTopColor")
         usual = page.get_by_label("batch_size").evaluate("e => getComputedStyle(e).borderTopColor")
         assert color != usual
+
+
+def test_what_is_wrong_in_the_files_is_marked_in_its_field(served, visit, made):
+    with (made / "run.env").open("a") as file:
+        file.write("DR_TRAIN_WORLDS=zoo:many\n")
+    metadata = made / "custom_files" / "model_metadata.json"
+    metadata.write_text(metadata.read_text().replace("COMPACT_CONVOLUTIONAL_NETWORK", "COMPACT"))
+    page = visit(f"{served.url}/#/new").page
+    page.get_by_label("Steering granularity").fill("0")
+    page.get_by_role("button", name="Generate").click()
+
+    for label in ("Further tracks that are trained", "Network", "Steering granularity"):
+        field = page.get_by_label(label)
+        field.and_(page.locator("[aria-invalid=true]")).wait_for()
+    page.goto(f"{served.url}/#/settings?name=DR_TRAIN_WORLDS")
+    field = page.get_by_label("DR_TRAIN_WORLDS")
+    field.and_(page.locator("[aria-invalid=true]")).wait_for()
+    assert page.locator(".problems").get_by_text("zoo:many").count() == 1
 
 
 def test_a_line_that_stops_every_page_is_mended_in_the_page(served, visit, made):

@@ -19,8 +19,9 @@ OURS = [path for path in PAGES.rglob("*.js") if "vendor" not in path.parts]
 SCRIPTS = sorted(path.relative_to(PAGES).as_posix() for path in OURS)
 VENDORED = {
     "preact/preact.js": "216bb8e8b95cb0a0b2b3440dfec1beff978d52a28cf341d7be33d1884e070c11",
+    "uplot/uPlot.iife.min.js": "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f",
 }
-"""SHA-256 of what scripts/vendor_preact.sh makes."""
+"""SHA-256 of what scripts/vendor_preact.sh makes, and of what uPlot publishes."""
 STYLES = sorted(path.relative_to(PAGES).as_posix() for path in PAGES.rglob("*.css"))
 
 

@@ -8,7 +8,7 @@ import pytest
 from drcli.base.errors import Problem, ProblemsError, SettingsError
 from drcli.cli.completion import commands
 from drcli.web.answers import error_of, placed
-from drcli.web.page_words import COMMANDS, for_page, in_page
+from drcli.web.page_words import COMMANDS, OPTIONS, for_page, in_page
 from drcli.web.topics import Snapshot
 
 ROOT = Path(__file__).parents[3]
@@ -43,7 +43,8 @@ def test_the_page_itself_names_no_command(script):
 
 def test_what_stands_for_a_command_is_in_the_page():
     everything = "".join(SCRIPTS.values())
-    named = {words for place in COMMANDS.values() for words in re.findall("“([^”]+)”", place)}
+    places = [*COMMANDS.values(), *OPTIONS.values()]
+    named = {words for place in places for words in re.findall("“([^”]+)”", place)}
 
     assert {words for words in named if words not in everything} == set()
 
@@ -70,8 +71,21 @@ def test_what_is_replaced_is_a_command():
         ("Try `dr-car status`.", "Try the page “Car”."),
         ("Try `dr-car config`.", "Try `dr-car config` in a terminal."),
         ("`dr-export droa --distill` helps.", "`dr-export droa --distill` in a terminal helps."),
+        (
+            "Repeat this, or give up what is not saved with --now.",
+            "Repeat this, or give up what is not saved with “Delete”.",
+        ),
+        (
+            "Choose other types with --type, or use `dr-spot create --region`.",
+            "Choose other types with `dr-spot create --type` in a terminal, or use “Start a spot "
+            "training” on the page “Spot”.",
+        ),
+        ("Leave out --now-or-never.", "Leave out --now-or-never."),
         ("Type `dr console restart`.", "Type `dr console restart`."),
         ("experiments/a/run.env line 26 is wrong.", "experiments/a/run.env is wrong."),
+        ("Choose another name with -p; -w would delete that model.", "Choose another name."),
+        ("Make room, and run the command again.", "Make room, and try again."),
+        ("Is it b? `dr-list-models` lists all.", "Is it b? The page “Models” lists all."),
     ],
 )
 def test_a_sentence_has_a_form_for_the_page(terminal, page):

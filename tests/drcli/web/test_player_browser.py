@@ -53,7 +53,7 @@ def test_an_episode_is_chosen_played_and_stepped_through_by_keyboard(console, vi
     assert page.locator("dd[data-name=speed]").text_content() == "2"
     assert page.locator(".used dt").all_text_contents() == ["progress", "speed"]
     painted = "c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(v => v > 9)"
-    assert page.locator(".camera canvas").evaluate(painted)
+    assert page.locator(".camera img").evaluate("picture => picture.naturalWidth") == 160
     assert page.locator(".track-map canvas").evaluate(painted)
 
 

@@ -174,13 +174,3 @@ def test_an_average_is_told_while_its_racer_still_drives(home, served, visit):
     assert page.evaluate(so_far, [rules, laps[2:]]) == float("inf")
     assert page.evaluate(so_far, [{**rules, "ranking": "best-lap"}, laps]) == 7.0
     assert page.evaluate(so_far, [{**rules, "ranking": "total-time"}, laps]) == float("inf")
-
-
-def test_both_cars_of_a_pair_are_filmed(home, served, visit):
-    page = visit(f"{served.url}/#/races").page
-    race = {"submissions": [], "pairs": [{"first": "a", "second": "b", "videos": ["1", "2"]}]}
-    run = {"cars": [{"submission": "a"}, {"submission": "b"}]}
-
-    films = "given => import('/night_page.js').then(page => page.filmsOf(...given))"
-
-    assert page.evaluate(films, [race, run]) == ["1", "2"]

@@ -1,6 +1,7 @@
 """Races as the page asks for them: the same functions as `dr-race`, with the same refusals."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +12,7 @@ from starlette.testclient import TestClient
 from drcli.model import race_keys
 from drcli.races.race_records import DrivenCar, RaceResult
 from drcli.races.stored_race import put, read_race
+from drcli.web.race_reader import RaceRun, RunCar, films_of
 from drcli.web.race_routes import RaceForm
 from home_races import RACE, Home, lap
 
@@ -94,7 +96,7 @@ def test_a_rule_that_is_wrong_is_said_before_anything_is_written(home, client, f
         ("races", {"name": "Cup", "ranking": "beauty"}),
         ("race/cup/move", {"submission": "1"}),
         ("race/cup/withdraw", {}),
-        ("race/cup/run", {"video": "yes"}),
+        ("race/cup/run", {"video": "maybe"}),
     ],
 )
 def test_requests_that_the_page_would_not_send_are_refused(home, client, path, body):
@@ -130,7 +132,7 @@ def test_rules_can_be_changed_until_somebody_has_driven(home, client):
     before = read_race(home.bucket, RACE).rules
     fields = client.get("/api/race/cup/rules").json()["fields"]
 
-    form = {each["key"]: each["value"] for each in fields}
+    form = {each["name"]: each["value"] for each in fields}
     form = {**form, "max_laps": 5, "opens": "", "closes": ""}
     changed = post(client, "race/cup/rules", **form)["race"]["rules"]
     assert (changed["max_laps"], changed["average_laps"], changed["changes"]) == (5, 3, 1)
@@ -189,10 +191,11 @@ def test_exports_are_files_to_keep(home, client):
 def test_a_race_is_deleted_after_the_page_has_said_what_goes(home, client):
     home.race()
     home.submit("ann")
-    planned = client.delete("/api/race/cup?dry_run").json()
+    planned = client.get("/api/race/cup/question?about=delete").json()
     assert home.bucket.list("races/")
-    assert planned["dry_run"]
-    assert client.delete("/api/race/cup").json()["objects"] == planned["objects"] > 2
+    assert planned["danger"]
+    objects = client.delete("/api/race/cup").json()["objects"]
+    assert planned["intro"].startswith(f"{objects} objects (")
     assert not home.bucket.list("races/")
     assert "There is no race" in refusal(client.delete("/api/race/cup"))
 
@@ -213,7 +216,7 @@ def test_the_queue_is_driven_as_a_task_and_what_it_writes_appears(home, client, 
     monkeypatch.setattr("drcli.web.race_routes.RACE_S", 0.05)
     with client.websocket_connect("ws://127.0.0.1:8100/ws", headers={"origin": BASE}) as socket:
         socket.send_text(json.dumps({"watch": ["race:cup", "race:NO", "race:other"]}))
-        number = post(client, "race/cup/run", video=False)["task"]
+        number = post(client, "race/cup/run", video="no")["task"]
         seen: dict[str, Any] = {}
         for _ in range(20):  # at most; a value comes only when it has changed
             message = json.loads(socket.receive_text())
@@ -232,13 +235,17 @@ def test_the_queue_is_driven_as_a_task_and_what_it_writes_appears(home, client, 
 def test_what_a_submission_may_be_made_of(home, client, monkeypatch):
     tracks = SimpleNamespace(tracks=[SimpleNamespace(name="bean")])  # measuring takes seconds
     monkeypatch.setattr("drcli.web.race_routes.list_tracks", lambda *_: tracks)
-    models = client.get("/api/races/models").json()["models"]
-    assert [model["prefix"] for model in models] == ["ann", "bob", "cem"]
+    home.race()
+    query = {"about": "submit", "prefix": "bob"}
+    asked = client.get("/api/race/cup/question", params=query).json()["fields"]
+    racer, prefix, checkpoint = (each | {"more": None} for each in asked)
+    assert (racer["value"], prefix["value"]) == ("Ann", "bob")
+    assert prefix["options"] == ["ann", "bob", "cem"]
+    assert checkpoint["options"][0] == ["best", "the best: 5, never evaluated"]
     form = client.get("/api/races/form").json()
-    assert (form["racer"], form["model"]) == ("Ann", "ann")
-    fields = {each["key"]: each for each in form["fields"]}
+    fields = {each["name"]: each for each in form["fields"]}
     assert (fields["world"]["value"], fields["world"]["options"]) == ("bean", ["bean"])
-    assert fields["bots"]["only"] == ["HEAD_TO_BOT"]
+    assert fields["bots"]["only"] == ["race_type", ["HEAD_TO_BOT"]]
     assert set(fields) == set(RaceForm.model_fields)
 
 
@@ -307,3 +314,12 @@ def test_names_of_racers_are_data(home, client):
     answer = client.get("/api/race/cup")
     assert answer.headers["content-type"] == "application/json"
     assert answer.json()["submissions"][0]["racer"] == "<img src=x>"
+
+
+def test_both_cars_of_a_pair_are_filmed():
+    pair = SimpleNamespace(first="a", second="b", videos=["1", "2"])
+    report: Any = SimpleNamespace(submissions=[], pairs=[pair])
+    run = RaceRun("a+b-0-x", "done", 1.0, 2.0, [RunCar("a", "Ann", "x"), RunCar("b", "Bob", "y")])
+
+    assert films_of(report, run) == ["1", "2"]
+    assert films_of(report, None) == films_of(report, replace(run, state="failed")) == []

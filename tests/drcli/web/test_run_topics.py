@@ -5,6 +5,8 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import StorageError
+from drcli.run.heartbeat_monitor import WorkerHealth
+from drcli.run.status import WorkerReport
 from drcli.web import run_topics
 from drcli.web.run_topics import RunReader
 
@@ -124,4 +126,15 @@ def test_a_folder_says_what_it_trains(client):
 def test_a_report_of_nothing_has_an_answer(client, make_report):
     report = replace(make_report(), workers=[], history=[])
 
-    assert run_topics.without_history(report)["workers"] == []
+    assert run_topics.shown_run(report, [], 0)["cards"] == ()
+
+
+def test_what_changes_unseen_is_not_sent_again(make_report):
+    def after(age_s):
+        health = WorkerHealth(1, age_s, age_s, 801.0 + age_s, 9)
+        return make_report(workers=[WorkerReport("trainer", 1, True, 0, "learns", "", health)])
+
+    earlier, later = (run_topics.shown_run(after(age_s), [], 0) for age_s in (0.5, 1.5))
+
+    assert earlier == later
+    assert earlier["words"]["others"] == "trainer learns (800 MB)."

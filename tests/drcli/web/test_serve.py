@@ -2,6 +2,7 @@
 
 import asyncio
 import http.client
+import logging
 import socket
 import threading
 
@@ -19,7 +20,7 @@ SOON_S = 20.0
 
 
 @pytest.fixture
-def slow(capfd):
+def slow():
     """A server with two requests that do not end; gives its port and how to stop it."""
     entered, go = threading.Semaphore(0), threading.Event()
 
@@ -56,7 +57,7 @@ def slow(capfd):
             stop().join(SOON_S)
 
 
-def test_a_request_that_runs_at_the_end_is_answered_with_a_sentence(slow, capfd):
+def test_a_request_that_runs_at_the_end_is_answered_with_a_sentence(slow, capfd, caplog):
     port, entered, stop = slow
     waiting, half = (http.client.HTTPConnection("127.0.0.1", port, SOON_S) for _ in range(2))
     try:
@@ -78,3 +79,17 @@ def test_a_request_that_runs_at_the_end_is_answered_with_a_sentence(slow, capfd)
     assert answer.headers["content-security-policy"]
     thread.join(SOON_S)
     assert capfd.readouterr().err == ""
+    assert not caplog.records
+
+
+def test_making_a_server_leaves_the_handlers_of_other_libraries_open():
+    class Handler(logging.Handler):
+        closed = False
+
+        def close(self):
+            self.closed = True
+            super().close()
+
+    handler = Handler()
+    server_of(Starlette())
+    assert not handler.closed

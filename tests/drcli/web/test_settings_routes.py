@@ -51,14 +51,15 @@ def test_an_empty_folder_is_made_as_dr_init_makes_it(client, folder):
 
 
 def test_an_empty_folder_gets_a_trained_model_as_from_dr_init(client, folder):
-    offered = [each["name"] for each in client.get("/api/new-folder").json()["models"]]
+    *_, (_, models) = client.get("/api/new-folder").json()["begin"]
+    offered = [value for value, _ in models]
     wanted = {"values": {"DR_LOCAL_S3_MODEL_PREFIX": "mine"}, "model": "safe"}
 
     unknown = client.post("/api/new-folder", json={"values": {}, "model": "none"})
     nothing = [path.name for path in folder.iterdir()]
     answer = client.post("/api/new-folder", json=wanted)
 
-    assert "safe" in offered
+    assert "model:safe" in offered
     assert (unknown.status_code, nothing) == (422, [])
     assert "There is no ready-made model called none" in unknown.json()["error"]["message"]
     assert answer.status_code == 200, answer.text
@@ -107,7 +108,7 @@ def test_the_form_tells_values_their_places_and_limits(client, made):
     assert metrics["value"] == "rl-deepracer-sagemaker/metrics"
     assert found["DR_WORLD_NAME"]["origin"] == "From run.env."
     assert found["DR_MAX_COST"]["origin"] == "Not set, so the default counts."
-    assert found["DR_RACE_TYPE"]["choices"][0] == "TIME_TRIAL"
+    assert found["DR_RACE_TYPE"]["options"][0] == "TIME_TRIAL"
     assert "from 0 to 1000" in found["DR_WORKERS"]["help"]
 
 
@@ -235,5 +236,7 @@ def test_tracks_have_an_outline(client, made):
 
     bean = next(each for each in found["tracks"] if each["name"] == "bean")
     assert bean["length_m"] > 1
-    assert 10 < len(bean["outline"]["inner"]) <= 100
+    inner, outer = bean["outline"]["edges"]
+    assert 10 < inner.count("L") <= 100
+    assert bean["outline"]["road"] == f"{inner} {outer}"
     assert "Monaco" in found["community"]

@@ -1,5 +1,6 @@
 """The WebSocket of the page, as good and bad pages use it."""
 
+import asyncio
 import contextlib
 import json
 
@@ -9,7 +10,9 @@ from hypothesis import strategies as st
 from starlette.websockets import WebSocketDisconnect
 
 from drcli.web import socket_route
-from drcli.web.socket_route import LONGEST_REQUEST
+from drcli.web.hub import Hub, Stored
+from drcli.web.socket_route import LONGEST_REQUEST, SocketRoute
+from drcli.web.topics import Snapshot
 
 WS = "ws://127.0.0.1:8100/ws"
 
@@ -120,6 +123,47 @@ def test_a_quiet_connection_gives_signs_of_life(client, monkeypatch):
         opened.send_text(json.dumps({"watch": ["tasks"]}))
         assert next_of(opened, "tasks") == {"tasks": []}
         assert next_of(opened, "alive") is None
+
+
+class Noted:
+    """A WebSocket that notes what it is sent."""
+
+    def __init__(self):
+        self.sent = asyncio.Queue()
+
+    async def send_text(self, text):
+        message = json.loads(text)
+        await self.sent.put((message["topic"].rpartition(":")[2], message["data"]))
+
+
+@pytest.mark.parametrize(
+    ("worker", "pace"), [("sim-0", "TRAINING"), ("evaluation-1", "EVALUATION")]
+)
+def test_what_workers_show_is_sent_together_and_the_newest_only(monkeypatch, worker, pace):
+    for each in ("TRAINING", "EVALUATION"):
+        monkeypatch.setattr(socket_route, f"{each}_PACE_S", 0.3 if each == pace else 1e6)
+    camera, scene = topics = [f"live:0:{worker}:{view}" for view in ("camera", "scene")]
+
+    async def look():
+        hub, noted = Hub(), Noted()
+        hub.run_in(asyncio.get_running_loop())
+        hub.add_kind(
+            "live", lambda topic, publish: Stored(publish, lambda: Snapshot.of(topic, "first"))
+        )
+        client = hub.connect()
+        hub.watch(client, set(topics))
+        sending = asyncio.create_task(SocketRoute(hub)._send(noted, client))
+        first = [await noted.sent.get() for _ in topics]
+        for topic, value in ((camera, "older"), (scene, "new"), (camera, "new")):
+            hub.publish(topic, Snapshot.of(topic, value))
+        second = [await noted.sent.get() for _ in topics]
+        sending.cancel()
+        return first, second
+
+    first, second = asyncio.run(look())
+
+    assert sorted(first) == [("camera", "first"), ("scene", "first")]
+    assert sorted(second) == [("camera", "new"), ("scene", "new")]
 
 
 KINDS = ("run", "machine", "tasks", "model", "models", "races", "race", "log", "live", "episode")

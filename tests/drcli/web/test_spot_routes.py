@@ -8,6 +8,7 @@ import boto3
 import pytest
 from moto import mock_aws
 
+from amazon_server import amazon_server
 from drcli.base.clock import wait_until
 from drcli.bucket import endpoint
 from drcli.outside.aws import creation, instance_types, racer_files, stacks
@@ -15,6 +16,7 @@ from drcli.outside.aws.aws_account import Account
 from drcli.outside.aws.racer_files import InstallSource
 from drcli.outside.aws.training_template import KIND_TAG, MODEL_TAG, STACK_TAG
 from drcli.run import stack_plan
+from drcli.web import spot_routes
 
 REGION = "us-east-1"
 PLAN = {"stack": "run", "bucket": "models", "ttl_minutes": 120}
@@ -37,6 +39,9 @@ def keys(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.fixture
 def amazon(keys: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[Account]:
     """An account with a bucket, and what takes long replaced: other tests are about it."""
+    monkeypatch.setattr(
+        spot_routes, "in_subprocess", lambda progress, work, *given, heavy: work(progress, *given)
+    )
     monkeypatch.setattr(stacks, "_POLL_S", 0.0)
     image = "/aws/service/ami-amazon-linux-latest/al2023-ami-kernel-default-x86_64"
     monkeypatch.setattr(instance_types, "IMAGE_NAMES", {"x86_64": image})
@@ -90,11 +95,20 @@ def test_without_access_keys_the_page_says_what_is_missing(client, keys, monkeyp
     error = client.get("/api/spot").json()["error"]
 
     assert "no access keys for Amazon were found" in error["message"]
-    assert "DR_LOCAL_S3_PROFILE" in error["remedy"]
+    assert "with DR_LOCAL_S3_PROFILE on the page “Settings”." in error["remedy"]
+
+
+@pytest.fixture
+def server(keys: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Amazon for other processes too."""
+    with amazon_server() as address:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", address)
+        yield
 
 
 @pytest.mark.filterwarnings("ignore:Tried to parse")  # moto makes no policies of buckets
-def test_a_bucket_is_made_listed_and_deleted(client, amazon):
+def test_a_bucket_is_made_listed_and_deleted(client, server):
+    """In processes of their own, which the end of the console does not cut."""
     made = ended(client, "base", {"stack": "racing"})
     found = client.get("/api/spot").json()
 

@@ -168,7 +168,7 @@ def test_a_port_that_somebody_chose_and_another_program_has_is_one_sentence(fold
         with pytest.raises(SettingsError, match=f"cannot listen on 127.0.0.1 port {port}") as taken:
             start_viewer(folder, web(folder, webviewer_port=port))
 
-    assert "DR_WEBVIEWER_PORT" in taken.value.remedy
+    assert "with --port, or another DR_WEBVIEWER_PORT" in taken.value.remedy
     assert not (folder / RECORD).exists()
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from drsim.car.car import CarBatch, car_model
+from drsim.car.car_parameters import CarParameters
 
 WHEELS = ("rear_left", "rear_right", "front_left", "front_right")
 
@@ -206,3 +207,19 @@ def test_a_car_drives_alike_whichever_way_it_looks():
     x, y = cars.origin_xy.T
     seen = np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
     np.testing.assert_allclose(seen, seen[[0, 0, 0, 0]], atol=1e-6)
+
+
+def test_requests_are_equally_late_at_every_moment_of_a_long_episode():
+    # A delay of whole time steps lies on the border of two samples: rounding would choose between
+    # them, as it does without interpolation (findings/mujoco_delay_jitter.sh).
+    model = car_model(CarParameters(substeps=4), longest_latency_s=0.2)
+    model.actuator_delay[:] = 10 * model.opt.timestep
+    data, asked, small = mujoco.MjData(model), np.empty(1), 2.0**-16
+
+    for step in range(2000):
+        data.ctrl[:] = step * small
+        for motor in range(model.nu) if step > 60 else ():
+            found = mujoco.mj_readCtrl(model, data, motor, data.time, asked, -1)
+            acts_on = (asked if found is None else found)[0] / small
+            assert step - acts_on == pytest.approx(10, abs=1e-6)
+        mujoco.mj_step(model, data)

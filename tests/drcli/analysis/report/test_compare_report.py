@@ -77,7 +77,7 @@ def test_names_from_files_stay_text(report):
     html = comparison_page(replace(report, runs=runs, pairs=pairs, problems=[HOSTILE]))
 
     assert HOSTILE not in html
-    assert html.count("<script") == 3
+    assert html.count("<script") == 4
 
 
 def test_trainings_without_any_trace_still_have_a_page(report):

@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import pytest
 
-CSS = files("drcli.analysis.report").joinpath("assets/colors.css").read_text("utf-8")
+CSS = files("drcli.web").joinpath("pages/colors.css").read_text("utf-8")
 THEMES = dict(
     zip(
         ("light", "dark"),

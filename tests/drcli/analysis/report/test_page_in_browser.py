@@ -50,7 +50,7 @@ def colors_of(page) -> int:
     """How many colours the map shows."""
     return page.evaluate(
         """() => {
-          const canvas = document.querySelector("canvas.map");
+          const canvas = document.querySelector("#map canvas");
           const seen = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
           return new Set(new Uint32Array(seen.data.buffer)).size;
         }"""
@@ -61,59 +61,95 @@ def test_it_fits_a_phone_draws_all_graphs_and_runs_no_foreign_script(page):
     assert page.evaluate("document.documentElement.scrollWidth") == 360
     assert page.title().startswith(HOSTILE[:20])
     assert page.locator("html").get_attribute("data-theme") == "dark"
-    graphs = page.locator("figure[data-graph]")
+    graphs = page.locator("[data-graph]")
     for number in range(graphs.count()):
-        graphs.nth(number).scroll_into_view_if_needed()
         graphs.nth(number).locator(".uplot canvas").wait_for()
     assert graphs.count() >= 3
     assert colors_of(page) > 20
 
 
 def test_a_switch_hides_a_series_and_keys_read_the_values(page):
-    graph = page.locator("figure[data-graph=reward]")
-    graph.scroll_into_view_if_needed()
-    graph.locator(".uplot canvas").wait_for()  # it is drawn once it is seen
-    graph.locator("input").nth(0).uncheck()
+    graph = page.locator("[data-graph=reward]")
+    graph.get_by_role("button", name="Reward of an episode").click()
     graph.locator(".plot").focus()
 
     page.keyboard.press("ArrowRight")
 
-    graph.get_by_text("iteration 0: mean reward").wait_for()
+    graph.get_by_text("Iteration 0: mean reward").wait_for()
     assert "reward of an episode" not in graph.locator(".readout").inner_text()
+    assert "Iteration 0" in graph.get_by_role("img").get_attribute("aria-label")
 
 
 def test_laps_can_be_played_and_stepped_by_keys(page):
-    page.locator("[data-part=what]").select_option("fastest")
-    canvas = page.locator("canvas.map")
-    canvas.focus()
-    readout = page.locator("[data-part=readout]")
+    page.get_by_role("combobox", name="Show", exact=True).select_option("fastest")
+    played = page.locator(".played")
+    played.focus()
+    readout = page.locator(".position")
     end = readout.inner_text()
 
     page.keyboard.press("Home")
+    page.get_by_text(
+        " at 0.1 s: "
+    ).wait_for()  # the first row is at the end of the step of the reset
     start = readout.inner_text()
-    assert " at 0.1 s: " in start  # the first row is at the end of the step of the reset
-    page.locator("[data-part=play]").click()
+    page.get_by_role("button", name="Play").click()
     expect = pytest.importorskip("playwright.sync_api").expect
     expect(readout).not_to_have_text(start)
-    page.locator("[data-part=play]").click()
-    canvas.focus()
+    page.get_by_role("button", name="Pause").click()
+    played.focus()
     page.keyboard.press("End")
 
-    assert readout.inner_text() == end
+    expect(readout).to_have_text(end)
 
 
 def test_any_iteration_can_be_shown(page):
-    page.locator("canvas.map").focus()
+    page.locator(".played").focus()
     page.keyboard.press("PageUp")  # shows the newest
-    rows = page.locator("[data-part=laps-room] tbody tr")
+    page.get_by_text("Iteration 5", exact=True).wait_for()
+    rows = page.get_by_role("region", name="Laps on the map").locator("tbody tr")
     assert rows.count() == 10
-    assert page.locator("[data-part=iteration-number]").inner_text() == "5"
 
-    page.locator("canvas.map").focus()
     page.keyboard.press("PageDown")
 
-    assert page.locator("[data-part=iteration-number]").inner_text() == "4"
+    page.get_by_text("Iteration 4", exact=True).wait_for()
     assert rows.first.inner_text().split()[1] == "4"
+
+
+def test_a_click_on_the_map_goes_to_a_step_of_a_lap_and_areas_are_read(page):
+    page.get_by_role("combobox", name="Show", exact=True).select_option("fastest")
+    canvas = page.locator("#map canvas")
+    canvas.scroll_into_view_if_needed()
+    end = page.locator(".position").inner_text()
+    box = canvas.bounding_box()
+
+    for across in range(5, 100, 5):
+        canvas.click(position={"x": box["width"] * across / 100, "y": box["height"] / 2})
+        if page.locator(".position").inner_text() != end:
+            break
+    else:
+        pytest.fail("no place of a lap was found")
+
+    page.get_by_role("combobox", name="Show", exact=True).select_option("steps-0")
+    for across in range(5, 100, 5):
+        canvas.hover(position={"x": box["width"] * across / 100, "y": box["height"] / 2})
+        if page.get_by_text("Here, mean of").count():
+            break
+    else:
+        pytest.fail("no place that was driven was found")
+
+
+def test_laps_can_be_hidden_and_ends_shown(page):
+    page.get_by_role("combobox", name="Show", exact=True).select_option("worst")
+    page.get_by_label("where episodes ended").check()
+    page.locator(".keys .key").first.wait_for()
+    canvas = page.locator("#map canvas")
+    before = canvas.evaluate("canvas => canvas.toDataURL()")
+
+    for tick in page.locator(".laps").get_by_role("checkbox").all():
+        tick.uncheck()
+
+    page.locator(".keys .key").first.wait_for(state="detached")
+    assert canvas.evaluate("canvas => canvas.toDataURL()") != before
 
 
 def test_colours_follow_the_reader(page):
@@ -122,8 +158,9 @@ def test_colours_follow_the_reader(page):
     assert page.locator("html").get_attribute("data-theme") == "light"
     paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert paper == "rgb(255, 255, 255)"
-    page.locator("[data-part=what]").select_option("steps-5")
-    page.locator("[data-part=paint]").select_option("reward")
+    page.get_by_role("combobox", name="Show", exact=True).select_option("steps-5")
+    page.get_by_role("combobox", name="Colours", exact=True).select_option("driven")
+    page.get_by_text("driven speed: ").wait_for()
     assert colors_of(page) > 20
 
 
@@ -140,7 +177,7 @@ def test_graphs_and_a_map_that_fail_say_so_and_the_rest_works(browser, report):
     page.add_init_script(OLD_BROWSER)
     page.goto(report.as_uri())
 
-    for place in ("figure[data-graph=reward]", "#map"):
+    for place in ("[data-graph=reward]", "#map"):
         page.locator(place).scroll_into_view_if_needed()
         page.locator(place).get_by_text("This browser cannot show it").wait_for()
     page.locator("#theme").click()
@@ -160,8 +197,7 @@ def test_the_page_of_a_comparison_fits_a_phone_and_draws_its_lines(browser, run,
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.goto(path.as_uri())
 
-    graph = page.locator("figure[data-graph=progress-steps]")
-    graph.scroll_into_view_if_needed()
+    graph = page.locator("[data-graph=progress-steps]")
     graph.locator(".uplot canvas").wait_for()
     graph.locator(".plot").focus()
     page.keyboard.press("ArrowRight")
@@ -188,9 +224,9 @@ def test_an_arrow_key_moves_to_the_next_step_that_the_page_has(
     page.get_by_text("with every second step").or_(
         page.get_by_text("with every 4th step")
     ).wait_for()
-    page.locator("[data-part=what]").select_option("fastest")
-    page.locator("canvas.map").focus()
-    readout = page.locator("[data-part=readout]")
+    page.get_by_role("combobox", name="Show", exact=True).select_option("fastest")
+    page.locator(".played").focus()
+    readout = page.locator(".position")
 
     page.keyboard.press("Home")
     texts = [readout.inner_text()]

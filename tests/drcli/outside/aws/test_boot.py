@@ -216,6 +216,30 @@ def test_a_boot_that_fails_is_tried_again_then_reported_and_the_group_ends(cloud
     assert cloud.messages() == ["Training failed: run"]
 
 
+def test_a_machine_that_cannot_reach_amazon_leaves_as_soon_as_it_can(machine, monkeypatch):
+    ours = machine()
+    refused = [boot.BootFailed("no network"), boot.BootFailed("no network"), None]
+    paused, left = [], []
+
+    def leave(_machine, state, text):
+        left.append((state, text))
+        if error := refused.pop(0):
+            raise error
+
+    monkeypatch.setattr(boot, "ROOT", str(ours.root))
+    monkeypatch.setattr(boot, "_metadata", ours.metadata.address)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:1")
+    monkeypatch.setattr(boot, "pause", paused.append)
+    monkeypatch.setattr(boot.Machine, "leave", leave)
+
+    assert boot.start() == 1
+
+    assert len(set(left)) == 1
+    assert left[0][0] == "failed"
+    assert "s3 cannot be reached" in left[0][1]
+    assert paused[-2:] == [boot.LEAVE_PAUSE_S] * 2
+
+
 def test_a_wheel_that_was_replaced_is_not_installed(cloud, machine):
     cloud.put(WHEEL.wheel, b"another wheel")
     ours = machine()
@@ -277,6 +301,20 @@ def test_a_complete_training_is_finished_although_work_at_its_end_failed(cloud, 
     assert (again, cloud.wanted, cloud.mark().state) == (False, 0, "finished")
     assert cloud.messages() == ["Training finished: run"]
     assert cloud.mark().text.endswith("Over. The upload failed. Repeat it.")
+
+
+@pytest.mark.parametrize("code", [0, 143])
+def test_how_a_training_ended_as_wanted_reaches_the_racer(cloud, machine, code):
+    ours = machine()
+    ours.boot()
+    record = {"exit_code": code, "message": "Stopped on request.", "remedy": "Continue."}
+    (ours.root / "opt/drcli/racer/data/runs/0").mkdir(parents=True)
+    (ours.root / "opt/drcli/racer/data/runs/0/run.json").write_text(json.dumps(record))
+
+    ours.after_service(code)
+
+    said = f"The training ended with code {code}. Stopped on request. Continue."
+    assert cloud.mark().text == said
 
 
 def test_the_boot_program_knows_the_exit_codes_of_the_command():

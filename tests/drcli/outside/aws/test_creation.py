@@ -14,7 +14,7 @@ from drcli.config.loading import load_settings
 from drcli.model import keys, lease
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome, write_outcome
-from drcli.outside.aws import creation, instance_types, stack_end
+from drcli.outside.aws import creation, instance_types, stack_end, stack_report
 from drcli.outside.aws.creation import StackOptions
 from drcli.outside.aws.instance_types import InstanceType
 from drcli.outside.aws.machine_marks import MachineMark, read_marks, stack_folder
@@ -304,6 +304,18 @@ def test_a_report_shows_machine_state_and_cost(amazon, stack):
 
 def test_a_stack_without_a_word_of_its_machine_is_booting(amazon, stack):
     assert report_on(amazon, stack).state == "booting"
+    assert report_on(amazon, stack).reason == ""
+
+
+def test_a_machine_that_never_reached_the_bucket_is_told_with_where_to_look(
+    amazon, stack, monkeypatch
+):
+    monkeypatch.setattr(stack_report, "SILENT_S", 0.0)
+
+    reason = report_on(amazon, stack).reason
+
+    assert "has not reached the bucket in 0 minutes" in reason
+    assert f"`dr-spot logs {stack.name} console`" in reason
 
 
 def test_a_machine_that_amazon_has_forgotten_still_costs(amazon, stack):

@@ -40,6 +40,24 @@ def test_a_video_is_h264_with_as_many_frames_as_were_given(tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["lap.mp4"]
 
 
+def test_a_large_video_says_how_its_colours_are_meant(tmp_path):
+    # Browsers guess if it does not: findings/pyav_untagged_colours.sh.
+    av = pytest.importorskip("av", reason="the extra video is not installed")
+    path, bt709, limited = tmp_path / "lap.mp4", 1, 1
+    sent = np.full((720, 1280, 3), (40, 160, 60), np.uint8)
+
+    with encode.mp4(path, sent.shape[:2], 15) as writer:
+        writer.add(sent)
+
+    with av.open(str(path)) as file:
+        context = file.streams.video[0].codec_context
+        told = context.colorspace, context.color_primaries, context.color_trc, context.color_range
+        [shown] = list(file.decode(video=0))
+    assert told == (bt709, bt709, bt709, limited)
+    # BT.709: brightness 16 + 219 * (0.2126 R + 0.7152 G + 0.0722 B).
+    assert shown.to_ndarray(format="yuv420p")[360, 640] == pytest.approx(125, abs=2)
+
+
 def test_a_film_that_fails_leaves_nothing_and_keeps_the_old_file(tmp_path):
     pytest.importorskip("av", reason="the extra video is not installed")
     path = tmp_path / "lap.mp4"

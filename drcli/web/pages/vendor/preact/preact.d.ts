@@ -3,7 +3,9 @@ type Hook = (...values: any[]) => any;
 export interface Signal<T> {
   value: T;
 }
-export class Component {}
+export class Component {
+  setState(state: any): void;
+}
 export const Fragment: any;
 export function createContext<T>(value: T): { Provider: any; value: T };
 export function render(what: any, where: Element): void;
