@@ -8,6 +8,7 @@ import pytest
 from drcli.base.errors import Problem, ProblemsError, SettingsError
 from drcli.cli.completion import commands
 from drcli.web.answers import error_of, placed
+from drcli.web.model_words import ACTIONS, CHECKPOINT_ACTIONS
 from drcli.web.page_words import COMMANDS, OPTIONS, for_page, in_page
 from drcli.web.topics import Snapshot
 
@@ -42,7 +43,7 @@ def test_the_page_itself_names_no_command(script):
 
 
 def test_what_stands_for_a_command_is_in_the_page():
-    everything = "".join(SCRIPTS.values())
+    everything = "".join([*SCRIPTS.values(), *ACTIONS.values(), *CHECKPOINT_ACTIONS.values()])
     places = [*COMMANDS.values(), *OPTIONS.values()]
     named = {words for place in places for words in re.findall("“([^”]+)”", place)}
 
