@@ -59,7 +59,7 @@ COMMANDS: tuple[Command, ...] = (
         _everyday("doctor", "Examine installation, machine and bucket."),
         _everyday("help", "Explain a command. All: dr --help --all.", function="explain_command"),
         Command("validate", "Check everything that a training needs."),
-        Command("docs", "List the pages of the documentation, or show one.", "help"),
+        _everyday("docs", "Show a page of the documentation.", "help"),
         Command("explain", "Explain a hyperparameter, setting, word, exit code or error."),
         Command("update", "Check whether the settings are right.", "validate"),
         Command("bench", "Measure how fast this machine trains."),
@@ -132,7 +132,7 @@ COMMANDS: tuple[Command, ...] = (
     *_group(
         "Models",
         _everyday("list-models", "List the models in the bucket."),
-        _everyday("download-model", "Copy a model from another bucket.", "copy_model"),
+        Command("download-model", "Copy a model from another bucket.", "copy_model"),
         _everyday("upload-model", "Copy a model to another bucket.", "copy_model"),
         _everyday("export", "Write a model for the car, ONNX and more.", function="app"),
         Command(

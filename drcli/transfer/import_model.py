@@ -126,6 +126,9 @@ class ImportedModel(TransferReport):
     custom_files: Annotated[list[str], "The racer's own files that were written, by path."] = field(
         default_factory=list
     )
+    other_files: Annotated[list[str], "Files of custom_files/ that differ from the model's."] = (
+        field(default_factory=list)
+    )
     trials: Annotated[CarTrials | None, "How far it gets with each car; None if not tried."] = None
 
     def view(self) -> View:
@@ -325,8 +328,15 @@ def plan_import(settings: Settings, options: ImportOptions) -> PlannedImport:
     policy, verified = _read(source, chosen)
     made = ModelMaker(settings, options, source, chosen, policy)
     items, report = made.model()
-    warnings = [*report.warnings, *_other_custom_files(settings, options, items, policy.algorithm)]
-    report = replace(report, verified=verified, warnings=warnings)
+    other = _other_custom_files(settings, options, items, policy.algorithm)
+    warnings = report.warnings
+    if other:
+        told = (
+            f"{settings.custom_files_dir} has another {' and another '.join(other)}, which count "
+            "more than the model's when it is trained on: replace them with -c, or move them away."
+        )
+        warnings = [*warnings, told]
+    report = replace(report, verified=verified, warnings=warnings, other_files=other)
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     used = _check_target(settings, options, here, items)
     target = f"s3://{here.name}/{options.prefix}"
@@ -413,12 +423,7 @@ def _other_custom_files(
             own = local_file(folder, names[item.name])
             if own is not None and not _means_the_same(own, item, algorithm):
                 other.append(names[item.name])
-    if not other:
-        return []
-    return [
-        f"{folder} has another {' and another '.join(sorted(other))}, which count more than the "
-        "model's when it is trained on: replace them with -c, or move them away."
-    ]
+    return sorted(other)
 
 
 def _means_the_same(own: InputFile, item: Item, algorithm: str) -> bool:

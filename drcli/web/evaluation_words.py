@@ -16,7 +16,7 @@ def stamp_text(stamp: str) -> str:
     return f"{stamp[:4]}-{stamp[4:6]}-{stamp[6:8]} {clock}"
 
 
-def _lap(seconds: float | None) -> str:
+def lap_text(seconds: float | None) -> str:
     """As consoles write it: 00:13.600."""
     return "–" if seconds is None else lap_time(seconds).zfill(9)
 
@@ -34,7 +34,7 @@ def _label(each: ListedEvaluation) -> str:
             each.reverse and "reverse",
             checkpoint and f"checkpoint {checkpoint}",
             f"{each.clean_laps} of {len(each.trials)} laps clean",
-            each.best_lap_s is not None and _lap(each.best_lap_s),
+            each.best_lap_s is not None and lap_text(each.best_lap_s),
         ),
         " · ",
     )
@@ -61,8 +61,8 @@ def _figures(each: ListedEvaluation) -> list[tuple[str, str, float | None]]:
         ("Checkpoint", each.checkpoint or "–", None),
         ("Clean laps", f"{each.clean_laps} of {count}", None),
         ("Finished laps", f"{each.complete_laps} of {count}", None),
-        ("Best clean lap", _lap(each.best_lap_s), each.best_lap_s),
-        (mean, _lap(each.mean_lap_s), each.mean_lap_s),
+        ("Best clean lap", lap_text(each.best_lap_s), each.best_lap_s),
+        (mean, lap_text(each.mean_lap_s), each.mean_lap_s),
         ("Off-tracks", str(sum(trial.off_track for trial in trials)), None),
         ("Crashes", str(sum(trial.crashes for trial in trials)), None),
         ("Resets", str(sum(trial.resets for trial in trials)), None),

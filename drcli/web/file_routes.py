@@ -230,6 +230,7 @@ _GRID = [
 ]
 """What a list is generated from."""
 
+_KINDS = [("discrete", "Discrete: a list of actions"), ("continuous", "Continuous: ranges")]
 _RANGES = [
     ("Rightmost steering, degrees", "steering_angle", "low"),
     ("Leftmost steering, degrees", "steering_angle", "high"),
@@ -280,6 +281,7 @@ def action_space_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             **content,
             **_sensors(content["values"]),
             "problems": _metadata_problems(settings, file),
+            "kinds": _KINDS,
             "ranges": _RANGES,
             "grid": _GRID,
         }

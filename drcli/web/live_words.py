@@ -183,7 +183,8 @@ def _spent(report: RunReport) -> list[tuple[str, str]]:
         usd = "no price set" if spending.usd is None else number(spending.usd, 2, "USD")
         cost = f"{usd}, {number(spending.hours, 2, 'h')}"
     if requests is not None and requests.hours >= SURE_HOURS:
-        asked = f"{number((requests.puts + requests.gets) / requests.hours)} an hour"
+        rate = (requests.puts + requests.gets) / requests.hours
+        asked = f"{number(float(f'{rate:.2g}'))} an hour"
     return [("Cost", cost), ("Requests to the bucket", asked)]
 
 

@@ -42,7 +42,14 @@ from drcli.web.hub import Read
 from drcli.web.model_action_routes import Actions, action_routes, import_routes
 from drcli.web.model_questions import checkpoint_options
 from drcli.web.model_reader import ModelReader, checked, prefix_of
-from drcli.web.model_words import badges_of, marks_of, story_of
+from drcli.web.model_words import (
+    ACTIONS,
+    CHECKPOINT_ACTIONS,
+    badges_of,
+    figures_of,
+    marks_of,
+    story_of,
+)
 from drcli.web.served_folder import ServedFolder
 
 # Topic `models`, and topic `model:PREFIX` about changes of one.
@@ -330,15 +337,19 @@ def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
             evaluated=bool(_evaluations(reader, prefix)),
             current=prefix == settings.model_prefix,
         )
-        said = {"badges": list(badges), "story": story_of(training, trains=trains)}
-        return {"model": listed, "training": training, "trains": trains, **said}
+        return {
+            **{"model": listed, "training": training, "trains": trains},
+            **{"badges": list(badges), "story": story_of(training, trains=trains)},
+            **{"figures": figures_of(listed, training), "actions": list(ACTIONS.items())},
+        }
 
     def checkpoints(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)
         listed = list_checkpoints(ModelStore.of(settings.model, bucket, prefix))
         marks = {each.number: list(marks_of(each)) for each in listed.checkpoints}
-        return keys_of(listed) | {"options": checkpoint_options(listed), "marks": marks}
+        more = {"options": checkpoint_options(listed), "marks": marks}
+        return keys_of(listed) | more | {"actions": list(CHECKPOINT_ACTIONS.items())}
 
     def curve(request: Request) -> Any:
         prefix = prefix_of(request)

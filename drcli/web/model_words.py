@@ -4,9 +4,12 @@ import re
 from collections.abc import Iterator
 from datetime import datetime
 
+from drcli.base.clock import duration
+from drcli.base.report import size_text
 from drcli.model.checkpoint_list import ListedCheckpoint
 from drcli.model.model_list import ModelEntry
 from drcli.transfer.training_list import TrainingEntry
+from drcli.web.evaluation_words import lap_text
 
 Badge = tuple[str, str, str]
 """Kind, which is good, bad or empty; text; what it means."""
@@ -42,6 +45,41 @@ def badges_of(
         yield "", "TensorFlow", "Trained with DeepRacer-for-Cloud or a console"
     if model is not None and model.damaged:
         yield "bad", "damaged", " ".join(model.damaged)
+
+
+ACTIONS = {
+    "clone": "Clone",
+    "submit": "Submit to a race",
+    "download": "Download",
+    "upload": "Upload",
+    "delete": "Delete",
+}
+"""What can always be done with a model."""
+
+CHECKPOINT_ACTIONS = {
+    "evaluate": "Evaluate",
+    "clone": "Clone",
+    "submit": "Submit",
+    "download": "Download",
+}
+
+
+def figures_of(
+    model: ModelEntry | None, training: TrainingEntry | None
+) -> list[tuple[str, str | None]]:
+    """Of what is there; None for what is not known."""
+    found: list[tuple[str, str | None]] = []
+    if training is not None:
+        found += [
+            ("Best clean lap", lap_text(training.best_lap_s)),
+            ("Iterations", f"{training.iterations:,}"),
+            ("Training time", duration(training.elapsed_s)),
+        ]
+    if model is not None:
+        best, last = (None if each is None else each.text for each in (model.best, model.last))
+        found[1:1] = [("Best checkpoint", best), ("Last checkpoint", last)]
+        found.append(("Size", size_text(model.size_bytes)))
+    return found
 
 
 def story_of(training: TrainingEntry | None, *, trains: bool) -> str:

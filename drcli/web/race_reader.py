@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, TypeVar
+from typing import Any
 
 from starlette.requests import Request
 
@@ -132,7 +132,12 @@ def _run(stored: StoredRace, names: list[str], result: RaceResult, state: str) -
     )
 
 
-T = TypeVar("T")
+BADGES = {
+    "scheduled": ("Not open yet", "warn"),
+    "open": ("Open", "good"),
+    "closed": ("Closed", "warn"),
+    "finished": ("Finished", ""),
+}
 
 
 class RaceReader:
@@ -165,7 +170,10 @@ class RaceReader:
         bucket, found = open_running_bucket(settings.storage), RaceList(settings.bucket, [])
         if bucket is not None:
             found = list_races(bucket, objects=self._objects_of(settings), now_s=self.clock())
-        races = [plain(each) | {"kind": KINDS.get(each.race_type, "")} for each in found.races]
+        races = [
+            plain(each) | {"kind": KINDS.get(each.race_type, ""), "badge": BADGES[each.state]}
+            for each in found.races
+        ]
         return keys_of(found) | {"races": races}
 
     def report(self, race: str) -> RaceReport:
@@ -193,6 +201,7 @@ class RaceReader:
         racers = {each.submission: each.racer for each in report.submissions}
         more = {
             "words": words_of(report),
+            "badge": BADGES[report.state],
             "settings": shown_settings(stored.rules),
             "leaderboard": [
                 plain(row) | words_of_row(row, report.rules) for row in report.leaderboard

@@ -19,6 +19,7 @@ from drcli.outside.aws.creation import Market, StackPlan
 from drcli.outside.aws.training_template import KIND_TAG, STACK_TAG, base_template
 from drcli.run import stack_plan
 from drcli.web.answers import BadRequest, Body, Text, accepts, answers
+from drcli.web.model_questions import REQUIRED, dialog, field
 from drcli.web.served_folder import ServedFolder
 from drcli.web.subprocess_work import in_subprocess
 from drcli.web.tasks import Progress
@@ -42,7 +43,7 @@ class PlanStack(OfStack):
     base: Text = ""
     bucket: Text = ""
     market: Market = "spot"
-    ttl_minutes: Annotated[int, Field(ge=0)] = 720
+    ttl_minutes: Annotated[int, Field(ge=0, strict=False)] = 720
 
 
 class CreateStack(PlanStack):
@@ -163,6 +164,61 @@ TASKS: dict[str, tuple[Callable[[Progress, Path, Any], Any], str]] = {
 }
 
 
+MARKETS = {
+    "spot": "A spot machine: cheaper, may be taken away",
+    "spot-or-on-demand": "A spot machine, or an ordinary one while there is none",
+    "on-demand": "An ordinary machine",
+}
+HOURS = (2, 4, 8, 12, 24, 48)
+_NAMED = "Of the training at Amazon: letters, digits and hyphens."
+
+
+def _start_question(found: Sequence[Any], bucket: str) -> dict[str, Any]:
+    bases = [(each.stack, f"{each.stack}: {each.bucket}") for each in found if each.kind == "base"]
+    places = bases + [("", f"{bucket}, of the settings")] * bool(bucket)
+    ends = [(str(60 * hours), f"{hours} hours") for hours in HOURS]
+    return dialog(
+        "Start a spot training",
+        "Ask for the price",
+        field("stack", "Name", "", help=_NAMED, more=REQUIRED),
+        field("base", "Bucket of the model", places[0][0] if places else "", options=places),
+        field("market", "Machine", "spot", options=list(MARKETS.items())),
+        field(
+            *("ttl_minutes", "Ends at the latest after", "720"),
+            options=[*ends, ("0", "No limit: until the training ends")],
+        ),
+        intro="Nothing is started yet: everything is checked, and the price is shown first.",
+    )
+
+
+def _base_question(region: str) -> dict[str, Any]:
+    intro = (
+        f"Models of spot machines need a bucket in {region}. Only what is stored in it costs "
+        "money, about 0.023 USD for a GB a month."
+    )
+    name = field("stack", "Name", "", more=REQUIRED)
+    return dialog("Make a bucket at Amazon", "Make it", name, intro=intro)
+
+
+def _end_question(ours: Account, name: str, about: str) -> dict[str, Any]:
+    if about == "stop":
+        intro = "It saves its model first, which stays in the bucket. This may take some minutes."
+        title = f"Stop the training {name}, and remove its machine?"
+        return dialog(title, "Stop it", intro=intro, danger=True)
+    found = stacks.need_stack(ours, name)
+    if found.kind != "base":
+        lost = (
+            "A training that runs loses what it has done since its last checkpoint; its model "
+            "stays in the bucket."
+        )
+    elif (content := stack_end.content_of_bucket(ours, found)) is None:
+        lost = "Its bucket does not exist any more."
+    else:
+        lost = f"{content} All of it is deleted with the bucket, and cannot be restored."
+    typed = field("confirm", f"Type {name} to confirm", "")
+    return dialog(f"Delete {name}", "Delete it", typed, intro=lost, danger=True, confirm=name)
+
+
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     def listed(_: Request) -> Any:
         ours = _account(folder.directory)
@@ -170,7 +226,8 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         with suppress(SettingsError):
             bucket = stack_plan.usual_bucket(folder.settings())
         found = [stack_report.report_on(ours, each) for each in stacks.our_stacks(ours)]
-        return {"region": ours.region, "bucket": bucket, "stacks": found}
+        questions = {"start": _start_question(found, bucket), "base": _base_question(ours.region)}
+        return {"region": ours.region, "bucket": bucket, "stacks": found, **questions}
 
     def logs(request: Request) -> Any:
         ours, asked = _account(folder.directory), request.query_params
@@ -181,11 +238,10 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         lines = stack_logs.read_log(ours, found, key, LOG_LINES)
         return {"logs": [info.key for info in known], "log": key, "lines": lines}
 
-    def removal(request: Request) -> Any:
+    def question(request: Request) -> Any:
+        asked = request.query_params
         ours = _account(folder.directory)
-        found = stacks.need_stack(ours, request.query_params.get("stack", ""), "base")
-        content = stack_end.content_of_bucket(ours, found)
-        return {"content": "" if content is None else str(content)}
+        return _end_question(ours, asked.get("stack", ""), asked.get("about", ""))
 
     def route(name: str) -> Route:
         work, title = TASKS[name]
@@ -206,6 +262,6 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     return [
         Route("/api/spot", answers(listed)),
         Route("/api/spot/logs", answers(logs)),
-        Route("/api/spot/removal", answers(removal)),
+        Route("/api/spot/question", answers(question)),
         *map(route, TASKS),
     ]

@@ -66,6 +66,10 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
 
 
 OUTLINE_POINTS = 90
+_ORDERS = [
+    *(("name", "Name"), ("length_m", "Length")),
+    *(("width_m", "Width"), ("direction", "Direction")),
+]
 
 
 def _path(border: "NDArray[np.float64]") -> str:
@@ -126,6 +130,7 @@ def track_list_routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "tracks": rows,
             "unreadable": found.unreadable,
             "folder": found.folder,
+            "orders": _ORDERS,
             "community": sorted(COMMUNITY - names),
         }
 

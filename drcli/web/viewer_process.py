@@ -250,7 +250,7 @@ def _bound(config: WebConfig, usual: int) -> socket.socket:
     raise SettingsError(
         f"{config.port_place}: the console cannot listen on {config.host} port {config.port} "
         f"({reason}).",
-        remedy="Choose another port with --port, or another DR_WEBVIEWER_PORT or "
+        remedy="Choose another port with -p PORT, or another DR_WEBVIEWER_PORT or "
         "DR_WEBVIEWER_HOST in system.env.",
     )
 

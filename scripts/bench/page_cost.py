@@ -145,8 +145,8 @@ def _traffic(page: Page, session: CDPSession) -> dict[str, Any]:
     end_s = time.monotonic() + TRAFFIC_S
     while time.monotonic() < end_s:
         for label, step_s, age_ms in page.evaluate(
-            "[...document.querySelectorAll('[data-age-ms]')].map("
-            "(each) => [each.alt, each.dataset.stepS, each.dataset.ageMs])"
+            "[...document.querySelectorAll('canvas[data-age-ms]')].map("
+            "(each) => [each.ariaLabel, each.dataset.stepS, each.dataset.ageMs])"
         ):
             if seen.get(label) != step_s:
                 ages[label].append(float(age_ms))

@@ -71,17 +71,18 @@ def rules(results: Results, number: int = -1) -> list[str]:
     return [problem["rule"] for problem in (*report["errors"], *report["warnings"])]
 
 
-def per_step(results: Results, driver: str) -> float:
-    """Mean reward of a driver of the check."""
-    drivers = {each["name"]: each for each in results.of("dr-reward check")[-1]["drivers"]}
-    return float(drivers[driver]["mean"])
+def drivers(results: Results) -> Mapping[str, Report]:
+    """Those of the check, by name."""
+    return {each["name"]: each for each in results.of("dr-reward check")[-1]["drivers"]}
 
 
 PROMISES: Mapping[int, Mapping[str, Callable[[Results], bool]]] = {
     1: {
-        "the check has one warning: slow laps earn more": lambda r: rules(r) == ["standing"],
+        "a slow lap earns more than a fast one": lambda r: (
+            drivers(r)["steady"]["total"] > drivers(r)["fast"]["total"]
+        ),
         "the steady driver earns more per step than the weaving one": lambda r: (
-            per_step(r, "steady") > per_step(r, "weaving")
+            drivers(r)["steady"]["mean"] > drivers(r)["weaving"]["mean"]
         ),
         "the training ends within 15,000 steps": lambda r: r.trained_steps <= 15_000,
         "3 of 3 laps, the fastest below 17 s": lambda r: r.all_complete and min(r.laps_s) < 17.0,

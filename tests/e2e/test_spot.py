@@ -25,6 +25,7 @@ from fake_machine import FakeMachine
 
 pytestmark = [
     pytest.mark.nightly,
+    pytest.mark.timeout(900),
     # moto makes no policies of buckets.
     pytest.mark.filterwarnings("ignore:Tried to parse"),
 ]
@@ -33,6 +34,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = Path(sys.executable).parent
 MODEL = "training/reinvent_base/first-model"
 PATIENCE_S = 240.0
+NOTICE_S, SPARE_S = 118.0, 30.0
+"""What Amazon leaves a machine, and what must stay of it, on a machine with nothing else to do."""
 
 RUN_ENV = """DR_RUN_ID=0
 DR_WORLD_NAME=reinvent_base
@@ -46,6 +49,7 @@ DR_LOCAL_S3_CUSTOM_FILES_PREFIX=custom_files/$DR_WORLD_NAME/first-model
 DR_UPLOAD_S3_PREFIX=upload/$DR_WORLD_NAME/first-model
 DR_LOCAL_S3_PRETRAINED=False
 DR_REGULAR_UPLOAD=0
+DR_REGULAR_PHYSICAL_MODEL_UPLOAD=60
 DR_CONTINUE_ON_SPOT_INTERRUPTION=True
 DR_IMPORT_MODEL_ON_COMPLETION=False"""
 """As deepracer-on-the-spot has it, without a line end at its end."""
@@ -203,13 +207,18 @@ def test_a_training_survives_its_machine_and_leaves_nothing_behind(amazon, tmp_p
         assert len(wheels) == 1
         record = f"{MODEL}/model/1_Step"
         until(lambda: amazon.objects(bucket, record), "no first iteration", program, first)
-        notice = {"action": "terminate", "time": "2030-01-01T00:00:00Z"}
+        told_s = time.time()
+        moment = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(told_s + NOTICE_S))
+        notice = {"action": "terminate", "time": moment}
         first.metadata.describe({"spot/instance-action": json.dumps(notice)})
         code = program.wait(PATIENCE_S)
         assert code == 75, first.journal.read_text()
+        assert time.time() - told_s < NOTICE_S - SPARE_S
         assert not first.after_service(75)
         uploaded = "upload/reinvent_base/first-model/model/deepracer_checkpoints.json"
         assert amazon.objects(bucket, uploaded), first.journal.read_text()
+        assert amazon.objects(bucket, "upload/reinvent_base/first-model/carfile.tar.gz")
+        assert amazon.objects(bucket, f"{MODEL}/logs/sagemaker/supervisor.log")
         assert amazon.spot("list")["stacks"][1]["machines"][0]["said"] == "interrupted"
 
         assert second.boot().returncode == 0

@@ -61,6 +61,7 @@ class FakeMachine:
     ) -> None:
         self.root, self.instance = root, instance
         self._opened = ExitStack()
+        self._service: subprocess.Popen[bytes] | None = None
         self.metadata = self._opened.enter_context(MetadataServer())
         self.metadata.describe(
             {
@@ -128,13 +129,14 @@ class FakeMachine:
         given = dict(word.split("=", 1) for word in shlex.split(self.file(unit["EnvironmentFile"])))
         assert unit["StandardOutput"] == "journal+console"
         with self.journal.open("w") as journal:
-            return subprocess.Popen(
+            self._service = subprocess.Popen(
                 program,
                 cwd=f"{self.root}{unit['WorkingDirectory']}",
                 env={**self.environment, **given, **variables},
                 stdout=journal,
                 stderr=subprocess.STDOUT,
             )
+        return self._service
 
     @property
     def journal(self) -> Path:
@@ -152,7 +154,10 @@ class FakeMachine:
         return not Path(f"{self.root}{condition}").exists()
 
     def close(self) -> None:
-        """Stop its metadata."""
+        """Stop its training, if a test failed meanwhile, and its metadata."""
+        if self._service is not None and self._service.poll() is None:
+            self._service.terminate()
+            self._service.wait(60)
         self._opened.close()
 
 

@@ -3,7 +3,7 @@
 import re
 from importlib.resources import files
 
-_IMPORT = re.compile(r'^import (\{[^}]*\}) from "(/[^"]+)";$', re.MULTILINE)
+_IMPORT = re.compile(r'^import (\{[^}]*\}|\* as \w+) from "(/[^"]+)";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
 _ALL = re.compile(r'^export \* from "(/[^"]+)";$', re.MULTILINE)
 _LIST = re.compile(r"\bexport\s*\{([^}]*)\};?\s*$")
@@ -52,7 +52,8 @@ def _add(path: str, parts: dict[str, str], above: tuple[str, ...]) -> None:
 
 
 def _taken(found: re.Match[str]) -> str:
-    return f'const {found[1].replace(" as ", ": ")} = modules["{found[2]}"];'
+    taken = found[1].removeprefix("* as ").replace(" as ", ": ")
+    return f'const {taken} = modules["{found[2]}"];'
 
 
 def _property(name: str) -> str:

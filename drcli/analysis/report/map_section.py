@@ -142,6 +142,7 @@ def lap_data(
             *(f"worst{number % SHOWN_AT_ONCE + 1}" for number, _ in enumerate(only_worst)),
         ],
         "every": laps.every,
+        "iterations": sorted({int(fact["iteration"]) for fact in facts} - {-1}),
     }
 
 

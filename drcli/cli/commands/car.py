@@ -175,7 +175,8 @@ def load(name: _Model, car: _Car = None) -> None:
     with terminal.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
         report = car_models.load_model(web, name)
     show(report)
-    _suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")], car)
+    slow = ("dr-car speed 8", "limit the speed: the first drives below 10 %")
+    _suggest([slow, ("dr-car start", "drive")], car)
 
 
 @app.command()

@@ -435,7 +435,8 @@ def droa_import_model(
     show(report)
     if not dry_run:
         of_it = (f"dr-droa show {report.model_id}", "show it")
-        terminal.suggest([of_it, ("dr-droa list", "list your models there")])
+        races = ("dr-droa races", "list the races that it can enter")
+        terminal.suggest([of_it, ("dr-droa list", "list your models there"), races])
 
 
 @app.command("races")

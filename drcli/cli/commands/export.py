@@ -109,6 +109,13 @@ def export_car(
     report = transfer_export_car.write_archive(_made(loaded, source, path.name), path)
     _warn(report.problems)
     show(report)
+    terminal.suggest(
+        [
+            (shlex.join(["dr-car", "upload", str(path)]), "send it to the car"),
+            ("dr docs car-guide", "read how to drive it there, from the calibration on"),
+        ],
+        elsewhere=True,
+    )
 
 
 def upload_car_zip(

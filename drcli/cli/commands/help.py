@@ -1,13 +1,14 @@
 """`dr help`."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 import typer.main
 
-from drcli.base.errors import SettingsError, one_of, shown
+from drcli.base.errors import SettingsError, closest, shown
 from drcli.base.installation import lazy_imports
 from drcli.cli import command_line, completion, terminal
 from drcli.cli.options import text_only
@@ -75,7 +76,7 @@ def docs(
     wanted = page.removeprefix("./").removeprefix("docs/").partition("#")[0].removesuffix(".md")
     if wanted not in pages:
         what = f"There is no page called {shown(page)}."
-        raise SettingsError(what, remedy=f"{one_of(pages, wanted)}")
+        raise SettingsError(what, remedy=_pages_like(wanted, pages))
     text = (folder / f"{wanted}.md").read_text("utf-8")
     if not (terminal.is_live() and terminal.out.is_terminal):
         terminal.write(text)
@@ -83,6 +84,16 @@ def docs(
     os.environ.setdefault("LESS", "-R")
     with terminal.out.pager(styles=True):
         terminal.out.print(markdown.Markdown(text))
+
+
+def _pages_like(wanted: str, pages: Sequence[str]) -> str:
+    folder, words = presets.docs_folder(), wanted.casefold().replace("-", " ")
+    texts = {name: f"{name} {_title(folder / f'{name}.md')}" for name in pages}
+    found = [name for name, text in texts.items() if words in text.casefold().replace("-", " ")]
+    found = found[:6] if words else []
+    found = found or [name for name in [closest(wanted, pages, cutoff=0.75)] if name]
+    start = f"Did you mean {' or '.join(found)}? " if found else ""
+    return f"{start}`dr docs` lists all pages; first-lap is the one to begin with."
 
 
 def _title(path: Path) -> str:

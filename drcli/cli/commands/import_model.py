@@ -1,5 +1,6 @@
 """`dr import`."""
 
+import shlex
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -116,9 +117,14 @@ def import_model(
     show(report)
     if not dry_run:
         model = f"DR_LOCAL_S3_MODEL_PREFIX={planned.options.prefix}"
+        given = {"--metadata": metadata, "--checkpoint": number, "--world": world}
+        named = [word for name, text in given.items() if text for word in (name, str(text))]
+        flags = ["-cf", "--no-drive", *["-b"] * best, *["-L"] * local]
+        again = shlex.join(["dr-import", source, "-t", target, *named, *flags])
         terminal.suggest(
             [
                 (f"{model} dr-evaluate", "drive it"),
+                *([(again, "copy its files to custom_files/ first")] if report.other_files else []),
                 (f"{model} dr-start-training --resume", "continue its training"),
                 (f"dr-list-models {planned.options.prefix}", "show its checkpoints"),
             ]

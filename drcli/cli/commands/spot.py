@@ -346,6 +346,7 @@ def prices(
             raise
         missing.append(str(error))
     offers: list[aws_prices.Offer] = []
+    failed: SettingsError | StorageError | None = None
     named = types or []
     for each in _regions(regions or [], profile):
         with terminal.waiting(f"Asking for prices in {each.region} ...", only_live=True):
@@ -355,9 +356,10 @@ def prices(
             except (SettingsError, StorageError) as error:
                 if len(regions or []) == 1 and _EVERY not in (regions or []):
                     raise
+                failed = error
                 missing.append(str(error))
-    if not offers and missing:
-        raise StorageError(missing[-1], remedy="Choose other types or regions.")
+    if not offers and failed is not None:
+        raise failed
     found = aws_prices.Offers(
         aws_prices.arranged(offers, keys[order.casefold()], classes)[:limit], missing
     )

@@ -450,9 +450,9 @@ def ended() -> int:
         memory = os.environ.get("SERVICE_RESULT") == "oom-kill"
         why = " because the memory of the machine ran out" if memory else ""
         said = f"The training was ended by signal {status}{why}."
-    if code == END_WORK_FAILED:
-        said = f"{said} {failed_end_work()}"
-    elif code not in (0, 143):
+    if FINAL.get(code) in ("finished", "stopped"):
+        said = f"{said} {recorded_end(code)}".rstrip()
+    else:
         said = f"{said} {last_words(only_errors=code in SOON_AGAIN)}".rstrip()
     log(said)
     machine = Machine()
@@ -517,16 +517,17 @@ def last_words(*, only_errors: bool) -> str:
     return "" if only_errors else " ".join(lines[-SHOWN_LINES:])[-SHOWN_LETTERS:]
 
 
-def failed_end_work() -> str:
-    """For a complete training; says how to repeat it."""
+def recorded_end(code: int) -> str:
+    """How a training ended as wanted, and what to do about work at its end that failed."""
     for path in at(RACER).glob("data/runs/*/run.json"):
         try:
             record = json.loads(path.read_text())
-            if record["exit_code"] == END_WORK_FAILED:
+            if record["exit_code"] == code:
                 return f"{record['message']} {record['remedy']}"
         except (OSError, ValueError, KeyError) as error:
             log(f"{path} says nothing: {error}")  # a machine must end without it too
-    return "It is complete, but the upload or import at its end failed."
+    complete = "It is complete, but the upload or import at its end failed."
+    return complete if code == END_WORK_FAILED else ""
 
 
 def failures() -> list[float]:

@@ -21,9 +21,6 @@ from drcli.config.settings import Settings
 from drcli.config.track_names import ROUTE_FILES, own_route_file, races_with_lists
 from drcli.model.files.custom_files import FILE_RULES
 
-OTS_FOLDER = "custom-files"
-"""Of deepracer-on-the-spot, with all files of a user."""
-
 MOST_TRACK_BYTES = 20_000_000
 
 _WORKER_FILE = re.compile(r"worker-\d+\.env")

@@ -290,7 +290,7 @@ class CarStatus:
     ] = field(default_factory=dict)
 
     def view(self) -> View:
-        battery = "unknown" if self.battery_level is None else f"{self.battery_level:g}"
+        battery = "unknown" if self.battery_level is None else f"level {self.battery_level:g}"
         sensors = (f"{name} {state.replace('_', ' ')}" for name, state in self.sensors.items())
         known = (
             form.format(self.metrics[key]) for key, form in METRICS.items() if key in self.metrics

@@ -565,6 +565,21 @@ def choices(outputs: "PolicyOutputs", subject: "ExplainedPolicy") -> dict[str, A
     }
 
 
+_STATES = {
+    "immobilized": "Did not move",
+    "reversed": "Drove backwards",
+    "pause": "Waits",
+    "prepare": "Starts",
+    "park": "Parked",
+    "time_up": "Time is up",
+}
+"""Of a step, in words; others say it themselves."""
+
+
+def _words(status: str) -> str:
+    return status.replace("_", " ").capitalize()
+
+
 def lap_columns(lap: RecordedLap) -> dict[str, Any]:
     def rounded(values: Floats, digits: int) -> Any:
         return np.round(values, digits).tolist()
@@ -583,7 +598,7 @@ def lap_columns(lap: RecordedLap) -> dict[str, Any]:
         "progress": rounded(lap.progress, 3),
         "pause_s": rounded(lap.pause_s, 3),
         "resets": lap.resets.tolist(),
-        "status": list(lap.status),
+        "state": [_STATES.get(status, _words(status)) for status in lap.status],
         "action": list(lap.action),
         "objects": [rounded(each, 3) for each in lap.objects[: 1 if _stands(lap) else None]],
     }

@@ -93,17 +93,13 @@ export function ActionStep({ metadata: { facts, draft, now, set, problems, steps
     setChosen(k);
     focus(k);
   };
-  const kinds = [
-    ["discrete", "Discrete: a list of actions"],
-    ["continuous", "Continuous: ranges"],
-  ];
   const props = { space, problems: own, change, facts };
   return html`
     <${Step} id="actions" title="Action space" draft=${steps.sensors.dirty ? null : draft} ...${steps.actions}
       hint="What the car can do in each step. Steering to the left is positive." problems=${own}>
       <div class="split">
         <div>
-          <${Field} label="Kind" place="action_space" value=${listed ? "discrete" : "continuous"} options=${kinds} set=${() => replace(otherKind(space))} />
+          <${Field} label="Kind" place="action_space" value=${listed ? "discrete" : "continuous"} options=${facts.kinds} set=${() => replace(otherKind(space))} />
           <${Polar} space=${space} chosen=${chosen} choose=${choose} />
         </div>
         <div>

@@ -2,7 +2,7 @@
 
 import { clearNotices, dismiss, notices, notify } from "/notices.js";
 import { mendLink } from "/mend.js";
-import { follow, onConnection } from "/socket.js";
+import { connected, follow } from "/socket.js";
 import { route, useGet } from "/store.js";
 import { ThemeButton } from "/theme_colors.js";
 import { Empty, Failure, Told, html, render, signal, useEffect, useState } from "/ui.js";
@@ -27,7 +27,6 @@ const MORE = [
 const RESTORE_MS = 3000;
 const byId = (name) => document.getElementById(name);
 const main = byId("main");
-const connected = signal(false);
 
 /** The module of a path and what its pattern found; null for an unknown path. */
 function find(path) {
@@ -183,9 +182,6 @@ const Tasks = () =>
     (task) => html`<p key=${task.id}><strong>${task.title}</strong> ${task.text || "…"}</p>`,
   );
 
-onConnection((value) => {
-  connected.value = value;
-});
 byId("skip").addEventListener("click", (event) => {
   event.preventDefault(); // the part of the address after # names the page
   main.focus();

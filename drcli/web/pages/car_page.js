@@ -5,8 +5,8 @@ import { Field } from "/fields.js";
 import { pageSeen } from "/live_picture.js";
 import { runTask } from "/model_tasks.js";
 import { notify } from "/notices.js";
-import { useAction, useGet, useTopic } from "/store.js";
-import { Act, Button, Empty, Failure, Form, Tiles, html, useState } from "/ui.js";
+import { Act, useAction, useGet, useTopic } from "/store.js";
+import { Button, Empty, Failure, Form, Tiles, html, useState } from "/ui.js";
 
 export const title = "Car";
 

@@ -1,7 +1,8 @@
 // A stored episode on the page: its columns at once, pictures and choices in windows when they are needed.
 
 import { get, getPacked } from "/api.js";
-import { signal as changes, useEffect, useState } from "/ui.js";
+import { useGet } from "/store.js";
+import { signal as changes, useEffect, useMemo } from "/ui.js";
 
 const WINDOW = 64;
 const EXPLAINED = 16;
@@ -12,49 +13,30 @@ const MOST_CURVE = 3000; // rows whose choices are fetched before they are looke
 export const playPath = (name, query = {}) => `/api/play/${name}?${new URLSearchParams(query)}`;
 
 /**
- * The stored episodes that are asked for; they are read again when others are.
- * @param {{model: string, trace: string, episode: string}[]} chosen
- * @returns {{key: string, laps: EpisodeData[] | null, error: any, again: () => void}}
+ * A stored episode.
+ * @param {{model: string, trace: string, episode: string} | null} query
+ * @returns {{data: EpisodeData | null, error: any, again: () => void}}
  */
-export function useLaps(chosen) {
-  const key = chosen.map((each) => new URLSearchParams(each)).join(" ");
-  const [state, setState] = useState({ key: "", laps: null, error: null });
-  const [tries, setTries] = useState(0);
-  useEffect(() => {
-    const own = new AbortController();
-    const take = (value) =>
-      own.signal.aborted || setState({ key, laps: null, error: null, ...value });
-    const read = async () => {
-      const laps = [];
-      for (const each of chosen)
-        laps.push(
-          new EpisodeData(
-            each,
-            await get(playPath("open", { model: each.model, trace: each.trace }), own.signal),
-            await get(playPath("lap", each), own.signal),
-            own.signal,
-          ),
-        );
-      return laps;
-    };
-    take({});
-    read().then(
-      (laps) => take({ laps }),
-      (error) => take({ error }),
-    );
-    return () => own.abort();
-  }, [key, tries]);
-  const now = state.key === key ? state : { laps: null, error: null };
-  return { ...now, key, again: () => setTries(tries + 1) };
+export function useLap(query) {
+  const opened = useGet(query && playPath("open", { model: query.model, trace: query.trace }));
+  const lap = useGet(query && opened.value && playPath("lap", query));
+  const data = useMemo(
+    () => (opened.value && lap.value ? new EpisodeData(query, opened.value, lap.value) : null),
+    [opened.value, lap.value],
+  );
+  useEffect(() => () => data?.close(), [data]);
+  const failed = [opened, lap].find((each) => each.error);
+  return { data, error: failed?.error, again: failed?.reload };
 }
 
 /** One episode; components that ask it are drawn again when its answer may be another one. */
 export class EpisodeData {
-  constructor(query, facts, lap, signal) {
+  constructor(query, facts, lap) {
     this.query = query;
     this.facts = facts;
     this.lap = lap;
-    this.signal = signal;
+    this.requests = new AbortController();
+    this.signal = this.requests.signal;
     /** Changes when more of the episode is there, or it is looked at in another way. */
     this.version = changes(0);
     this.rows = lap.time_s.length;
@@ -70,6 +52,11 @@ export class EpisodeData {
     const known = new Set(facts.used_parameters);
     this.isUsed = (name) => known.has(name);
     this.progress = rising(lap.progress);
+  }
+
+  /** Nobody looks at it any more. */
+  close() {
+    this.requests.abort();
   }
 
   /** Fetch what the row needs, then what comes next. */

@@ -1,16 +1,9 @@
 // One lap at one step: camera, numbers, choices of the policy, reward and its parameters.
 
-import { capital, number } from "/text.js";
-import { Choice, Failure, Folded, Tiles, html, useEffect, useMemo, useRef, useState } from "/ui.js";
+import { number } from "/text.js";
+import { Choice, Failure, Folded, Table, Tick, Tiles, html } from "/ui.js";
+import { useEffect, useMemo, useRef, useState } from "/ui.js";
 
-const STATUS = {
-  immobilized: "Did not move",
-  reversed: "Drove backwards",
-  pause: "Waits",
-  prepare: "Starts",
-  park: "Parked",
-  time_up: "Time is up",
-};
 const quiet = (...text) => html`<p class="quiet">${text}</p>`;
 
 /** The newest value that was there: what is shown stays while the next is fetched. */
@@ -34,7 +27,6 @@ export function EpisodePane({ data, row, name, color, links }) {
   useEffect(() => data.want(row), [data, row]);
   const choice = data.choice(row);
   const last = useLast(choice && { ...choice, row });
-  const state = lap.status[row];
   const problems = [data.problem, data.policyProblem].filter(Boolean);
   const inTrace = lap.step[0] === 1 ? "" : ` (${number(lap.step[row])} in the trace)`;
   return html`
@@ -50,11 +42,8 @@ export function EpisodePane({ data, row, name, color, links }) {
         <div class="pane-choices">
           <h3>Choice of the policy at this picture</h3>
           <div class="choices">${choicesOf(data, last)}</div>
-          <label class="tick">
-            <input type="checkbox" checked=${data.explains} disabled=${data.checkpoint === null}
-              onChange=${(event) => data.explain(event.currentTarget.checked)} />
-            <span>Show which pixels move the action (key E)</span>
-          </label>
+          <${Tick} label="Show which pixels move the action (key E)" on=${data.explains}
+            disabled=${data.checkpoint === null} set=${(on) => data.explain(on)} />
           ${policyChoice(data)}
         </div>
       </div>
@@ -67,7 +56,7 @@ export function EpisodePane({ data, row, name, color, links }) {
         ["Steering", `${number(lap.steering_deg[row], 1)}°`],
         ["Reward", number(lap.reward[row], 4)],
         ["Reward so far", number(total[row], 2)],
-        ["State", STATUS[state] ?? capital(state.replaceAll("_", " "))],
+        ["State", lap.state[row]],
         ["Critic expects", choice?.value ? number(choice.value[choice.at], 2) : "–"],
       ]} />
       <${Folded} title="Reward parameters of this step" open=${open} onToggle=${setOpen}>
@@ -151,21 +140,18 @@ function Discrete({ lap, choice, next }) {
 
 function Continuous({ lap, choice, next }) {
   const { at, low, high } = choice;
-  const spread = (k) =>
-    low && high ? ` (${number(low[at][k], 1)} to ${number(high[at][k], 1)} in training)` : "";
+  const row = (name, asked, driven, k, digits, unit) => [
+    name,
+    number(asked[at], digits, unit) +
+      (low && high ? ` (${number(low[at][k], 1)} to ${number(high[at][k], 1)} in training)` : ""),
+    next === null ? "–" : number(driven[next], digits, unit),
+  ];
   const rows = [
-    ["Steering", `${number(choice.steering_deg[at], 1)}°`, lap.steering_deg, 1, "°"],
-    ["Speed", `${number(choice.speed_mps[at], 2)} m/s`, lap.speed_mps, 2, " m/s"],
+    row("Steering", choice.steering_deg, lap.steering_deg, 0, 1, "°"),
+    row("Speed", choice.speed_mps, lap.speed_mps, 1, 2, "m/s"),
   ];
   return html`
-    <table>
-      <thead><tr><td></td><th scope="col">Asked for</th><th scope="col">Driven next</th></tr></thead>
-      <tbody>${rows.map(
-        ([name, asked, driven, digits, unit], k) => html`
-        <tr key=${name}><th scope="row">${name}</th><td>${asked}${spread(k)}</td>
-          <td>${next === null ? "–" : `${number(driven[next], digits)}${unit}`}</td></tr>`,
-      )}</tbody>
-    </table>
+    <${Table} label="Continuous action" heads=${["Action", "Asked for", "Driven next"]} rows=${rows} />
     ${choice.no_value && quiet(choice.no_value)}`;
 }
 

@@ -60,50 +60,25 @@ export function RewardPlot({ iterations, episodes, best, height = 300 }) {
     nothing="The graph begins with the first finished iteration." />`;
 }
 
-/** @type {[string, string, (string | number)[][]][]} */
+/** Title, hint, colour, digits, and what the rows of an algorithm call it. @type {[string, string, string, number, ...string[]][]} */
 const LOSSES = [
-  [
-    "Entropy",
-    "Falls slowly while the policy becomes sure.",
-    [["Entropy, nats", "c4", 3, "entropy"]],
-  ],
-  [
-    "Losses",
-    "Of the policy and of the value.",
-    [
-      ["Policy", "c1", 4, "surrogate_loss", "actor_loss"],
-      ["Value", "c2", 3, "value_loss", "critic_loss"],
-    ],
-  ],
-  ["KL divergence", "How far an update moves the policy.", [["KL", "c5", 4, "kl"]]],
-  ["Speed", "Driving and learning together.", [["Steps/s", "c6", 0, "steps_per_s"]]],
-  ["Temperature of SAC", "Weight of the entropy.", [["Alpha", "c3", 4, "alpha"]]],
-  [
-    "Imitation loss",
-    "How far the student is from its teacher, while it learns from it.",
-    [["Loss", "c3", 4, "imitation_loss"]],
-  ],
+  ["Entropy", "In nats. Falls slowly while the policy becomes sure.", "c4", 3, "entropy"],
+  ["Loss of the policy", "", "c1", 4, "surrogate_loss", "actor_loss"],
+  ["Loss of the value", "", "c2", 3, "value_loss", "critic_loss"],
+  ["KL divergence", "How far an update moves the policy.", "c5", 4, "kl"],
+  ["Steps per second", "Driving and learning together.", "c6", 0, "steps_per_s"],
+  ["Temperature of SAC", "Weight of the entropy.", "c3", 4, "alpha"],
+  ["Imitation loss", "How far the student is from its teacher.", "c3", 4, "imitation_loss"],
 ];
 
 /** Curves of everything that the algorithm of this training has. @param {{rows: Object[]}} props */
 export function LossPlots({ rows }) {
-  const pick = (row, keys) =>
-    keys.map((key) => known(row[key])).find((value) => value !== null) ?? null;
   const plots = useMemo(() => {
     const x = rows.map((row) => row.iteration);
-    return LOSSES.map(([title, hint, parts]) => ({
-      title,
-      hint,
-      series: parts.map(([name, color, digits], k) => ({
-        name,
-        color,
-        digits,
-        ...(k && { axis: "right" }),
-      })),
-      data: [x, ...parts.map(([, , , ...keys]) => rows.map((row) => pick(row, keys)))],
-    })).filter(({ data }) =>
-      data.slice(1).some((column) => column.some((value) => value !== null)),
-    );
+    return LOSSES.map(([title, hint, color, digits, ...names]) => {
+      const values = rows.map((row) => known(names.map((name) => row[name]).find(Number.isFinite)));
+      return { title, hint, series: [{ name: title, color, digits }], data: [x, values] };
+    }).filter(({ data }) => data[1].some(Number.isFinite));
   }, [rows]);
   return html`<div class="live-curves">
     ${plots.map((each) => html`<${Plot} key=${each.title} height=${150} ...${each} />`)}

@@ -43,7 +43,7 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
   const [seen, setSeen] = useState(false);
   const figure = useSeen(setSeen);
   const topic = seen ? wanted : null; // what is scrolled away is neither sent nor decoded
-  const picture = useRef(null);
+  const canvas = useRef(null);
   const [told, setTold] = useState(null);
   useEffect(() => {
     if (!topic) {
@@ -52,11 +52,15 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
     }
     const own = new AbortController();
     let last = { car: undefined, at: 0 };
-    const take = ({ facts, jpeg }) => {
+    const take = ({ facts, picture }) => {
+      if (!picture) return;
+      const place = canvas.current;
+      if (place.width !== picture.width)
+        Object.assign(place, { width: picture.width, height: picture.height });
+      place.getContext("2d").drawImage(picture, 0, 0);
       const [now, whose] = [Date.now(), facts.car ?? null];
       const age = now - 1000 * facts.step_s;
-      picture.current.src = jpeg;
-      Object.assign(picture.current.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
+      Object.assign(place.dataset, { ageMs: age.toFixed(1), stepS: facts.step_s });
       if (whose === last.car && now - last.at < CAPTION_MS) return;
       last = { car: whose, at: now };
       setTold({ car: whose, age });
@@ -70,7 +74,7 @@ export function LivePicture({ topic: wanted, name, label, size, wait, car, onCar
   return html`
     <figure class="live-picture" ref=${figure}>
       <div class="live-frame" style=${{ aspectRatio: `${width} / ${height}` }}>
-        <img ref=${picture} alt=${label} width=${width} height=${height} decoding="sync" />
+        <canvas ref=${canvas} role="img" aria-label=${label} width=${width} height=${height}></canvas>
         ${(!told || other) && html`<p class="live-over">${other ? "The picture of this car comes soon." : wait}</p>`}
       </div>
       <figcaption>${name}${told && !other && `${told.car === null ? "" : `, car ${told.car + 1}`}, ${after} after its step`}</figcaption>

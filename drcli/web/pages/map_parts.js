@@ -51,11 +51,8 @@ function shades(valued, colors) {
 
 /** Least x, least y, greatest x, greatest y of points, with a margin for the numbers of the waypoints. @param {number[][]} points */
 export function boundsOf(points) {
-  const xs = points.map(([x]) => x);
-  const ys = points.map(([, y]) => y);
-  const least = (values) => values.reduce((a, b) => Math.min(a, b), Infinity);
-  const most = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
-  const [x0, y0, x1, y1] = [least(xs), least(ys), most(xs), most(ys)];
+  const [xs, ys] = [0, 1].map((axis) => points.map((point) => point[axis]).sort((a, b) => a - b));
+  const [x0, y0, x1, y1] = [xs[0], ys[0], xs.at(-1), ys.at(-1)];
   const margin = 0.05 * Math.max(x1 - x0, y1 - y0, 0.5);
   return [x0 - margin, y0 - margin, x1 + margin, y1 + margin];
 }

@@ -3,9 +3,9 @@
 import { Field } from "/fields.js";
 import { Worker } from "/live_worker.js";
 import { stopEvaluation } from "/model_actions.js";
-import { useGet, useTopic } from "/store.js";
+import { Act, useGet, useTopic } from "/store.js";
 import { number } from "/text.js";
-import { Act, Empty, Loaded, Table, html, useState } from "/ui.js";
+import { Empty, Loaded, Table, html, useState } from "/ui.js";
 
 /** @param {{prefix: string, path: (name: string) => string, version: any, running: Object[], action: Function}} props */
 export function Evaluations({ version, running, ...props }) {

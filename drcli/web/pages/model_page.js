@@ -6,21 +6,11 @@ import { Evaluations } from "/model_evaluations.js";
 import { Files } from "/model_files.js";
 import { Notes } from "/model_notes.js";
 import { Overview } from "/model_overview.js";
-import { Badges, checkpointText, modelLink } from "/models_page.js";
-import { setQuery, useGet, useTopic } from "/store.js";
-import { bytes, duration, lapTime, number } from "/text.js";
-import { Act, Failure, Tabs, Tiles, html, useTitle } from "/ui.js";
+import { Badges, modelLink } from "/models_page.js";
+import { Act, setQuery, useGet, useTopic } from "/store.js";
+import { Failure, Tabs, Tiles, html, useTitle } from "/ui.js";
 
 export const title = "Model";
-
-/** What can always be done: name, words. */
-const ACTIONS = [
-  ["clone", "Clone"],
-  ["submit", "Submit to a race"],
-  ["download", "Download"],
-  ["upload", "Upload"],
-  ["delete", "Delete"],
-];
 
 export function Page({ query }) {
   const prefix = query.get("prefix") ?? "";
@@ -37,7 +27,7 @@ function Model({ prefix, query }) {
   const parts = ["checkpoints", "curve", "evaluations", "notes"].map(part);
   const { value: about, error: missing } = useGet(
     path(),
-    now && [...parts, now.training, now.current, running.length].join(),
+    now && [...parts, now.training, now.current, running.length, broken?.message].join(),
   );
   const checkpoints = useGet(path("checkpoints"), part("checkpoints"));
   useTitle(`${prefix} – DeepRacer console`);
@@ -63,20 +53,13 @@ function Model({ prefix, query }) {
     tab("files", "Settings and files", Files, "files"),
     tab("notes", "Notes", Notes, "notes"),
   ];
-  const { model, training, trains, badges, story } = about;
+  const { model, training, trains, badges, story, figures, actions } = about;
   return html`
     ${all}
     <h1>${prefix} <${Badges} badges=${badges} /></h1>
     <p class="state" role="status">${story} <${Origin} training=${training} note=${model?.note} names=${names} /></p>
     ${!trains && training?.state === "failed" && training.message && html`<${Failure} error=${training} />`}
-    <${Tiles} values=${[
-      ["Best clean lap", lapTime(training?.best_lap_s)],
-      ["Best checkpoint", checkpointText(model?.best)],
-      ["Last checkpoint", checkpointText(model?.last)],
-      ["Iterations", number(training?.iterations)],
-      ["Training time", duration(training?.elapsed_s)],
-      ["Size", bytes(model?.size_bytes)],
-    ]} />
+    <${Tiles} values=${figures} />
     <div class="actions" role="group" aria-label="What to do with this model">
       ${
         trains
@@ -85,7 +68,7 @@ function Model({ prefix, query }) {
       }
       <${Act} class="main" action=${action("evaluate")} text="Evaluate" />
       ${running.length > 0 && html`<${Act} action=${stopEvaluation(prefix)} text="Stop the evaluation" />`}
-      ${ACTIONS.map(([name, text]) => html`<${Act} key=${name} action=${action(name)} text=${text} />`)}
+      ${actions.map(([name, text]) => html`<${Act} key=${name} action=${action(name)} text=${text} />`)}
     </div>
     <${Tabs} label=${`Parts of ${prefix}`} parts=${tabs} chosen=${query.get("tab") ?? "overview"} onChoose=${(tab) => setQuery({ tab: tab === "overview" ? "" : tab }, true)} />`;
 }

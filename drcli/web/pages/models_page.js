@@ -20,6 +20,7 @@ const byName = (a, b) => a.model.prefix.localeCompare(b.model.prefix, "en", { nu
 const lapOf = ({ training }) => training?.best_lap_s ?? Infinity;
 const worldOf = ({ training }) => training?.world ?? "";
 const scoreOf = ({ model }) => -(model.best?.metric ?? -Infinity);
+const sizeOf = ({ model }) => model.size_bytes;
 const changedOf = ({ model }) => Date.parse(model.modified);
 /**
  * Name, name of its order, value of the order (small ones first), cell, class.
@@ -32,13 +33,7 @@ const COLUMNS = [
   ["Clean laps", "laps", ({ laps }) => -(laps ?? -1), ({ laps }) => number(laps), "short"],
   ["Best checkpoint", "score", scoreOf, ({ model }) => checkpointText(model.best)],
   ["Last checkpoint", "", null, ({ model }) => checkpointText(model.last)],
-  [
-    "Size",
-    "size",
-    ({ model }) => -model.size_bytes,
-    ({ model }) => bytes(model.size_bytes),
-    "short",
-  ],
+  ["Size", "size", (each) => -sizeOf(each), (each) => bytes(sizeOf(each)), "short"],
   ["Changed", "changed", (each) => -changedOf(each), (each) => moment(changedOf(each) / 1000)],
 ];
 
@@ -118,7 +113,7 @@ function ModelTable({ found, sort, turned, ticked, setTicked }) {
   const columns = COLUMNS.map(([name, key, , cell, kind]) => {
     const mark = key === sort && (turned ? " ▲" : " ▼");
     const head = html`<button type="button" class="sorter" onClick=${() => order(key)}>${name}${mark}</button>`;
-    return [name, key === "name" ? named : cell, kind, key && head];
+    return [name, key === "name" ? named : cell, kind, key ? head : name];
   });
   const chosen = COLUMNS.find(([, key]) => key === sort)?.[0] ?? "";
   return html`

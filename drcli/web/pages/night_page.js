@@ -17,6 +17,7 @@ const LAST_MS = 15_000;
 const REST_MS = 4000;
 const START_S = 5; // after it, a worker has its live view
 const ROWS = 8; // more become too small to be read from far away
+const MOVE = { duration: 900, easing: "ease-in-out" };
 const SPLITS = [100 / 3, 200 / 3];
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 const phone = matchMedia("(max-width: 900px)");
@@ -99,14 +100,8 @@ function Night({ id, race, trouble }) {
 
   const alone = shown === "winner" || shown === "pairs";
   const { rules, words } = race;
-  const classes = [
-    "night",
-    alone && "night-alone",
-    (cars.topic || cars.scene) && "night-live",
-    isResting.value && "night-still",
-  ];
   return html`
-    <div ref=${place} class=${classes.filter(Boolean).join(" ")}>
+    <div ref=${place} class=${isResting.value ? "night night-still" : "night"}>
       <header><h1>${rules.name}</h1><p class="night-facts">${words.place}. ${words.decides}</p></header>
       <div role="status">${trouble}${refused && html`<p>This browser does not allow full screen here; its own key is often F11.</p>`}</div>
       <div class="night-body">
@@ -221,10 +216,7 @@ function Board({ race, rows, first }) {
       const top = row.offsetTop;
       const moved = (tops.current.get(racer) ?? top) - top;
       if (moved && !still.matches)
-        row.animate([{ transform: `translateY(${moved}px)` }, { transform: "none" }], {
-          duration: 900,
-          easing: "ease-in-out",
-        });
+        row.animate([{ transform: `translateY(${moved}px)` }, { transform: "none" }], MOVE);
       now.set(racer, top);
     }
     tops.current = now;

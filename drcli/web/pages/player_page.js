@@ -1,14 +1,14 @@
 // Plays stored episodes step by step, one lap or two side by side.
 
 import { EpisodeChooser } from "/episode_chooser.js";
-import { useLaps } from "/episode_data.js";
+import { useLap } from "/episode_data.js";
 import { EpisodePane } from "/episode_pane.js";
 import { Curve, Gain } from "/lap_curves.js";
 import { Playback, carAt, lastAt, pressKey, usePlayer, valueAt } from "/lap_player.js";
 import { setQuery, useGet } from "/store.js";
 import { number } from "/text.js";
 import { TrackMap } from "/track_map.js";
-import { Choice, Failure, Folded, html, useEffect, useMemo, useRef, useState } from "/ui.js";
+import { Choice, Failure, Folded, Tick, html, useEffect, useMemo, useRef, useState } from "/ui.js";
 
 export const title = "Episodes";
 
@@ -44,12 +44,8 @@ const named = (k, { model, trace, episode }) =>
 
 /** The address of this page with another query; null leaves a name out. */
 function linkOf(query, changes) {
-  const all = new URLSearchParams(query);
-  for (const [name, value] of Object.entries({ step: null, ...changes })) {
-    if (value === null || value === undefined) all.delete(name);
-    else all.set(name, value);
-  }
-  return `#/play?${all}`;
+  const all = Object.entries({ ...Object.fromEntries(query), ...changes, step: null });
+  return `#/play?${new URLSearchParams(all.filter(([, value]) => (value ?? null) !== null))}`;
 }
 
 export function Page({ query }) {
@@ -61,7 +57,9 @@ export function Page({ query }) {
       trace: asked.other_trace,
       episode: asked.other_episode ?? "0",
     };
-  const { laps, error, key, again } = useLaps([first, second].filter(Boolean));
+  const found = [useLap(first || null), useLap(second || null)].slice(0, second ? 2 : 1);
+  const laps = found.every((each) => each.data) && found.map((each) => each.data);
+  const { error, again } = found.find((each) => each.error) ?? {};
   const [open, setOpen] = useState({});
   const chooser = (k) => html`<${EpisodeChooser} key=${k} action=${k ? "Compare" : "Play"}
     chosen=${(k ? second : null) || first || { model }}
@@ -84,7 +82,7 @@ export function Page({ query }) {
         html`<${Failure} error=${error} />
           <p class="actions"><button type="button" onClick=${again}>Try again</button></p>`
       }
-      ${laps && html`<${Player} key=${key} laps=${laps} query=${query} />`}
+      ${laps && html`<${Player} key=${JSON.stringify([first, second])} laps=${laps} query=${query} />`}
     </div>
     <div class="choosers">${folds.map(
       (
@@ -207,14 +205,8 @@ function Player({ laps, query }) {
         <p class="actions">
           <${Choice} label="Path shows" options=${shows.map((key) => [key, PATHS[key].name])} value=${path}
             onChange=${(key) => setQuery({ path: key === "driven" ? "" : key })} />
-          <label class="tick">
-            <input type="checkbox" checked=${numbers} onChange=${(event) => setNumbers(event.currentTarget.checked)} />
-            <span>Waypoint numbers</span>
-          </label>
-          <label class="tick">
-            <input type="checkbox" checked=${lined} onChange=${() => setQuery({ line: lined ? "off" : "" })} />
-            <span>Best known line</span>
-          </label>
+          <${Tick} label="Waypoint numbers" on=${numbers} set=${setNumbers} />
+          <${Tick} label="Best known line" on=${lined} set=${(on) => setQuery({ line: on ? "" : "off" })} />
         </p>
         ${lined && limit.value && html`<p class="quiet">Best known line: ${limit.value.text}</p>`}
         ${lined && limit.error && html`<p class="quiet">${limit.error.message}</p>`}

@@ -79,9 +79,9 @@ export function Page({ params: [id], query }) {
     ${race.submissions.length > 0 && html`<${Submissions} ...${props} film=${film} />`}`;
 }
 
-const Head = ({ race: { rules, words, state } }) => html`
+const Head = ({ race: { rules, words, badge } }) => html`
   <div class="race-head">
-    <h1>${rules.name} <${StateBadge} state=${state} /></h1>
+    <h1>${rules.name} <${StateBadge} badge=${badge} /></h1>
     <p>${words.place}. ${words.decides} ${words.penalties}</p>
     <p class="race-standing" role="status">${words.standing}</p>
     <p class="quiet">${words.facts}</p>

@@ -10,25 +10,13 @@ export const racePath = (race, ...parts) => api("race", race, ...parts);
 
 /** Address of a video from its key in the bucket. */
 export function videoPath(race, key, download = false) {
-  const name = key
-    .split("/")
-    .at(-1)
-    .replace(/\.mp4$/, "");
+  const [, name] = /([^/]+)\.mp4$/.exec(key);
   return `${racePath(race, "video")}?name=${encodeURIComponent(name)}${download ? "&download" : ""}`;
 }
 
-const STATES = {
-  scheduled: ["Not open yet", "warn"],
-  open: ["Open", "good"],
-  closed: ["Closed", "warn"],
-  finished: ["Finished", ""],
-};
-
 /** Whether a race takes submissions, as a label. */
-export function StateBadge({ state }) {
-  const [text, kind] = STATES[state] ?? [state, ""];
-  return html`<span class=${`race-badge ${kind}`}>${text}</span>`;
-}
+export const StateBadge = ({ badge: [text, kind] }) =>
+  html`<span class=${`race-badge ${kind}`}>${text}</span>`;
 
 /** "1 run waits", "3 runs wait". */
 export const waitText = (count) => (count === 1 ? "1 run waits" : `${number(count)} runs wait`);

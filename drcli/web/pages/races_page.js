@@ -51,7 +51,7 @@ function Creation({ folder, open }) {
 /** @type {[string, (race: any) => any][]} */
 const COLUMNS = [
   ["Race", ({ race, name }) => html`<a href=${raceLink(race)}>${name}</a>`],
-  ["State", ({ state }) => html`<${StateBadge} state=${state} />`],
+  ["State", ({ badge }) => html`<${StateBadge} badge=${badge} />`],
   ["Track", ({ world }) => world],
   ["Kind", ({ kind }) => kind],
   ["Leader", ({ leader, leader_text: time }) => (leader ? `${leader} ${time}` : "nobody yet")],

@@ -42,9 +42,8 @@ export function RewardStep({ facts, reload, folder, known, changes, saved }) {
   if (answer?.course) course.current = answer.course;
   const set = (value) => draft.change("text", value, facts.text);
   const body = { text };
-  const saving = useFileSaving(dirty, {
-    ...{ path: PATH, draft, edits: body, body, mine: text, reload, saved },
-  });
+  const file = { path: PATH, draft, edits: body, body, mine: text, reload, saved };
+  const saving = useFileSaving(dirty, file);
   const { templates, parameters } = known;
   const insert = async () => {
     const chosen = templates[Number(template)];

@@ -84,15 +84,8 @@ export function RewardPicture({ course, report }) {
 
 function Numbers({ report }) {
   const place = (extreme) => (extreme ? `${short(extreme.reward)} (${extreme.place})` : "–");
-  const drivers = report.drivers.map((each) => [
-    ...[
-      each.name,
-      each.about,
-      number(each.progress, 1),
-      number(each.seconds, 1),
-      short(each.total),
-      short(each.mean),
-    ],
+  const drivers = report.drivers.map(({ name, about, progress, seconds, total, mean }) => [
+    ...[name, about, number(progress, 1), number(seconds, 1), short(total), short(mean)],
   ]);
   const time =
     report.time &&

@@ -1,20 +1,21 @@
 // The one WebSocket: topics in, values out. It is opened again by itself.
 
+import { signal } from "/vendor/preact/preact.js";
+
 const listeners = new Map(); // topic -> Set of functions
 const newest = new Map(); // topic -> last value, for a second listener of the same topic
-const stateListeners = new Set();
+/** Whether the connection is open. */
+export const connected = signal(false);
 const GATHER_MS = 30;
-const PART = 8192; // so many arguments are allowed everywhere
 let socket = null,
   wait = 250,
   timer = 0,
-  open = false,
   heard = 0;
 
 // The server says something at least every 15 s. A connection through a tunnel can end without a word.
 const SILENCE_MS = 45000;
 
-/** Follow a topic until the signal aborts. Text topics give their data, pictures `{facts, jpeg}`, an address. */
+/** Follow a topic until the signal aborts. Text topics give their data, pictures `{facts, picture}`, which is closed afterwards. */
 export function follow(topic, listener, signal) {
   if (signal?.aborted) return;
   if (!listeners.has(topic)) listeners.set(topic, new Set());
@@ -51,12 +52,6 @@ export function followRows(topic, listener, signal) {
   );
 }
 
-/** Call with true and false when the connection opens and closes. */
-export function onConnection(listener) {
-  stateListeners.add(listener);
-  listener(open);
-}
-
 let scheduled = false;
 function watch() {
   if (scheduled) return;
@@ -75,10 +70,9 @@ function connect() {
   socket.binaryType = "arraybuffer";
   socket.onopen = () => {
     wait = 250;
-    open = true;
     heard = Date.now();
     newest.clear();
-    stateListeners.forEach((each) => each(true));
+    connected.value = true;
     watch();
   };
   socket.onmessage = ({ data }) => {
@@ -93,15 +87,14 @@ function connect() {
 
 function again() {
   socket = null;
-  stateListeners.forEach((each) => each(false));
-  open = false;
+  connected.value = false;
   clearTimeout(timer);
   timer = setTimeout(connect, wait * (0.75 + Math.random() / 2));
   wait = Math.min(wait * 2, 5000);
 }
 
 setInterval(() => {
-  if (!open || Date.now() - heard < SILENCE_MS) return;
+  if (!connected.value || Date.now() - heard < SILENCE_MS) return;
   const silent = socket;
   again();
   silent.close();
@@ -109,17 +102,20 @@ setInterval(() => {
 
 // What comes together is drawn together: each picture of the page costs more than the values in it.
 let waiting = [];
+let handed = Promise.resolve();
 function give(topic, value) {
-  if (waiting.push([topic, value]) === 1) setTimeout(hand, GATHER_MS);
+  if (waiting.push([topic, value]) > 1) return;
+  setTimeout(() => (handed = handed.then(hand).catch(reportError)), GATHER_MS);
 }
 
-function hand() {
+async function hand() {
   const all = waiting;
   waiting = [];
+  for (const [, value] of all) if (value?.picture) value.picture = await value.picture;
   for (const [topic, value] of all) {
-    if (!listeners.has(topic)) continue;
-    newest.set(topic, value);
-    for (const listener of [...listeners.get(topic)]) listener(value);
+    if (listeners.has(topic) && !value?.picture) newest.set(topic, value);
+    for (const listener of [...(listeners.get(topic) ?? [])]) listener(value);
+    value?.picture?.close();
   }
 }
 
@@ -131,12 +127,9 @@ function text(data) {
 function picture(buffer) {
   const length = new DataView(buffer).getUint16(0);
   const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 2, length)));
-  // A Blob would go through the browser's process, which takes longer than everything else.
-  const bytes = new Uint8Array(buffer, 2 + length);
-  let text = "";
-  for (let k = 0; k < bytes.length; k += PART)
-    text += String.fromCharCode(...bytes.subarray(k, k + PART));
-  give(facts.topic, { facts, jpeg: `data:image/jpeg;base64,${btoa(text)}` });
+  const blob = new Blob([new Uint8Array(buffer, 2 + length)], { type: "image/jpeg" });
+  // A damaged one is null; the next one comes soon.
+  give(facts.topic, { facts, picture: createImageBitmap(blob).catch(() => null) });
 }
 
 // A machine that was asleep, or a page that was in the background, is connected again at once.

@@ -2,26 +2,16 @@
 
 import { get } from "/api.js";
 import { ask, confirmed } from "/ask.js";
-import { useDraft } from "/drafts.js";
 import { runTask } from "/model_tasks.js";
 import { notify } from "/notices.js";
-import { useGet } from "/store.js";
+import { Act, useGet } from "/store.js";
 import { capital, moment, number } from "/text.js";
-import { Act, Button, Choice, Columns, Empty, Failure, Folded, Loaded, Tiles } from "/ui.js";
+import { Button, Choice, Columns, Empty, Failure, Folded, Loaded, Tiles } from "/ui.js";
 import { html, useEffect, useRef, useState } from "/vendor/preact/preact.js";
 
 export const title = "Spot machines";
 
 const EVERY_MS = 30_000;
-const MARKETS = [
-  ["spot", "A spot machine: cheaper, may be taken away"],
-  ["spot-or-on-demand", "A spot machine, or an ordinary one while there is none"],
-  ["on-demand", "An ordinary machine"],
-];
-const HOURS = [
-  ...["2", "4", "8", "12", "24", "48"].map((hours) => [hours, `${hours} hours`]),
-  ["0", "No limit: until the training ends"],
-];
 /** @type {[string, (machine: any) => any][]} */
 const MACHINE = [
   ["Type", ({ type }) => type],
@@ -51,8 +41,6 @@ export function Page() {
   const good = useRef(null);
   if (value) good.current = value;
   const found = good.current;
-  const draft = useDraft("spot", null);
-  const values = { stack: "", place: null, market: "spot", hours: "12", ...draft.edits };
   useEffect(() => {
     const timer = setInterval(() => document.hidden || reload(), EVERY_MS);
     return () => clearInterval(timer);
@@ -63,24 +51,17 @@ export function Page() {
     return result;
   };
   const start = async () => {
-    const given = await askWhat(found, values);
-    if (!given) return;
-    draft.set(given);
-    const { stack, market } = given;
-    const base = given.place.startsWith("base:") ? given.place.slice(5) : "";
-    const body = { stack, market, base, ttl_minutes: 60 * Number(given.hours) };
-    const plan = await act("plan", body);
-    if (!(await agreed(plan))) return;
-    await act("create", { ...body, agreed_usd_per_hour: plan.most_usd_per_hour });
-    draft.set({});
+    let body;
+    const send = (values) => {
+      body = values;
+      return act("plan", values);
+    };
+    const plan = await ask({ ...found.start, send });
+    if (plan && (await agreed(plan)))
+      await act("create", { ...body, agreed_usd_per_hour: plan.most_usd_per_hour });
   };
   const makeBucket = async () => {
-    const given = await ask({
-      title: "Make a bucket at Amazon",
-      action: "Make it",
-      intro: `Models of spot machines need a bucket in ${found.region}. Only what is stored in it costs money, about 0.023 USD for a GB a month.`,
-      fields: [{ name: "stack", label: "Name", value: "", more: { required: true } }],
-    });
+    const given = await ask(found.base);
     if (given) await act("base", given);
   };
   if (!found)
@@ -105,25 +86,6 @@ export function Page() {
 const Missing = () => html`
   <p>Spot machines need an account at Amazon and its access keys on this machine: run <code>aws configure</code>. With DR_CLOUD=aws, <a href="#/settings">Settings</a> has the profile (DR_LOCAL_S3_PROFILE); the region is DR_AWS_APP_REGION.</p>`;
 
-const askWhat = ({ stacks, bucket }, { stack, place, market, hours }) => {
-  const bases = stacks.filter((each) => each.kind === "base");
-  const places = bases.map((each) => [`base:${each.stack}`, `${each.stack}: ${each.bucket}`]);
-  if (bucket) places.push(["", `${bucket}, of the settings`]);
-  const choice = (name, label, value, options) => ({ name, label, value, options, kind: "choice" });
-  const help = "Of the training at Amazon: letters, digits and hyphens.";
-  return ask({
-    title: "Start a spot training",
-    action: "Ask for the price",
-    intro: "Nothing is started yet: everything is checked, and the price is shown first.",
-    fields: [
-      { name: "stack", label: "Name", value: stack, help, more: { required: true } },
-      choice("place", "Bucket of the model", place ?? places[0][0], places),
-      choice("market", "Machine", market, MARKETS),
-      choice("hours", "Ends at the latest after", hours, HOURS),
-    ],
-  });
-};
-
 const agreed = ({ stack, most_usd_per_hour: most, extra_usd_per_hour: extra, said, notes }) => {
   const price =
     most === null ? "a price that is not known" : `up to ${usd(most + extra, 3)} an hour`;
@@ -135,29 +97,9 @@ function Stack({ stack, act }) {
   const { stack: name, kind, machines } = stack;
   const training = kind === "training";
   const [showsLog, setShowsLog] = useState(false);
-  const stop = async () => {
-    const question = `Stop the training ${name}, and remove its machine?`;
-    const detail =
-      "It saves its model first, which stays in the bucket. This may take some minutes.";
-    if (await confirmed(question, { action: "Stop it", detail }))
-      await act("stop", { stack: name });
-  };
-  const remove = async () => {
-    const content = training ? "" : (await get(path("removal", name))).content;
-    const lost = training
-      ? "A training that runs loses what it has done since its last checkpoint; its model stays in the bucket."
-      : content
-        ? `${content} All of it is deleted with the bucket, and cannot be restored.`
-        : "Its bucket does not exist any more.";
-    const values = await ask({
-      title: `Delete ${name}`,
-      action: "Delete it",
-      danger: true,
-      intro: lost,
-      fields: [{ name: "confirm", label: `Type ${name} to confirm`, value: "" }],
-      confirm: name,
-    });
-    if (values) await act("delete", { stack: name, ...values });
+  const end = (about) => async () => {
+    const values = await ask(await get(path("question", name, `&about=${about}`)));
+    if (values) await act(about, { stack: name, ...values });
   };
   const figures = [
     ["Model", stack.model],
@@ -173,8 +115,8 @@ function Stack({ stack, act }) {
       ${training && html`<${Tiles} values=${figures} />`}
       ${machines.length > 0 && html`<${Columns} caption=${`Machines of ${name}`} columns=${MACHINE} rows=${machines} />`}
       <p class="actions">
-        ${training && html`<${Act} action=${stop} text="Stop and save" />`}
-        <${Act} class="danger" action=${remove} text="Delete" />
+        ${training && html`<${Act} action=${end("stop")} text="Stop and save" />`}
+        <${Act} class="danger" action=${end("delete")} text="Delete" />
       </p>
       ${training && html`<${Folded} title="Log" open=${showsLog} onToggle=${setShowsLog}><${Log} stack=${name} /><//>`}
     </section>`;

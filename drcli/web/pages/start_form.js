@@ -58,9 +58,9 @@ export function StartStep({ folder, saveAll, lead, changes }) {
     setError(null);
     try {
       if (wrong.length) return lead(wrong[0]);
-      if (!(await saveAll("start"))) return null;
+      if (!(await saveAll("start"))) return false;
       for (const ask of [facts.asks[how], facts.asks.fetch].filter(Boolean))
-        if (!(await confirmed(ask.question, ask))) return null;
+        if (!(await confirmed(ask.question, ask))) return false;
       const wanted = { how, confirmed: facts.model, fetch: Boolean(facts.asks.fetch), ...given };
       const { id } = await post("/api/start", wanted);
       setMine(id);
@@ -75,7 +75,7 @@ export function StartStep({ folder, saveAll, lead, changes }) {
     } finally {
       setMine(0);
     }
-    return null;
+    return true;
   });
   const task = tasks.find((each) => each.id === mine);
   const state = busy && mine ? task?.text || "Starting ..." : error && "Not started.";

@@ -74,11 +74,8 @@ export function useSaving(dirty, write) {
  */
 export function useFileSaving(dirty, { path, draft, edits, body, mine, reload, saved }) {
   return useSaving(dirty, async () => {
-    const done = await writeOwnFile(
-      path,
-      { ...body, version: draft.version },
-      { mine, read: () => get(path) },
-    );
+    const changed = { ...body, version: draft.version };
+    const done = await writeOwnFile(path, changed, { mine, read: () => get(path) });
     if (!done) return null;
     await reload();
     draft.saved(edits, done.facts.version);

@@ -3,7 +3,7 @@
 import { get } from "/api.js";
 import { notify } from "/notices.js";
 import { follow, followRows } from "/socket.js";
-import { signal, useEffect, useRef, useState } from "/vendor/preact/preact.js";
+import { Button, html, signal, useEffect, useRef, useState } from "/ui.js";
 
 /** Where the page is: path and query of the part of the address after #. */
 export const route = signal(readRoute());
@@ -142,4 +142,10 @@ export function useAction(action) {
     }
   };
   return [run, busy];
+}
+
+/** A button whose action takes a while, and says itself what went wrong. */
+export function Act({ action, text, ...more }) {
+  const [run, busy] = useAction(action);
+  return html`<${Button} busy=${busy} onClick=${() => run()} ...${more}>${text}<//>`;
 }

@@ -1,19 +1,6 @@
 // A map of a track on a canvas: road, waypoints, paths and areas coloured by a value, cars with their heading.
 
-import {
-  Camera,
-  RAMPS,
-  boundsOf,
-  drawBorders,
-  drawBox,
-  drawCar,
-  drawCells,
-  drawDots,
-  drawPath,
-  drawRoad,
-  drawWaypoints,
-  rangeOf,
-} from "/map_parts.js";
+import * as parts from "/map_parts.js";
 import { number, short } from "/text.js";
 import { theme } from "/theme_colors.js";
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "/ui.js";
@@ -74,18 +61,18 @@ export function TrackMap({
     const points = track
       ? [...track.inner, ...track.outer]
       : paths.flatMap(({ x, y }) => Array.from(x, (each, k) => [each, y[k]]));
-    return points.length ? boundsOf(points) : null;
+    return points.length ? parts.boundsOf(points) : null;
   }, [track, track ? null : paths]);
-  const camera = bounds && size[0] ? new Camera(bounds, size[0], size[1], part) : null;
+  const camera = bounds && size[0] ? new parts.Camera(bounds, size[0], size[1], part) : null;
   const ground = useMemo(() => {
     if (!camera) return null;
     return paint(document.createElement("canvas"), size, (pen) => {
-      if (track) drawRoad(pen, camera, track);
-      if (cells) drawCells(pen, camera, cells);
-      if (track) drawBorders(pen, camera, track);
-      for (const path of [...paths].reverse()) drawPath(pen, camera, path);
-      drawDots(pen, camera, dots);
-      if (numbers && track) drawWaypoints(pen, camera, track);
+      if (track) parts.drawRoad(pen, camera, track);
+      if (cells) parts.drawCells(pen, camera, cells);
+      if (track) parts.drawBorders(pen, camera, track);
+      for (const path of [...paths].reverse()) parts.drawPath(pen, camera, path);
+      parts.drawDots(pen, camera, dots);
+      if (numbers && track) parts.drawWaypoints(pen, camera, track);
     });
   }, [track, bounds, size, part, paths, cells, dots, numbers, theme.value]);
   // With what else has changed: an effect after it would cost a second picture of the page.
@@ -93,8 +80,8 @@ export function TrackMap({
     if (!ground) return;
     paint(canvas.current, size, (pen) => {
       pen.drawImage(ground, 0, 0, ...size);
-      for (const each of objects) drawBox(pen, camera, each);
-      for (const car of [...cars].reverse()) drawCar(pen, camera, car);
+      for (const each of objects) parts.drawBox(pen, camera, each);
+      for (const car of [...cars].reverse()) parts.drawCar(pen, camera, car);
     });
   });
   useEffect(() => {
@@ -160,11 +147,11 @@ export function TrackMap({
 /** The colours of something with values, and what their ends mean. */
 function scaleOf(valued) {
   const { name, unit, digits, sides } = valued;
-  const [low, high] = rangeOf(valued).map((end, k) => {
+  const [low, high] = parts.rangeOf(valued).map((end, k) => {
     const value = digits === undefined ? short(end) : number(end, digits);
     return [value, k > 0 && unit, sides?.[k]].filter(Boolean).join(" ");
   });
-  const colors = valued.corners && !sides ? RAMPS.area : RAMPS.line;
+  const colors = valued.corners && !sides ? parts.RAMPS.area : parts.RAMPS.line;
   const text = `${name}: from ${low} to ${high}.`;
   return { name, low, high, text, colors: colors.filter((_, k) => k % 9 === 0) };
 }

@@ -3,13 +3,6 @@
 import { Field } from "/fields.js";
 import { Empty, html, useState } from "/ui.js";
 
-const ORDERS = [
-  ["name", "Name"],
-  ["length_m", "Length"],
-  ["width_m", "Width"],
-  ["direction", "Direction"],
-];
-
 function Outline({ outline }) {
   if (!outline) return html`<svg class="track-outline" aria-hidden="true"></svg>`;
   const { box, road, edges, start, margin } = outline;
@@ -28,7 +21,7 @@ const byOrder = (order) => (a, b) =>
 
 /**
  * A list of tracks of which one is chosen, and others are trained too.
- * @param {{found: {tracks: Object[], community: string[], unreadable: string[]}, chosen: string, further: string,
+ * @param {{found: {tracks: Object[], orders: string[][], community: string[], unreadable: string[]}, chosen: string, further: string,
  *   onChoose: (name: string) => void, onFurther: (words: string) => void}} props
  *   `found` is the answer of /api/track-list; `further` the words of DR_TRAIN_WORLDS
  */
@@ -52,7 +45,7 @@ export function TrackPicker({ found, chosen, further, onChoose, onFurther }) {
     <div class="track-picker">
       <div class="row">
         <${Field} label="Search tracks" type="search" value=${wanted} set=${setWanted} placeholder="Name or direction" />
-        <${Field} label="Sort by" options=${ORDERS} value=${order} set=${setOrder} />
+        <${Field} label="Sort by" options=${found.orders} value=${order} set=${setOrder} />
       </div>
       <div class="tracks" role="radiogroup" aria-label="Track" data-key="DR_WORLD_NAME">
         ${shown.map(

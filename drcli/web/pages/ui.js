@@ -1,7 +1,6 @@
 // Components that all pages use.
 
 import { mendLink } from "/mend.js";
-import { useAction } from "/store.js";
 import { html, useEffect, useRef, useState } from "/vendor/preact/preact.js";
 
 export * from "/vendor/preact/preact.js";
@@ -65,12 +64,6 @@ export const Button = ({
 }) => html`
   <button type="button" class=${kind} aria-disabled=${busy ? "true" : null}
     onClick=${(event) => !busy && onClick?.(event)} ...${more}>${children}</button>`;
-
-/** A button whose action takes a while, and says itself what went wrong. */
-export function Act({ action, text, ...more }) {
-  const [run, busy] = useAction(action);
-  return html`<${Button} busy=${busy} onClick=${() => run()} ...${more}>${text}<//>`;
-}
 
 /** A form whose values the page sends itself, by its button and by Enter. */
 export function Form({ onSubmit, children, ...more }) {

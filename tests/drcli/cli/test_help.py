@@ -189,3 +189,19 @@ def test_the_pages_are_listed_and_an_unknown_one_is_refused(dr, capsys):
     assert re.search(r"^tracks +Tracks$", printed.out, re.MULTILINE)
     assert code == 3
     assert "Did you mean hyperparameters?" in printed.err
+
+
+@pytest.mark.parametrize(
+    ("word", "pages"),
+    [
+        ("lesson-2", "lessons/2-loophole"),
+        ("droa", "droa"),
+        ("spot machines", "spot"),
+        ("hyperparmeters", "hyperparameters"),
+    ],
+)
+def test_a_page_is_found_by_a_word_of_its_name_or_title(dr, capsys, word, pages):
+    code = dr("docs", word)
+
+    printed = capsys.readouterr()
+    assert printed.out if code == 0 else f"Did you mean {pages}?" in printed.err

@@ -596,7 +596,22 @@ def test_files_of_the_racer_that_would_replace_the_models_are_named(importer, mo
     report = importer.run(model)
 
     assert any("has another hyperparameters.json" in text for text in report.warnings)
+    assert report.other_files == ["hyperparameters.json"]
     assert not any("another" in t for t in importer.run(model, "b", custom_files=True).warnings)
+
+
+def test_what_follows_an_import_begins_with_its_files_if_others_are_there(
+    dr, importer, model, capsys
+):
+    dr("import", str(model), "-t", "a", "--no-drive")
+    fitting = capsys.readouterr().err
+    write_files(importer.folder / "custom_files", {"hyperparameters.json": b"{}"})
+    dr("import", str(model), "-t", "b", "--no-drive")
+    other = capsys.readouterr().err
+
+    assert "-cf" not in fitting
+    assert f"dr-import {model} -t b -cf --no-drive" in other
+    assert other.index("-cf") < other.index("dr-start-training --resume")
 
 
 def test_a_key_of_another_algorithm_does_not_make_another_file(importer, tmp_path):

@@ -52,6 +52,9 @@ def models(working_folder):
     return stored
 
 
+FIRST_FIGURES = ["Best clean lap", "Best checkpoint", "Last checkpoint"]
+
+
 def about(client, part="", **query):
     path = f"/api/model/{part}" if part else "/api/model"
     return client.get(path, params={"prefix": PREFIX, **query})
@@ -95,6 +98,8 @@ def test_a_model_is_described_with_the_name_of_its_next_clone(client):
     assert found["model"]["prefix"] == PREFIX
     assert asked["fields"][0]["value"] == "team/model-2"
     assert found["training"]["iterations"] == 2
+    assert ["Best clean lap", "00:12.500"] in found["figures"]
+    assert [name for name, _ in found["figures"]][:3] == FIRST_FIGURES
 
 
 @pytest.mark.usefixtures("models")
@@ -104,6 +109,7 @@ def test_checkpoints_are_those_of_the_command(client, dr, capsys):
     dr("list-checkpoints", PREFIX, "--json")
     options = dict(found.pop("options"))
     assert list(options)[:2] == ["best", "last"]
+    assert found.pop("actions")[0] == ["evaluate", "Evaluate"]
     assert found.pop("marks")["0"][0] == ["best", "Checkpoint the best"]
     assert found == for_page(json.loads(capsys.readouterr().out))
 

@@ -122,6 +122,7 @@ def test_the_order_and_the_search_stay_in_the_address_and_two_models_are_compare
 
     assert page.get_by_label("Search").input_value() == "o"
     assert page.get_by_role("columnheader", name="Model").get_attribute("aria-sort") == "ascending"
+    assert page.get_by_role("columnheader", name="Last checkpoint").is_visible()
     names = page.get_by_role("rowheader").get_by_role("link")
     assert names.all_inner_texts() == ["another", PREFIX]
     page.get_by_label("Compare another").check()

@@ -115,8 +115,8 @@ def test_a_bucket_is_made_listed_and_deleted(client, server):
     assert made["state"] == "done", made["error"]
     assert [(each["stack"], each["kind"]) for each in found["stacks"]] == [("racing", "base")]
     assert found["bucket"] == ""  # the settings name a local one
-    content = client.get("/api/spot/removal?stack=racing").json()["content"]
-    assert "holds 0 objects" in content
+    question = client.get("/api/spot/question?about=delete&stack=racing").json()
+    assert ("holds 0 objects" in question["intro"], question["confirm"]) == (True, "racing")
     assert client.post("/api/spot/delete", json={"stack": "racing"}).status_code == 400
     assert ended(client, "delete", {"stack": "racing", "confirm": "racing"})["state"] == "done"
     assert client.get("/api/spot").json()["stacks"] == []

@@ -162,13 +162,15 @@ def test_two_folders_have_two_consoles(folder, tmp_path):
     assert running_viewer(folder).pid == first.pid
 
 
-def test_a_port_that_somebody_chose_and_another_program_has_is_one_sentence(folder):
+def test_a_port_that_somebody_chose_and_another_program_has_is_one_sentence(folder, dr, capsys):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(SettingsError, match=f"cannot listen on 127.0.0.1 port {port}") as taken:
             start_viewer(folder, web(folder, webviewer_port=port))
+        assert dr("console", "start", "-p", str(port)) == 3
 
-    assert "with --port, or another DR_WEBVIEWER_PORT" in taken.value.remedy
+    assert "-p PORT, or another DR_WEBVIEWER_PORT" in taken.value.remedy
+    assert "-p PORT" in capsys.readouterr().err
     assert not (folder / RECORD).exists()
 
 

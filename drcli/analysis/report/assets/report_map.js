@@ -4,7 +4,7 @@ import { Playback, carAt, lastAt, pressKey, usePlayer } from "/lap_player.js";
 import { columns, unpacked } from "/packed.js";
 import { number, short } from "/text.js";
 import { TrackMap } from "/track_map.js";
-import { Choice, Table, html, useMemo, useState } from "/ui.js";
+import { Choice, Table, Tick, html, useMemo, useState } from "/ui.js";
 
 const SQUARE = [
   [-1, -1],
@@ -35,6 +35,19 @@ function lapsOf(map) {
   });
 }
 
+/** Where episodes ended. */
+function endsOf({ ends, statuses }) {
+  const { x, y, id, period, status } = columns(ends);
+  const at = (k) => ({
+    x: x[k],
+    y: y[k],
+    id: id[k],
+    period: period[k],
+    status: statuses[status[k]],
+  });
+  return Array.from(id, (_, k) => at(k));
+}
+
 /** The places that were driven in a period, as areas of the map. */
 function cellsOf({ cells, paints }, period, paint) {
   const [xs, ys] = [unpacked(cells.x), unpacked(cells.y)];
@@ -59,14 +72,8 @@ const stepText = ({ name, steps }, row) =>
 
 export function ReportMap({ map }) {
   const all = useMemo(() => lapsOf(map), [map]);
-  const ends = useMemo(() => columns(map.ends), [map]);
-  const iterations = useMemo(
-    () =>
-      [...new Set(all.map((lap) => lap.iteration))]
-        .filter((each) => each >= 0)
-        .sort((a, b) => a - b),
-    [all],
-  );
+  const ends = useMemo(() => endsOf(map), [map]);
+  const { iterations } = map;
   const [what, setWhat] = useState("both");
   const [place, setPlace] = useState(Math.max(iterations.length - 1, 0));
   const [wanted, setPaint] = useState("lap");
@@ -124,14 +131,10 @@ export function ReportMap({ map }) {
   const ended = useMemo(() => {
     if (!endsShown) return [];
     const ids = new Set(shown.map((lap) => lap.id));
-    return [...ends.x.keys()].filter((k) =>
-      laps.length ? ids.has(ends.id[k]) : period === 0 || ends.period[k] === period,
-    );
+    const isShown = (end) => (laps.length ? ids.has(end.id) : !period || end.period === period);
+    return ends.filter(isShown);
   }, [endsShown, shown, period]);
-  const dots = useMemo(
-    () => ended.map((k) => [ends.x[k], ends.y[k], map.statuses[ends.status[k]].color]),
-    [ended],
-  );
+  const dots = useMemo(() => ended.map(({ x, y, status }) => [x, y, status.color]), [ended]);
   const cars = shown.map((lap) => ({
     ...carAt(lap.steps, lap.steps.time_s, at),
     color: inkOf(lap),
@@ -170,14 +173,14 @@ export function ReportMap({ map }) {
     PageUp: () => choose("iteration", what === "iteration" ? place + 1 : place),
     PageDown: () => choose("iteration", what === "iteration" ? place - 1 : place),
   };
-  const present = new Set(ended.map((k) => map.statuses[ends.status[k]]));
+  const present = new Set(ended.map((end) => end.status));
   const swatch = (color) =>
     html`<span class="swatch dots" style=${{ background: `var(--${color})` }}></span>`;
   return html`
     <div class="controls">
       <${Choice} label="Show" options=${map.shows} value=${what} onChange=${(value) => choose(value)} />
       <${Choice} label="Colours" options=${paints.map((key) => [key, map.paints[key].name])} value=${paint} onChange=${setPaint} />
-      <label class="tick"><input type="checkbox" checked=${endsShown} onChange=${() => showEnds(!endsShown)} /> where episodes ended</label>
+      <${Tick} label="where episodes ended" on=${endsShown} set=${showEnds} />
       ${
         what === "iteration" &&
         html`<label class="wide"><span>Iteration <output>${iterations[place]}</output></span>
@@ -195,9 +198,8 @@ export function ReportMap({ map }) {
       lead &&
       html`<div class="laps"><${Table} caption="Laps on the map" heads=${["Episode", "Iteration", "Read", "Progress", "Time", "Reward", "End"]} rows=${laps.map(
         (lap) => [
-          html`<label class="tick" title=${lap.name}><input type="checkbox" checked=${!hidden.includes(lap)}
-          onChange=${() => setHidden(hidden.includes(lap) ? hidden.filter((each) => each !== lap) : [...hidden, lap])} />
-          ${swatch(inkOf(lap))}${lap.short}</label>`,
+          html`<${Tick} label=${html`${swatch(inkOf(lap))}${lap.short}`} title=${lap.name} on=${!hidden.includes(lap)}
+          set=${(on) => setHidden([...hidden.filter((each) => each !== lap), ...(on ? [] : [lap])])} />`,
           lap.iteration < 0 ? "–" : lap.iteration,
           html`<input type="radio" name="followed" checked=${lap === lead} aria-label=${`Read the numbers of ${lap.name}`} onChange=${() => follow(lap)} />`,
           `${number(lap.total.progress, 1)} %`,

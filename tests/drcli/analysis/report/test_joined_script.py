@@ -15,7 +15,8 @@ def test_a_module_comes_once_and_after_those_that_it_needs(monkeypatch):
     text = joined(
         monkeypatch,
         a='import { one as uno } from "/b.js";\nimport {\n  two,\n} from "/c.js";\n\nuno(two);\n',
-        b='import { two } from "/c.js";\n\nexport function one() {}\nexport const other = two;\n',
+        b='import { two } from "/c.js";\nimport * as all from "/d.js";\n\n'
+        "export function one() {}\nexport const other = two;\n",
         c='export * from "/d.js";\nexport class two {}\n',
         d="const x=1;export{x as three,x as four};\n",
     )
@@ -24,6 +25,7 @@ def test_a_module_comes_once_and_after_those_that_it_needs(monkeypatch):
     assert order == sorted(order)
     assert text.count('modules["/c.js"] = ') == 1
     assert 'const { one: uno } = modules["/b.js"];' in text
+    assert 'const all = modules["/d.js"];' in text
     assert "return { one, other };" in text
     assert 'return { ...modules["/d.js"], two };' in text
     assert "return { three: x, four: x };" in text

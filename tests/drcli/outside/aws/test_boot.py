@@ -303,6 +303,20 @@ def test_a_complete_training_is_finished_although_work_at_its_end_failed(cloud, 
     assert cloud.mark().text.endswith("Over. The upload failed. Repeat it.")
 
 
+@pytest.mark.parametrize("code", [0, 143])
+def test_how_a_training_ended_as_wanted_reaches_the_racer(cloud, machine, code):
+    ours = machine()
+    ours.boot()
+    record = {"exit_code": code, "message": "Stopped on request.", "remedy": "Continue."}
+    (ours.root / "opt/drcli/racer/data/runs/0").mkdir(parents=True)
+    (ours.root / "opt/drcli/racer/data/runs/0/run.json").write_text(json.dumps(record))
+
+    ours.after_service(code)
+
+    said = f"The training ended with code {code}. Stopped on request. Continue."
+    assert cloud.mark().text == said
+
+
 def test_the_boot_program_knows_the_exit_codes_of_the_command():
     assert EndWorkFailed.code == boot.END_WORK_FAILED
     assert set(boot.FINAL) <= set(EXIT_CODES)

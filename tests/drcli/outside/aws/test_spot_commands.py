@@ -8,6 +8,7 @@ from pathlib import Path
 import boto3
 import pytest
 
+from drcli.base.errors import StorageError
 from drcli.cli.app import main
 from drcli.config.loading import load_settings
 from drcli.model.model_store import ModelStore
@@ -228,6 +229,18 @@ def test_variables_of_programs_are_not_taken_from_the_bucket(training, amazon, t
     assert (found["PATH"], found["TEAM"], found["DR_WORKERS"]) == ("/bin", "blue", "3")
     assert not {"LD_PRELOAD", "PYTHONPATH", "AWS_PROFILE"} & set(found)
     assert not (tmp_path / "worker-2.env").exists()
+
+
+def test_prices_that_no_region_tells_are_refused_with_the_remedy_of_their_cause(spot, monkeypatch):
+    def refused(*_, **__):
+        raise StorageError("No access keys were found.", remedy="Run `aws configure`.")
+
+    monkeypatch.setattr("drcli.cli.commands.spot.find_types", refused)
+
+    code, _, said = spot("prices")
+
+    assert code == 4
+    assert "Run `aws configure`." in said
 
 
 def test_prices_are_compared(spot):

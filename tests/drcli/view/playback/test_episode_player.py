@@ -45,7 +45,8 @@ def test_a_step_has_its_picture_its_parameters_and_the_choices_of_the_policy(pla
     assert np.array(made["probabilities"]).sum(axis=1) == pytest.approx(1.0, abs=1e-3)
     assert len(made["actions"]) == len(made["probabilities"][0]) == 4
     assert len(made["value"]) == len(made["entropy"]) == 3
-    assert len(lap["time_s"]) == len(lap["reward"]) == len(lap["status"]) == 40
+    assert len(lap["time_s"]) == len(lap["reward"]) == len(lap["state"]) == 40
+    assert lap["state"][-1] == "Off track"
 
 
 def test_a_map_lies_over_the_picture(player):
