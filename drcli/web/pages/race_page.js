@@ -270,7 +270,7 @@ function Entry({ entry, film, ask }) {
       </div>
       <span class="race-buttons">
         ${video && html`<${WatchButton} video=${video} name=${name} film=${film} />`}
-        ${(state === "done" || state === "failed") && button("Drive again", `Drive ${name} again`, "restart")}
+        ${(state === "done" || state === "failed") && button("Drive again", `Drive again: ${name}`, "restart")}
         ${state !== "queued" && button("Withdraw", `Withdraw ${name}`, "withdraw")}
       </span>
     </li>`;

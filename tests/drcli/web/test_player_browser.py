@@ -6,6 +6,7 @@ import pytest
 
 from drcli.bucket.connect import FolderBucket
 from drcli.web.served_folder import ServedFolder
+from looks import faults, unreached
 from played_model import EVALUATION, GONE, MODEL, working_folder
 from served_console import served_console
 
@@ -124,3 +125,13 @@ def test_the_best_known_line_is_a_layer_that_can_be_switched(console, visit):
     page.get_by_text("Best known line: The limit").wait_for(state="detached")
 
     assert "line=off" in page.url
+
+
+@pytest.mark.nightly
+def test_a_lap_fits_and_is_read_and_reached(console, visit):
+    page = visit(address(console, model=MODEL, trace=EVALUATION, episode=0)).page
+    page.locator(".position").get_by_text("step 1 of").wait_for()
+    page.get_by_role("img", name="Speed driven: from").wait_for()
+
+    assert faults(page) == []
+    assert unreached(page) == []

@@ -101,7 +101,7 @@ FORMS: dict[str, tuple[str, str, str]] = {
     "reward function": ("/new", "", "Reward function"),
     "hyperparameter": ("/new", "", "batch_size"),
     "action": ("/new", "", "Speed of action 1"),
-    "name of a model": ("/new", "", "Name of the model"),
+    "name of a model": ("/new", "", "Name of the model DR_LOCAL_S3_MODEL_PREFIX"),
     "seed": ("/new", "", "Seed (this start only)"),
     "setting": ("/settings", "Names and places", "DR_RACER_NAME"),
     "race": ("/races?new=1", "", "Name"),
