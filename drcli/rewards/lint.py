@@ -96,7 +96,7 @@ def _failures(
         elif tolerated > 0.0 and severity == "error" and failure.kind in _COUNTED:
             message += "\nNo call gives a reward, so a training would learn nothing."
         remedy = _missing_module(source, failure, directory) or cure_of(
-            failure.reason, failure.missing
+            failure.reason, failure.missing, failure.source
         )
         remedy = remedy or REMEDIES[failure.kind]
         if failure.reason.startswith("PermissionError"):

@@ -192,12 +192,20 @@ def reward_failure(error: "RewardError") -> SettingsError:
     )
 
 
-def cure_of(reason: str, missing: str) -> str:
-    """What helps against the commonest failures, else nothing; `missing`: a module."""
+def cure_of(reason: str, missing: str, source: str = "") -> str:
+    """What helps against the commonest failures, else nothing.
+
+    `missing`: a module; `source`: the line that failed.
+    """
     if module := missing.partition(".")[0]:
         package = _PACKAGES.get(module, module)
         return f"Install it where trainings run, as with `pip install {package}`, or do without."
     if reason.startswith("IndexError") and ("out of range" in reason or "out of bounds" in reason):
+        if "objects_" in source:
+            return (
+                "In a race without objects, such as a time trial, their lists are empty: use them "
+                'only below `if params["objects_location"]:`.'
+            )
         return (
             "After the last waypoint comes the first: write `waypoints[i % len(waypoints)]` where "
             "an index may pass the end."
@@ -215,5 +223,6 @@ def cure_of(reason: str, missing: str) -> str:
 
 def _cure(error: "RewardError") -> str:
     cause = error.__cause__
-    known = cure_of(error.reason, (isinstance(cause, ImportError) and cause.name) or "")
+    missing = (isinstance(cause, ImportError) and cause.name) or ""
+    known = cure_of(error.reason, missing, error.source)
     return known or f"Correct {file_of(error)}."

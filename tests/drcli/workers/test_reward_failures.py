@@ -75,6 +75,17 @@ def test_the_commonest_failures_have_a_remedy_of_their_own(cause, words):
     assert words in reward_failure(error).remedy
 
 
+def test_a_list_of_objects_that_is_empty_has_nothing_to_do_with_waypoints():
+    error = RewardError(
+        "It failed.",
+        kind="raises",
+        reason="IndexError: list index out of range",
+        source='return params["objects_speed"][0]',
+    )
+
+    assert '`if params["objects_location"]:`' in reward_failure(error).remedy
+
+
 def test_a_counted_failure_gives_the_fallback_and_is_described_once():
     counting = failures()
     counting.begin(4)
