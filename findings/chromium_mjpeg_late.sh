@@ -18,7 +18,8 @@
 # It needs Chromium: the environment variable CHROMIUM, or one on the PATH. It ends with 0 if the
 # behaviour is as stated; times are not judged.
 set -euo pipefail
-CHROMIUM=${CHROMIUM:-$(command -v chromium-headless-shell chromium chromium-browser google-chrome | head -n 1)}
+CHROMIUM=${CHROMIUM:-$(command -v chromium-headless-shell chromium chromium-browser google-chrome | head -n 1 || true)}
+[ -n "$CHROMIUM" ] || { echo "No Chromium was found: set CHROMIUM." >&2; exit 2; }
 export CHROMIUM
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -260,6 +260,9 @@ class _Loader:
             if (entry := layers.find(name)) is not None
         }
         defaults = {setting.field: setting.default for setting in catalogue().values()}
+        chosen = {"DR_REWARD_ON_ERROR", "DR_REWARD_MAX_ERROR_SHARE"} & sources.keys()
+        if chosen == {"DR_REWARD_ON_ERROR"} and values.get("reward_on_error") == "count":
+            values["reward_max_error_share"] = 1.0  # who asks for it knows that calls fail
         settings = Settings(
             **defaults | values,
             directory=self._files.directory,

@@ -232,7 +232,7 @@ class Settings(
             logs=LogConfig(**self._of(LogConfig)),
             model=self.model,
             storage=self.storage,
-            train=self._train(),
+            train=TrainConfig(**self._of(TrainConfig)),
             evaluation=EvaluationConfig(**self._of(EvaluationConfig)),
             unattended=UnattendedConfig(**self._of(UnattendedConfig)),
             figures=FigureConfig(**self._of(FigureConfig)),
@@ -240,14 +240,6 @@ class Settings(
             given=self._given(),
             live_view=self.live_view,
         )
-
-    def _train(self) -> TrainConfig:
-        train = TrainConfig(**self._of(TrainConfig))
-        chosen = self.reward_on_error == "count" and "DR_REWARD_ON_ERROR" in self.sources
-        if chosen and "DR_REWARD_MAX_ERROR_SHARE" not in self.sources:
-            # Who asks for count knows that the function fails.
-            train = train.replaced(reward_max_error_share=1.0)
-        return train
 
     def _given(self) -> dict[str, str]:
         texts = {

@@ -325,9 +325,10 @@ def make_increment(planned: PlannedIncrement, storage: StorageConfig) -> Increme
 
 def _refuse_nested(before: str, after: str) -> None:
     if contains(before, after) or contains(after, before):
-        how = "the same model as" if before == after else "nested with"
         raise SettingsError(
-            f"{after} would be {how} {before}; wiping one would delete the other.",
+            f"{after} is the model that it would continue."
+            if before == after
+            else f"{after} would be nested with {before}; wiping one would delete the other.",
             remedy="Choose another name with -p.",
         )
 

@@ -331,8 +331,10 @@ def each_way(races: Sequence[DriveConfig]) -> list[DriveConfig]:
         for each in trained
         if each.train_alternate_driving_direction
     ]
-    ways = {(each.world_name, each.train_reverse_direction): each for each in reversed(trained)}
-    return list(ways.values())[::-1]
+    ways: dict[tuple[str, bool], DriveConfig] = {}
+    for each in trained:
+        ways.setdefault((each.world_name, each.train_reverse_direction), each)
+    return list(ways.values())
 
 
 def _follows(laps: Laps, wanted: Laps) -> bool:

@@ -69,7 +69,7 @@ def checkpoint_options(listed: CheckpointList) -> list[tuple[str, str]]:
 
     def drove(each: ListedCheckpoint) -> str:
         if not each.episodes:
-            return "never evaluated"
+            return "never evaluated" if each.form == "drcli" else "its evaluation is not known"
         best = "" if each.best_lap_s is None else f", best {each.best_lap_s:.2f} s"
         return f"{each.laps} of {each.episodes} laps clean{best}"
 

@@ -155,10 +155,14 @@ class FakeMachine:
 
     def close(self) -> None:
         """Stop its training, if a test failed meanwhile, and its metadata."""
-        if self._service is not None and self._service.poll() is None:
-            self._service.terminate()
-            self._service.wait(60)
-        self._opened.close()
+        with self._opened:
+            if self._service is not None and self._service.poll() is None:
+                self._service.terminate()
+                try:
+                    self._service.wait(60)
+                except subprocess.TimeoutExpired:
+                    self._service.kill()
+                    self._service.wait()
 
 
 def _program(path: Path, script: str) -> None:

@@ -53,7 +53,7 @@ class Graph:
         whole_x: Whether positions are iterations.
         left_range: None: by the values.
         near: How far from the cursor a value is read out.
-        height: Pixels on a wide screen.
+        height: Pixels.
     """
 
     key: str

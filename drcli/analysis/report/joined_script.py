@@ -7,7 +7,9 @@ _IMPORT = re.compile(r'^import (\{[^}]*\}|\* as \w+) from "(/[^"]+)";$', re.MULT
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
 _ALL = re.compile(r'^export \* from "(/[^"]+)";$', re.MULTILINE)
 _LIST = re.compile(r"\bexport\s*\{([^}]*)\};?\s*$")
-_OTHER = re.compile(r"^(?:import|export)\b.*", re.MULTILINE)
+_OTHER = re.compile(
+    r"^(?:import|export)\b.*|^[^*/\n]*(?:\bimport\s*\(|\b(?:im|ex)port\s*\{).*", re.MULTILINE
+)
 
 
 def joined_script(entry: str) -> str:

@@ -281,10 +281,10 @@ class Machine:
         data += "".join(unwritten).encode()
         self.put(f"spot/{self.stack}/logs/{self.id}-boot.log", data)
 
-    def tell(self, subject: str, text: str) -> None:
-        """Send a message to the topic; ignores failures."""
+    def tell(self, subject: str, text: str) -> bool:
+        """Send a message to the topic, if there is one; whether that is done."""
         if not self.topic:
-            return
+            return True
         about = f"{text}\n\nStack {self.stack}, instance {self.id} ({self.type}, {self.zone})."
         try:
             self.ask(
@@ -292,6 +292,8 @@ class Machine:
             )
         except BootFailed as error:
             log(f"no message was sent: {error}")
+            return False
+        return True
 
     def leave(self, state: str, text: str) -> None:
         """Setting the groups to 0 ends this machine."""
@@ -303,8 +305,8 @@ class Machine:
                 step()
             except BootFailed as error:
                 failed.append(str(error))
-        if not at(TOLD).exists():  # an end that is tried again sends no second message
-            self.tell(f"Training {state}: {self.stack}"[:100], text)
+        # An end that is tried again sends no second message.
+        if not at(TOLD).exists() and self.tell(f"Training {state}: {self.stack}"[:100], text):
             write(TOLD, state)
         for group in self.groups:
             try:
@@ -436,7 +438,8 @@ def leave_at_last(machine: Machine, state: str, text: str) -> None:
     while True:
         try:
             machine.leave(state, text)
-        except BootFailed:  # it is in the log
+        except Exception as error:
+            log(f"the machine cannot be given back yet: {error}")
             pause(LEAVE_PAUSE_S)
         else:
             return

@@ -44,12 +44,15 @@ function read(key) {
   }
 }
 
-function write(key, draft) {
+/** @param {string[]} secrets names of edits that are kept as long as this tab only */
+function write(key, draft, secrets = []) {
   if (!key) return;
   if (draft) memory.set(key, draft);
   else memory.delete(key);
+  const open = Object.entries(draft?.edits ?? {}).filter(([name]) => !secrets.includes(name));
   try {
-    if (draft) localStorage.setItem(key, JSON.stringify(draft));
+    if (open.length)
+      localStorage.setItem(key, JSON.stringify({ ...draft, edits: Object.fromEntries(open) }));
     else localStorage.removeItem(key);
   } catch {
     /* storage is switched off or full: the draft lasts as long as this tab */
@@ -71,6 +74,7 @@ function strangers(name) {
  * What was changed in a form and is not saved.
  * @param {string | null} name of the form, with its folder; null keeps it as long as the form is shown
  * @param {any} version of what is edited now
+ * @param {string[]} secrets names of edits that are kept as long as this tab only
  * @returns {{edits: Record<string, any>, version: any, restored: number | null, set: (edits: Record<string, any>) => void,
  *   change: (name: string, value: any, start: any) => void,
  *   saved: (written: Record<string, any>, version?: any) => void,
@@ -79,7 +83,7 @@ function strangers(name) {
  *   `saved` forgets what was written, and keeps what was changed since, for this version of the file;
  *   `restored`: when the shown edits were left, until the next one; `found`: those of a tab that is gone or elsewhere
  */
-export function useDraft(name, version) {
+export function useDraft(name, version, secrets = []) {
   const [draft, setDraft] = useState(() => read(keyOf(name)));
   const [restored, setRestored] = useState(draft?.at ?? null);
   const [others, setOthers] = useState(() => strangers(name));
@@ -88,7 +92,7 @@ export function useDraft(name, version) {
     const changed = Object.keys(edits).length > 0;
     const next = changed ? { edits, version: base, at: Date.now() } : null;
     newest.current = next;
-    write(keyOf(name), next);
+    write(keyOf(name), next, secrets);
     setDraft(next);
     if (!changed) setRestored(null);
   };

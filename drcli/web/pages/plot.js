@@ -86,7 +86,8 @@ function optionsOf({ x, series, axes, limits, isShown, seeks, bands }) {
     scales: {
       x: {
         time: false,
-        range: (_, low, high) => (low === high ? [low - 1, high + 1] : [low, high]),
+        // Without points both are null, and the axis has no numbers.
+        range: (_, low, high) => (low === high && low !== null ? [low - 1, high + 1] : [low, high]),
       },
       y: limits.y ? { range: limits.y } : {},
       right: limits.right ? { range: limits.right } : {},
@@ -156,7 +157,7 @@ export function Plot(props) {
     const lines = at === null ? marks : [...marks, { x: at, label: "" }];
     const drawn = lines.map(({ x, label }) => {
       const left = Math.round(plot.current.valToPos(x, "x"));
-      const side = left > 0.8 * over.current.clientWidth ? "left" : "";
+      const side = left > over.current.clientWidth / 2 ? "left" : "";
       return html`<div class=${label ? `plot-mark ${side}` : "plot-at"} style=${{ left: `${left}px` }}><span>${label}</span></div>`;
     });
     render(drawn, over.current);

@@ -129,7 +129,8 @@ export function useSettings({ form, draftName, names, versions, saved }) {
     form.groups.flatMap((group) => group.settings).map((each) => [each.name, each]),
   );
   const facts = new Map(names.filter((name) => all.has(name)).map((name) => [name, all.get(name)]));
-  const draft = useDraft(`${form.directory}/${draftName}`, versions.current);
+  const secrets = [...facts.values()].filter((each) => each.secret).map((each) => each.name);
+  const draft = useDraft(`${form.directory}/${draftName}`, versions.current, secrets);
   const { edits } = draft;
   const dirty = Object.keys(edits).length > 0;
   const checked = useChecked("/api/settings/check", dirty ? { values: edits } : null);

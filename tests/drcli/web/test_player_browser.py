@@ -128,10 +128,12 @@ def test_the_best_known_line_is_a_layer_that_can_be_switched(console, visit):
 
 
 @pytest.mark.nightly
-def test_a_lap_fits_and_is_read_and_reached(console, visit):
-    page = visit(address(console, model=MODEL, trace=EVALUATION, episode=0)).page
-    page.locator(".position").get_by_text("step 1 of").wait_for()
-    page.get_by_role("img", name="Speed driven: from").wait_for()
+@pytest.mark.parametrize("other", [{}, {"other_model": MODEL, "other_trace": EVALUATION}])
+def test_a_lap_fits_and_is_read_and_reached(console, visit, other):
+    other = other and {**other, "other_episode": 0}
+    page = visit(address(console, model=MODEL, trace=EVALUATION, episode=0, **other)).page
+    page.locator(".position").get_by_text("step 1 of").first.wait_for()
+    page.get_by_role("img", name="Speed driven: from").first.wait_for()
 
     assert faults(page) == []
     assert unreached(page) == []

@@ -38,6 +38,9 @@ def test_a_module_comes_once_and_after_those_that_it_needs(monkeypatch):
     [
         ('import all from "/b.js";', "cannot be joined"),
         ("export default 1;", "cannot be joined"),
+        ("export let late = 1;", "cannot be joined"),
+        ('const late = await import("/b.js");', "cannot be joined"),
+        ("const x=1;export{x};const y=2;", "cannot be joined"),
         ('import { a } from "/a.js";', "needs itself"),
     ],
 )

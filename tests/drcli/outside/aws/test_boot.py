@@ -240,6 +240,29 @@ def test_a_machine_that_cannot_reach_amazon_leaves_as_soon_as_it_can(machine, mo
     assert paused[-2:] == [boot.LEAVE_PAUSE_S] * 2
 
 
+def test_the_message_about_an_end_is_sent_once_when_the_network_is_back(machine, monkeypatch):
+    ours = machine()
+    failures = [boot.BootFailed("no network")] * 4 + [json.JSONDecodeError("no keys", "", 0)]
+    asked, paused = [], []
+
+    def call(_machine, service, *_, **__):
+        if failures:
+            raise failures.pop(0)
+        asked.append(service)
+        return b""
+
+    monkeypatch.setattr(boot, "ROOT", str(ours.root))
+    monkeypatch.setattr(boot, "_metadata", ours.metadata.address)
+    monkeypatch.setattr(boot, "pause", paused.append)
+    ours_now = boot.Machine()
+    monkeypatch.setattr(boot.Machine, "call", call)
+
+    boot.leave_at_last(ours_now, "failed", "The machine could not be set up.")
+
+    assert paused == [boot.LEAVE_PAUSE_S] * 2
+    assert asked == ["s3", "s3", "sns", "autoscaling"]
+
+
 def test_a_wheel_that_was_replaced_is_not_installed(cloud, machine):
     cloud.put(WHEEL.wheel, b"another wheel")
     ours = machine()

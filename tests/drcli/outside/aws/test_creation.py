@@ -1,6 +1,7 @@
 """A training is started on machines of Amazon, and removed, with moto in this process."""
 
 import json
+import math
 import re
 import time
 from dataclasses import replace
@@ -302,7 +303,8 @@ def test_a_report_shows_machine_state_and_cost(amazon, stack):
     assert report.usd is not None
 
 
-def test_a_stack_without_a_word_of_its_machine_is_booting(amazon, stack):
+def test_a_stack_without_a_word_of_its_machine_is_booting(amazon, stack, monkeypatch):
+    monkeypatch.setattr(stack_report, "SILENT_S", math.inf)
     assert report_on(amazon, stack).state == "booting"
     assert report_on(amazon, stack).reason == ""
 
@@ -314,7 +316,7 @@ def test_a_machine_that_never_reached_the_bucket_is_told_with_where_to_look(
 
     reason = report_on(amazon, stack).reason
 
-    assert "has not reached the bucket in 0 minutes" in reason
+    assert "has not reached the bucket in" in reason
     assert f"`dr-spot logs {stack.name} console`" in reason
 
 
