@@ -153,13 +153,9 @@ def evaluate(reader: ModelReader, prefix: str, query: dict[str, str]) -> dict[st
             more={"type": "number", "min": "1", "max": "1000", **REQUIRED},
         ),
         checkpoint(reader, prefix, first),
-        field(
-            "video",
-            "Make videos of it, which takes some minutes more",
-            settings.eval_save_mp4,
-            help="All other rules are those of the DR_EVAL_ settings. The model may be training at "
-            "the same time.",
-        ),
+        field("video", "Make videos of it, which takes some minutes more", settings.eval_save_mp4),
+        intro="All other rules are those of the DR_EVAL_ settings. The model may be training at "
+        "the same time.",
     )
 
 

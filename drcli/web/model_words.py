@@ -10,6 +10,7 @@ from drcli.model.checkpoint_list import ListedCheckpoint
 from drcli.model.model_list import ModelEntry
 from drcli.transfer.training_list import TrainingEntry
 from drcli.web.evaluation_words import lap_text
+from drcli.web.page_words import in_page
 
 Badge = tuple[str, str, str]
 """Kind, which is good, bad or empty; text; what it means."""
@@ -36,7 +37,7 @@ def badges_of(
     if trains:
         yield "good", "training now", ""
     elif training is not None and training.state in _BROKEN:
-        yield "bad", _BROKEN[training.state], training.message
+        yield "bad", _BROKEN[training.state], in_page(training.message)
     if evaluated:
         yield "good", "evaluated now", ""
     if current:
@@ -44,7 +45,7 @@ def badges_of(
     if model is not None and model.kind == "tensorflow":
         yield "", "TensorFlow", "Trained with DeepRacer-for-Cloud or a console"
     if model is not None and model.damaged:
-        yield "bad", "damaged", " ".join(model.damaged)
+        yield "bad", "damaged", in_page(" ".join(model.damaged))
 
 
 ACTIONS = {
@@ -97,7 +98,7 @@ def story_of(training: TrainingEntry | None, *, trains: bool) -> str:
         at = datetime.fromisoformat(training.ended_at).astimezone()
         ended += f" ({at:%d %b %Y, %H:%M})"
     # Why it failed is shown with what mends it.
-    message = "" if training.state == "failed" else training.message
+    message = "" if training.state == "failed" else in_page(training.message)
     return " ".join(filter(None, (f"{said}.", ended and f"{ended}.", message)))
 
 

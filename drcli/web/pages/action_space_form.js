@@ -54,7 +54,7 @@ export function SensorStep({ metadata: { facts, draft, now, set, problems, steps
   };
   return html`
     <${Step} id="sensors" title="Sensors, network and algorithm" draft=${draft} ...${steps.sensors}
-      hint="What the car sees, and how it learns. These cannot change later in the same model." problems=${problems.filter(isOfSensors)}>
+      hint="What the car sees, and how it learns. These cannot change later in the same model." problems=${problems.filter((each) => isOfSensors(each) && !(each.key in values))}>
       <${BrokenFile} facts=${facts} path=${PATH} again=${reload} />
       <div class="fields"><${Fields} fields=${facts.fields} values=${values} set=${change} problems=${problems} /></div>
     <//>`;
@@ -63,11 +63,14 @@ export function SensorStep({ metadata: { facts, draft, now, set, problems, steps
 /** A list as ranges around it, or ranges as a list of five that are slower in curves. */
 function otherKind(space) {
   if (Array.isArray(space)) {
-    const around = (key, low, high) => {
-      const values = space.map((each) => each[key]).filter(Number.isFinite);
-      return { low: Math.min(...values, low), high: Math.max(...values, high) };
+    const valuesOf = (key) => space.map((each) => each[key]).filter(Number.isFinite);
+    const [angles, speeds] = [valuesOf("steering_angle"), valuesOf("speed")];
+    const high = Math.max(...speeds, 0.2);
+    const low = Math.min(...speeds, high);
+    return {
+      steering_angle: { low: Math.min(...angles, -5), high: Math.max(...angles, 5) },
+      speed: { low: low < high ? low : high / 2, high },
     };
-    return { steering_angle: around("steering_angle", -5, 5), speed: around("speed", 0.5, 1) };
   }
   const highest = (key, usual) => (Number.isFinite(space[key]?.high) ? space[key].high : usual);
   return [-1, -0.5, 0, 0.5, 1].map((part) => ({
@@ -127,8 +130,9 @@ function Generator({ fields, made }) {
       made(actions);
       setSaid(note || `${actions.length} actions.`);
     } catch (error) {
-      setSaid(null);
-      setRefused([aboutField(error)]);
+      const about = aboutField(error);
+      setSaid(about.key in given ? null : `${about.message} ${about.remedy}`);
+      setRefused([about]);
     }
   });
   return html`

@@ -16,16 +16,25 @@ export const aboutField = ({ message, remedy = "", key = "", problems = [] }) =>
   ...problems[0],
 });
 
-function Asked({ title, intro, fields: first, action, danger, confirm, again, send, close }) {
-  const draft = useDraft(confirm === null ? `ask:${route.value.path}:${title}` : null, null);
+function Asked({ title, intro, fields: first, action, danger, confirm, ...more }) {
+  const { about, again, send, close } = more;
+  const name = `ask:${route.value.path}:${title}:${about}`;
+  const draft = useDraft(confirm === null ? name : null, null);
   const [fields, setFields] = useState(first);
   const [refused, setRefused] = useState(null);
   const start = startOf(fields);
   const values = { ...start, ...draft.edits };
   const chosen = again && values[again.name];
   useEffect(() => {
-    if (again && chosen !== start[again.name])
-      again.fields(chosen).then(setFields, (error) => setRefused(aboutField(error)));
+    if (!again || chosen === start[again.name]) return undefined;
+    let isNewest = true;
+    again.fields(chosen).then(
+      (found) => isNewest && setFields(found),
+      (error) => isNewest && setRefused(aboutField(error)),
+    );
+    return () => {
+      isNewest = false;
+    };
   }, [chosen]);
   const set = (name, value) => {
     setRefused(null);
@@ -48,29 +57,30 @@ function Asked({ title, intro, fields: first, action, danger, confirm, again, se
     }
   });
   return html`
-    <${Form} class="ask" onSubmit=${submit}>
+    <${Form} class="ask" aria-busy=${String(busy)} onSubmit=${submit}>
       <h2 id="ask-title">${title}</h2>
       ${typeof intro === "string" ? html`<p>${intro}</p>` : intro}
       <${Fields} fields=${fields} values=${values} set=${set} problems=${refused ? [refused] : []} />
       <${DraftNote} draft=${draft} />
       ${refused && !(refused.key in start) && html`<${Failure} error=${refused} />`}
       <p class="actions">
-        <button type="button" onClick=${() => leave(null)}>Cancel</button>
+        <${Button} busy=${busy} onClick=${() => leave(null)}>Cancel<//>
         <${Button} type="submit" class=${danger ? "danger" : "main"} busy=${busy} disabled=${confirm !== null && values.confirm !== confirm}>${action}<//>
       </p>
+      <p class="quiet" role="status">${busy && "Waiting for the answer ..."}</p>
     <//>`;
 }
 
 /**
  * Ask for values.
  * @param {{title: string, action: string, intro?: any, fields: import("./fields.js").Described[], danger?: boolean, confirm?: string | null,
- *   again?: {name: string, fields: (value: string) => Promise<any[]>} | null, send?: ((values: Object) => Promise<any>) | null}} spec
- *   `confirm`: what must be typed into the field of that name; `again`: a field, and what the fields are for its value;
+ *   about?: string, again?: {name: string, fields: (value: string) => Promise<any[]>} | null, send?: ((values: Object) => Promise<any>) | null}} spec
+ *   `confirm`: what must be typed into the field of that name; `about`: whose draft it is, if the title does not say; `again`: a field, and what the fields are for its value;
  *   `send` takes the values: what it refuses is said in the dialog, which stays
  * @returns {Promise<any>} values by name, or the answer of `send`; null if it was left
  */
-export function ask({ intro = null, danger = false, confirm = null, again, send, ...spec }) {
-  const props = { ...spec, intro, danger, confirm, again, send };
+export function ask({ intro = null, danger = false, confirm = null, about = "", ...spec }) {
+  const props = { again: null, send: null, ...spec, intro, danger, confirm, about };
   return dialog((close) => html`<${Asked} ...${props} close=${close} />`, { label: "ask-title" });
 }
 

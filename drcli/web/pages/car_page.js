@@ -85,15 +85,15 @@ function Send({ car, reload }) {
 }
 
 function Models({ models, reload }) {
-  const load = (name) => async () => {
+  const [load, busy] = useAction(async (name) => {
     await runTask("/api/car/load", { name });
     notify(`The car has loaded ${name}.`);
     reload();
-  };
+  });
   return html`<ul class="car-models">${models.map(
     (each) => html`<li key=${each.name}>
       <span><strong>${each.name}</strong> <span class="quiet">${[each.size, each.algorithm, each.action_space, each.sensors.join(", ")].filter(Boolean).join(", ")}${each.usable ? "" : `; ${each.why}`}</span></span>
-      <${Act} disabled=${!each.usable} action=${load(each.name)} aria-label=${`Load ${each.name}`} text="Load" />
+      <${Button} busy=${busy} disabled=${!each.usable} onClick=${() => load(each.name)} aria-label=${`Load ${each.name}`}>Load<//>
     </li>`,
   )}</ul>`;
 }

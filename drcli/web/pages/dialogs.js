@@ -25,6 +25,10 @@ export function dialog(content, { label, wide = false }) {
       element.remove();
       resolve(value);
     });
+    // What was sent will be answered.
+    element.addEventListener("cancel", (event) => {
+      if (element.querySelector("[aria-busy=true]")) event.preventDefault();
+    });
     addEventListener("hashchange", leave);
     document.body.append(element);
     render(content(close), element);

@@ -53,6 +53,7 @@ export const modelActions =
     let body;
     const answer = await ask({
       ...question,
+      about: [prefix, ...Object.values(given)].join(" "),
       intro: html`<${Intro} intro=${intro} diffs=${diffs} />`,
       send: (values) => {
         body = { prefix, take: [], ...given, ...values };

@@ -28,6 +28,7 @@ export function Notes({ prefix, path: pathOf, version }) {
     const changed = await ask({
       title: number === 0 ? `Describe ${prefix}` : `Edit note ${number} of ${prefix}`,
       action: "Save",
+      about: before,
       fields: [
         { name: "text", label: "Text", value: before, kind: "lines", more: { required: true } },
       ],

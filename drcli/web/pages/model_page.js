@@ -21,13 +21,15 @@ function Model({ prefix, query }) {
   const path = (name = "") =>
     `/api/model${name && `/${name}`}?prefix=${encodeURIComponent(prefix)}`;
   const { value: now, error: broken } = useTopic(`model:${prefix}`);
-  const names = useTopic("models").value?.models.map((each) => each.model.prefix) ?? [];
+  const listed = useTopic("models").value?.models ?? [];
+  const names = listed.map((each) => each.model.prefix);
+  const own = JSON.stringify(listed.find((each) => each.model.prefix === prefix));
   const part = (name) => now && JSON.stringify(now.parts[name]);
   const running = now?.evaluations ?? [];
   const parts = ["checkpoints", "curve", "evaluations", "notes"].map(part);
   const { value: about, error: missing } = useGet(
     path(),
-    now && [...parts, now.training, now.current, running.length, broken?.message].join(),
+    now && [...parts, now.training, now.current, running.length, broken?.message, own].join(),
   );
   const checkpoints = useGet(path("checkpoints"), part("checkpoints"));
   useTitle(`${prefix} – DeepRacer console`);

@@ -14,7 +14,7 @@ export const title = "Models";
 export const modelLink = (prefix, tab = "", more = {}) =>
   `#/model?${new URLSearchParams({ prefix, ...(tab && { tab }), ...more })}`;
 /** Number of a checkpoint, and how it drives. */
-export const checkpointText = (entry) => entry?.text ?? "–";
+const checkpointText = (entry) => entry?.text ?? "–";
 
 const byName = (a, b) => a.model.prefix.localeCompare(b.model.prefix, "en", { numeric: true });
 const lapOf = ({ training }) => training?.best_lap_s ?? Infinity;
@@ -168,6 +168,7 @@ function Importer() {
     const values = await ask({
       title: "Import a model",
       action: "Import",
+      about: listed,
       intro: `${listed}. It can be an archive of a console, of DeepRacer on AWS or of the car (.tar.gz), a frozen graph (.pb) with its model_metadata.json, or an .onnx file that a model was downloaded as.`,
       fields: [name],
     });

@@ -160,7 +160,11 @@ function Player({ laps, query }) {
         const line = { x: lap.x, y: lap.y };
         return k
           ? { ...line, color: COLORS[k], dashed: true }
-          : { ...line, ...PATHS[path], values: lap[PATHS[path].column].map(Number) };
+          : {
+              ...line,
+              ...PATHS[path],
+              values: lap[PATHS[path].column].map((each) => (each === null ? NaN : Number(each))),
+            };
       }),
       ...lineOf(limit.value),
     ],

@@ -69,7 +69,7 @@ function Rules({ fields, present = false, action, draft, send, leave }) {
             ${controls(own.filter(isBox))}
           </fieldset>`,
       )}
-      <div class="race-outcome" role="status"><${Outcome} ...${{ busy, isNamed, label }} problem=${problems[0]} said=${checked.answer?.said} /></div>
+      <div class="race-outcome" role="status"><${Outcome} ...${{ busy, isNamed, label }} problem=${problems[0]} said=${checked.answer?.said.slice(0, present ? 1 : 2)} /></div>
       <p class="actions">
         <${Button} type="submit" class="main" busy=${busy}>${action}<//>
         <${Button} onClick=${cancel}>Cancel<//>
@@ -79,8 +79,7 @@ function Rules({ fields, present = false, action, draft, send, leave }) {
 
 /** What the rules come to, or what stands in the way. */
 function Outcome({ busy, isNamed, label, problem, said }) {
-  if (busy)
-    return html`<p class="quiet">The bucket is being opened. This can take a minute if another command is starting or stopping its server; the form stays filled in.</p>`;
+  if (busy) return html`<p class="quiet">Waiting for the answer ... The form stays filled in.</p>`;
   if (problem && label) return html`<p class="race-failed">Correct the field “${label}” first.</p>`;
   if (problem) return html`<${Failure} error=${problem} />`;
   if (!isNamed) return html`<p class="quiet">Give the race a name.</p>`;

@@ -7,7 +7,15 @@ import { notify } from "/notices.js";
 import { asked, keep, showLog, submitted, watch } from "/race_actions.js";
 import { RaceForm } from "/race_form.js";
 import { Pairs } from "/race_pairs.js";
-import { StateBadge, checkpointNumber, dateText, inPairs, racePath } from "/race_words.js";
+import {
+  StateBadge,
+  checkpointNumber,
+  dateText,
+  driversText,
+  inPairs,
+  nightLink,
+  racePath,
+} from "/race_words.js";
 import { setQuery, useGet, useTopic } from "/store.js";
 import { moment, number } from "/text.js";
 import { Button, Columns, Empty, Failure, Folded, useTitle } from "/ui.js";
@@ -112,7 +120,7 @@ function Actions({ id, race, change, after, ask, take }) {
       ${open && button("Submit a model", () => after(submit), "main")}
       ${race.runner && race.here && button("Stop the queue", () => change("stop", {}, "The queue was stopped. What was driven is kept."))}
       ${!race.runner && race.queue.length > 0 && button("Drive the queue", () => ask("run"), open ? null : "main")}
-      <a class="button" href=${`#/night/${id}`}>Race night</a>
+      <a class="button" href=${nightLink(id)}>Race night</a>
       ${(open || scheduled) && button("Close for submissions", () => ask("close"))}
       ${!open && button(scheduled ? "Open now" : "Open again", () => ask("open"))}
       ${button("Save as CSV", () => after(() => keep(id, "table.csv", `${id}.csv`)))}
@@ -199,7 +207,7 @@ function Queue({ race, change, ask }) {
   };
   const order = inPairs(race) ? "Pairs are made in this order." : "They drive in this order.";
   return html`
-    ${driving && html`<p class="race-driving"><span class="dot good"></span>${driving.cars.map((car) => car.racer).join(" against ")}, driven since ${moment(driving.began_at)}</p>`}
+    ${driving && html`<p class="race-driving"><span class="dot good"></span>${driversText(driving)}, driven since ${moment(driving.began_at)}</p>`}
     ${
       names.length
         ? html`

@@ -114,7 +114,13 @@ async function hand() {
   for (const [, value] of all) if (value?.picture) value.picture = await value.picture;
   for (const [topic, value] of all) {
     if (listeners.has(topic) && !value?.picture) newest.set(topic, value);
-    for (const listener of [...(listeners.get(topic) ?? [])]) listener(value);
+    for (const listener of [...(listeners.get(topic) ?? [])]) {
+      try {
+        listener(value);
+      } catch (error) {
+        reportError(error); // the others get what is theirs
+      }
+    }
     value?.picture?.close();
   }
 }

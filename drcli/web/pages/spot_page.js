@@ -50,15 +50,20 @@ export function Page() {
     if (typeof result === "string") notify(result);
     return result;
   };
+  const given = useRef({});
   const start = async () => {
-    let body;
     const send = (values) => {
-      body = values;
+      given.current = values;
       return act("plan", values);
     };
-    const plan = await ask({ ...found.start, send });
-    if (plan && (await agreed(plan)))
-      await act("create", { ...body, agreed_usd_per_hour: plan.most_usd_per_hour });
+    const fields = found.start.fields.map((each) => ({
+      ...each,
+      value: given.current[each.name] ?? each.value,
+    }));
+    const plan = await ask({ ...found.start, fields, send });
+    if (!plan || !(await agreed(plan))) return;
+    await act("create", { ...given.current, agreed_usd_per_hour: plan.most_usd_per_hour });
+    given.current = {};
   };
   const makeBucket = async () => {
     const given = await ask(found.base);

@@ -42,7 +42,7 @@ export function DraftNote({ draft }) {
  * @param {boolean} dirty whether something is not saved
  * @param {() => Promise<string | null>} write what is said then; null where nothing was written
  */
-export function useSaving(dirty, write) {
+function useSaving(dirty, write) {
   const [said, setSaid] = useState({ text: "", isSaved: true });
   const [error, setError] = useState(null);
   const [save, busy] = useAction(async () => {
