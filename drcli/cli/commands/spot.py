@@ -456,14 +456,14 @@ def status(
     loaded, _ = _seen_from_here(region, profile, stack)
     options = {"--region": region, "--profile": profile}
     commands = _next(stack)[1:]
-    reason = report.reason and f" {report.reason}"
+    reason = report.reason or "It does so a few minutes after its start."
     show_status(
         loaded,
         follow=follow,
         verbose=verbose,
         commands=commands,
         options=options,
-        before_any=f"No machine of {stack} has begun to train yet.{reason}",
+        before_any=f"No machine of {stack} has begun to train yet. {reason}",
     )
 
 

@@ -173,7 +173,7 @@ def test_a_stack_that_has_not_trained_yet_is_not_to_be_started_here(spot, traini
     code, out, said = spot("status", "run")
 
     assert (code, "dr-start-training" in out) == (0, False), said
-    assert "No machine of run has begun to train yet." in out
+    assert "No machine of run has begun to train yet. It does so a few minutes after" in out
 
 
 def test_a_log_that_is_not_there_is_answered_with_the_names_that_are(spot, training, amazon):
