@@ -21,7 +21,7 @@ from drcli.records.stage import is_untaught
 
 OUR_PARTS = (".safetensors", ".json")
 MOST_LISTED = 12
-NEVER_EVALUATED = "never evaluated"
+NEVER_EVALUATED = "not evaluated by its training"
 UNTAUGHT = "never evaluated, because only its teacher has learned until there"
 
 _NEVER: dict[CheckpointWord, str] = {
@@ -184,7 +184,7 @@ class ModelCheckpoints:
         )
 
     def sentence_about(self, chosen: Chosen, option: str = "--checkpoint") -> str:
-        """Such as "Takes checkpoint 77 of m-1, the last: never evaluated. ..."."""
+        """Such as "Takes checkpoint 77 of m-1, the last: not evaluated by its training. ..."."""
         scores, of = self.scores, f"{chosen.number} of {self.model.prefix}"
         driven = _driven(self.model, self.history, chosen.score)
         if chosen.choice not in ("last", "best") or scores is None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from drcli.base.json_record import plain
+from drcli.base.report import counted
 from drcli.races.race_words import lap_time
 from drcli.run.evaluation_report import EvaluationList, ListedEvaluation
 
@@ -33,7 +34,7 @@ def _label(each: ListedEvaluation) -> str:
             each.world,
             each.reverse and "reverse",
             checkpoint and f"checkpoint {checkpoint}",
-            f"{each.clean_laps} of {len(each.trials)} laps clean",
+            f"{each.clean_laps} of {counted(len(each.trials), 'lap')} clean",
             each.best_lap_s is not None and lap_text(each.best_lap_s),
         ),
         " · ",

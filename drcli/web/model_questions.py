@@ -13,6 +13,7 @@ from drcli.base.report import size_text
 from drcli.config.editing import raised
 from drcli.config.settings import catalogue
 from drcli.config.track_names import built_in, own
+from drcli.model.checkpoint_choice import NEVER_EVALUATED
 from drcli.model.checkpoint_list import CheckpointList, ListedCheckpoint, list_checkpoints
 from drcli.model.files.custom_files import FILE_RULES
 from drcli.model.model_store import ModelStore
@@ -69,7 +70,7 @@ def checkpoint_options(listed: CheckpointList) -> list[tuple[str, str]]:
 
     def drove(each: ListedCheckpoint) -> str:
         if not each.episodes:
-            return "never evaluated" if each.form == "drcli" else "its evaluation is not known"
+            return NEVER_EVALUATED if each.form == "drcli" else "its evaluation is not known"
         best = "" if each.best_lap_s is None else f", best {each.best_lap_s:.2f} s"
         return f"{each.laps} of {each.episodes} laps clean{best}"
 

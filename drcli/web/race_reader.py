@@ -37,6 +37,7 @@ from drcli.races.stored_race import (
     StoredRace,
     is_race_id,
     no_race,
+    race_ids,
     read_race,
     submission_id,
 )
@@ -187,11 +188,13 @@ class RaceReader:
     def _read(self, race: str) -> tuple[RaceReport, dict[str, Any]]:
         settings = self.folder.settings()
         bucket = open_running_bucket(settings.storage)
-        if bucket is None or not is_race_id(race):
+        if bucket is None:
             raise no_race(race, [], settings.bucket)
+        if not is_race_id(race):
+            raise no_race(race, race_ids(bucket), settings.bucket)
         seen = self._objects_of(settings).look(bucket, race_keys.folder(race))
         if not seen.exists(race_keys.rules(race)):
-            raise no_race(race, [], settings.bucket)
+            raise no_race(race, race_ids(bucket), settings.bucket)
         lease = live_lease(seen, race)
         runner = Runner() if lease is None else Runner(lease.session, lease.owner)
         stored = read_race(seen, race)

@@ -95,6 +95,10 @@ PROMISES: Mapping[int, Mapping[str, Callable[[Results], bool]]] = {
     },
     3: {
         "the check has no warning": lambda r: rules(r) == [],
+        "the weaving driver earns least for its lap": lambda r: (
+            drivers(r)["weaving"]["total"]
+            < min(drivers(r)[name]["total"] for name in ("steady", "fast"))
+        ),
         "laps of the last evaluation below 15.5 s": lambda r: (
             statistics.mean(r.evaluated_laps_s[-1]) < 15.5
         ),

@@ -93,7 +93,11 @@ def test_the_runner_does_what_a_page_says_and_tells_broken_promises(pages, tmp_p
     answer = {
         "errors": [],
         "warnings": [],
-        "drivers": [{"name": "steady", "mean": 1.0}, {"name": "weaving", "mean": 0.5}],
+        "drivers": [
+            {"name": "steady", "mean": 1.0, "total": 100.0},
+            {"name": "fast", "mean": 1.2, "total": 110.0},
+            {"name": "weaving", "mean": 0.5, "total": 60.0},
+        ],
         "history": [{"steps": 1_000, "evaluation_lap_s": [15.0]}],
         "trials": [{"lap_s": 15.0, "status": "Lap complete"}],
     }
@@ -128,9 +132,11 @@ def test_the_runner_does_what_a_page_says_and_tells_broken_promises(pages, tmp_p
     checks = importlib.import_module("lesson_promises")
     found = checks.Results.read(results)
     kept = {text: check(found) for text, check in checks.PROMISES[1].items()}
-    assert not kept["the check has one warning: slow laps earn more"]
+    assert not kept["a slow lap earns more than a fast one"]
+    assert kept["the steady driver earns more per step than the weaving one"]
     assert kept["3 of 3 laps, the fastest below 17 s"]
     assert kept["the training ends within 15,000 steps"]
+    assert checks.PROMISES[3]["the weaving driver earns least for its lap"](found)
 
 
 def test_the_runner_lists_its_options():

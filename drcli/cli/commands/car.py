@@ -15,7 +15,7 @@ from drcli.base.installation import lazy_imports
 from drcli.cli import prompts, terminal
 from drcli.cli.options import Force, Replace
 from drcli.cli.show import show
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings, settings_or_defaults, working_folder
 from drcli.config import activation
 from drcli.outside.car.car_address import CarAddress, forget_login, read_address
 from drcli.outside.car.car_certificate import readable
@@ -366,7 +366,7 @@ def _address(car: str | None) -> "CarAddress":
     named = os.environ.get(ADDRESS)
     if named:
         return read_address(named, f"environment: {ADDRESS}")
-    return read_address(settings().car_address, ADDRESS)
+    return read_address(settings_or_defaults().car_address, ADDRESS)
 
 
 def _authorities(file: Path) -> Path:

@@ -451,11 +451,20 @@ def status(
     Example: dr-spot status my-run -f
     """
     ours = account(region, profile)
-    terminal.say(str(stack_report.report_on(ours, need_stack(ours, stack), with_cost=False)))
+    report = stack_report.report_on(ours, need_stack(ours, stack), with_cost=False)
+    terminal.say(str(report))
     loaded, _ = _seen_from_here(region, profile, stack)
     options = {"--region": region, "--profile": profile}
     commands = _next(stack)[1:]
-    show_status(loaded, follow=follow, verbose=verbose, commands=commands, options=options)
+    reason = report.reason or "It does so a few minutes after its start."
+    show_status(
+        loaded,
+        follow=follow,
+        verbose=verbose,
+        commands=commands,
+        options=options,
+        before_any=f"No machine of {stack} has begun to train yet. {reason}",
+    )
 
 
 @app.command()

@@ -61,16 +61,20 @@ def show_status(
     verbose: bool,
     commands: list[tuple[str, str]] | None = None,
     options: Mapping[str, str | None] | None = None,
+    before_any: str = "",
 ) -> None:
     """Show the training of these settings.
 
-    `commands` are what to do next, with these `options`, if not the usual ones.
+    `commands` are what to do next, with these `options`, if not the usual ones. `before_any` is
+    said of a training that another machine is to start, until it does.
 
     Raises:
         WorkerDied: A worker is dead.
     """
     config = loaded.run
     report = run_status.inspect(config, anywhere=True)
+    if report.state == "none":
+        report = replace(report, elsewhere=report.elsewhere or before_any)
     if follow and not follow_training.is_over(report):
         display = follow_training.suitable(config, verbose=verbose)
         raise typer.Exit(follow_training.follow(config, display, loaded.model_prefix))

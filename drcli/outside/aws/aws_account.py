@@ -16,6 +16,7 @@ from drcli.config import secret_environment
 with lazy_imports():
     from botocore import config as botocore_config
     from botocore import exceptions as boto
+    from botocore import parsers as botocore_parsers
 
 PROFILE_SETTING = "DR_LOCAL_S3_PROFILE"
 
@@ -96,7 +97,11 @@ class Account:
         """
         try:
             yield
-        except (boto.BotoCoreError, boto.ClientError) as error:
+        except (
+            boto.BotoCoreError,
+            boto.ClientError,
+            botocore_parsers.ResponseParserError,
+        ) as error:
             if error_code(error) not in unless:
                 raise explained(error, action, self.region) from error
 
@@ -175,6 +180,12 @@ def _unanswered(error: Exception, start: str, region: str, code: str, said: str)
         return StorageError(
             f"{start}Amazon in {region} cannot be reached.",
             remedy="Check the network connection, and the name of the region.",
+        )
+    if isinstance(error, botocore_parsers.ResponseParserError):
+        return StorageError(
+            f"{start}what answered for {region} does not speak as Amazon does.",
+            remedy="Check the name of the region, and whether a proxy or the sign-in page of a "
+            "network answers in Amazon's place.",
         )
     return StorageError(
         f"{start}{said}{f' ({code})' if code else ''}.",

@@ -45,9 +45,15 @@ def list_logs(account: Account, stack: Stack, part: str = "") -> list[ObjectInfo
     folders = (f"{keys.folder(stack.model)}logs/", log_folder(stack.name))
     every = [info for folder in folders for info in bucket.list(folder)]
     chosen = [info for info in every if part in info.key.rpartition("/")[2]]
+    if every and not chosen:
+        names = sorted({info.key.rpartition("/")[2] for info in every})
+        raise Absent(
+            f"{stack.name} has no log with '{part}' in its name in the bucket.",
+            remedy=f"There are {', '.join(names)}.",
+        )
     if not chosen:
         raise Absent(
-            f"{stack.name} has no log{f' {part}' if part else ''} in the bucket yet.",
+            f"{stack.name} has no log in the bucket yet.",
             remedy="A machine writes its first log a few minutes after its start; `dr-spot list` "
             f"shows how it is, `dr-spot logs {stack.name} console` what it has printed.",
         )

@@ -36,7 +36,7 @@ def read_address(text: str, given_by: str) -> CarAddress:
         raise SettingsError(
             "No car is named.",
             remedy="Give its address with --car, as in --car 192.168.1.50, or set DR_CAR_ADDRESS "
-            "in system.env.",
+            "in the shell or in system.env.",
         )
     try:
         host, port = car_host_and_port(text)

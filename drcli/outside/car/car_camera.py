@@ -55,7 +55,7 @@ class CameraCheck:
     )
 
     def view(self) -> View:
-        turned = "" if self.orientation is None else f", turned by {self.orientation} degrees"
+        turned = f"; the car turns it by {self.orientation} degrees" if self.orientation else ""
         way = "may be either way up" if self.way == "unknown" else f"looks {self.way}"
         yield f"The picture of the car {self.car} is in {self.picture}. It {way}{turned}."
         if self.gray_overlay is not None:

@@ -84,15 +84,16 @@ def unreachable(address: CarAddress, error: BaseException) -> CarError:
             f"The car at {address.place} shows another certificate than at the first login, so "
             "another machine may answer there; nothing was sent to it.",
             remedy="If you know why (another car under this address, or new software), accept the "
-            "new certificate with `dr-car login --new-certificate`.",
+            f"new certificate with `dr-car login --new-certificate --car {address.place}`.",
         )
     tls = next((cause for cause in causes if isinstance(cause, ssl.SSLCertVerificationError)), None)
     if tls is not None or "CERTIFICATE_VERIFY_FAILED" in text:
         reason = getattr(tls, "verify_message", "") or "it cannot be verified"
         return CarError(
             f"The certificate of the car at {address.place} was not accepted: {reason}.",
-            remedy="Give the file of the authority that signed it with `dr-car login --ca FILE`, "
-            "or leave --ca out to accept the certificate itself.",
+            remedy="Give the file of the authority that signed it with "
+            f"`dr-car login --ca FILE --car {address.place}`, or leave --ca out to accept the "
+            "certificate itself.",
         )
     if any(isinstance(cause, ssl.SSLError) for cause in causes) or "SSL" in text:
         return CarError(

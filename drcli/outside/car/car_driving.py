@@ -105,6 +105,7 @@ def stop(car: CarWeb) -> CarDrive:
         NotLoggedIn: It has forgotten the login.
     """
     failure: CarError | None = None
+    place = car.address.place
     for _ in range(STOP_ATTEMPTS):
         try:
             content = {"start_stop": "stop"}
@@ -112,7 +113,8 @@ def stop(car: CarWeb) -> CarDrive:
         except NotLoggedIn as e:
             raise NotLoggedIn(
                 f"The car may still drive! {e}",
-                remedy="Lift the car and switch it off, or run `dr-car login` and `dr-car stop`.",
+                remedy="Lift the car and switch it off, or run "
+                f"`dr-car login --car {place}` and `dr-car stop --car {place}`.",
             ) from e
         except CarError as e:
             failure = e

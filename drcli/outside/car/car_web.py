@@ -38,7 +38,10 @@ ANSWER_TIMEOUT_S = 15.0
 """The car's own is 10 s."""
 
 _CHANGES = frozenset({"POST", "PUT"})
-_LOG_IN = "Log in with `dr-car login`."
+
+
+def _log_in(place: str) -> str:
+    return f"Log in with `dr-car login --car {place}`."
 
 
 class CarWeb:
@@ -55,7 +58,9 @@ class CarWeb:
         """Sends nothing; NotLoggedIn without a login."""
         kept = load_login(address)
         if kept is None or not kept.is_open:
-            raise NotLoggedIn(f"There is no login at the car {address.place}.", remedy=_LOG_IN)
+            raise NotLoggedIn(
+                f"There is no login at the car {address.place}.", remedy=_log_in(address.place)
+            )
         return cls(address, kept)
 
     @property
@@ -205,7 +210,7 @@ class CarWeb:
                 f"The car {place} does not accept the login any more: it counts for "
                 f"{LOGIN_HOURS} hours, and a car with the original software forgets it when "
                 "somebody else logs in.",
-                remedy=_LOG_IN,
+                remedy=_log_in(place),
             )
         if status == 413:
             raise CarError(
@@ -236,7 +241,8 @@ class CarWeb:
     def _csrf_refused(self) -> CarError:
         return CarError(
             f"The car {self.address.place} refuses the token (CSRF) of its own page.",
-            remedy="Log in again with `dr-car login`; if that fails, restart the car.",
+            remedy=f"Log in again with `dr-car login --car {self.address.place}`; if that fails, "
+            "restart the car.",
         )
 
 

@@ -175,7 +175,11 @@ function Board({ race, film }) {
       ]
     : [
         time("Best lap", "best-lap", "best_lap_text"),
-        time(`Best average of ${rules.average_laps} laps`, "best-average", "best_average_text"),
+        time(
+          `Best average of ${rules.average_laps === 1 ? "1 lap" : `${rules.average_laps} laps`}`,
+          "best-average",
+          "best_average_text",
+        ),
         time("Total time", "total-time", "total_text"),
         ["Gap", (row) => row.gap, "figure gap"],
       ];

@@ -215,6 +215,15 @@ def test_a_car_that_does_not_answer_is_a_sentence(logged_in, monkeypatch, capsys
     assert "did not answer within 0.05 s" in capsys.readouterr().err
 
 
+def test_a_car_needs_no_working_folder_but_a_name(dr, garage, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+
+    assert dr("car", "list") == 3
+    assert "Give its address with --car" in capsys.readouterr().err
+    assert dr("car", "list", "--car", "10.0.0.5") == 3
+    assert "`dr-car login --car 10.0.0.5`" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "address", ["http://car", "car:0", "car:99999", "user@car", "a b", "car/models", "[::1", "-"]
 )
@@ -541,7 +550,8 @@ def test_a_stop_with_a_forgotten_login_says_that_the_car_may_drive(ready, capsys
     assert ready("stop") == 3
     said = capsys.readouterr().err
     assert "The car may still drive!" in said
-    assert "`dr-car login`" in said
+    place = f"--car {ready.address}"
+    assert f"`dr-car login {place}` and `dr-car stop {place}`" in said
 
 
 @pytest.mark.parametrize("percent", ["-1", "101", "ten"])

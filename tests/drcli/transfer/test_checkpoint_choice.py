@@ -89,7 +89,7 @@ def test_a_command_says_which_checkpoint_it_takes_and_how_that_drove(choice, sen
 def test_a_checkpoint_that_was_never_evaluated_is_said_to_be_so(shown):
     take_choice(trained(), 19)
 
-    assert shown == ["Takes checkpoint 19 of team/model: never evaluated."]
+    assert shown == ["Takes checkpoint 19 of team/model: not evaluated by its training."]
 
 
 @pytest.mark.parametrize("choice", [3, 99, "first-lap"])
@@ -200,7 +200,7 @@ def test_checkpoints_in_which_only_a_teacher_has_learned_are_marked_and_are_not_
         (3, False, ["last", "best"]),
     ]
     assert shown == [
-        f"Takes checkpoint 3 of {PREFIX}, the last: never evaluated.",
+        f"Takes checkpoint 3 of {PREFIX}, the last: not evaluated by its training.",
         f"Takes checkpoint 3 of {PREFIX}, the last, because none has been evaluated.",
         f"Takes checkpoint 2 of {PREFIX}: never evaluated, because only its teacher has learned "
         "until there.",

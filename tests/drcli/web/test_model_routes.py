@@ -147,7 +147,7 @@ def test_an_evaluation_has_trials_penalties_and_its_video(client):
     one = found["evaluations"][0]
     assert (one["stamp"], one["world"], one["best_finished_s"]) == (STAMP, "reinvent_base", 12.345)
     assert (one["clean_laps"], one["best_lap_s"]) == (0, None)
-    assert one["label"].endswith("reinvent_base · checkpoint 0 · 0 of 1 laps clean")
+    assert one["label"].endswith("reinvent_base · checkpoint 0 · 0 of 1 lap clean")
     assert one["rows"][0][3] == "Finished"
     assert ["Best clean lap", "–", None] in one["figures"]
     assert one["summary"].endswith("the fastest in 12.35 s, 1 reset")

@@ -153,7 +153,9 @@ def test_a_submission_says_how_its_checkpoint_drove_and_what_is_wrong(home, serv
     page = visit(f"{served.url}/#/race/cup").page
     for said in ("Ann has submitted checkpoint 5 of ann", "allow 1 for each racer."):
         page.get_by_role("button", name="Submit a model").click()
-        page.get_by_role("option", name="the best: 5, never evaluated").wait_for(state="attached")
+        page.get_by_role("option", name="the best: 5, not evaluated by its training").wait_for(
+            state="attached"
+        )
         page.get_by_label("Racer", exact=True).fill("Ann")
         page.get_by_role("button", name="Submit", exact=True).click()
         page.get_by_text(said).wait_for()

@@ -227,7 +227,8 @@ def test_the_queue_is_driven_as_a_task_and_what_it_writes_appears(home, client, 
     assert asked == [(home.folder, "cup", False)]
     assert seen["race:cup"]["leaderboard"][0]["racer"] == "Ann"
     assert "no such topic" in seen["race:NO"]["error"]["message"]
-    assert "There is no race other" in seen["race:other"]["error"]["message"]
+    message = seen["race:other"]["error"]["message"]
+    assert "There is no race other in s3://bucket. It has cup." in message
     assert client.get(f"/api/tasks/{number}").json()["subject"] == "cup"
     assert "No process drives" in refusal(client.post("/api/race/cup/stop", json={}), 500)
 
@@ -241,7 +242,7 @@ def test_what_a_submission_may_be_made_of(home, client, monkeypatch):
     racer, prefix, checkpoint = (each | {"more": None} for each in asked)
     assert (racer["value"], prefix["value"]) == ("Ann", "bob")
     assert prefix["options"] == ["ann", "bob", "cem"]
-    assert checkpoint["options"][0] == ["best", "the best: 5, never evaluated"]
+    assert checkpoint["options"][0] == ["best", "the best: 5, not evaluated by its training"]
     form = client.get("/api/races/form").json()
     fields = {each["name"]: each for each in form["fields"]}
     assert (fields["world"]["value"], fields["world"]["options"]) == ("bean", ["bean"])

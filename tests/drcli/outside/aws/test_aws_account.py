@@ -2,6 +2,7 @@
 
 import pytest
 from botocore import exceptions as boto
+from botocore import parsers
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.outside.aws.aws_account import Account, explained
@@ -31,6 +32,7 @@ def refused(code: str, message: str = "No.") -> boto.ClientError:
         (refused("OptInRequired"), StorageError, "may not use this service", "region"),
         (refused("Strange", "Odd thing."), StorageError, "Odd thing (Strange)", ""),
         (boto.EndpointConnectionError(endpoint_url="u"), StorageError, "cannot be reached", ""),
+        (parsers.ResponseParserError("<!doctype html>"), StorageError, "does not speak", "proxy"),
         (boto.SSLError(endpoint_url="u", error="e"), StorageError, "certificate", "clock"),
     ],
 )
@@ -47,3 +49,11 @@ def test_a_failure_is_one_sentence(error, kind, sentence, remedy):
 def test_a_profile_that_does_not_exist_is_named(keys):
     with pytest.raises(StorageError, match="'nobody'"):
         Account("us-east-1", "nobody").client("ec2")
+
+
+def test_an_answer_that_is_not_amazons_is_explained():
+    with (
+        pytest.raises(StorageError, match="does not speak"),
+        Account("us-east-1", None).trying("list the types"),
+    ):
+        raise parsers.ResponseParserError("<!doctype html>")

@@ -169,6 +169,24 @@ def test_what_a_machine_has_printed_is_shown_without_the_bucket(spot, training, 
     assert len(out.splitlines()) == 2
 
 
+def test_a_stack_that_has_not_trained_yet_is_not_to_be_started_here(spot, training, amazon):
+    code, out, said = spot("status", "run")
+
+    assert (code, "dr-start-training" in out) == (0, False), said
+    assert "No machine of run has begun to train yet. It does so a few minutes after" in out
+
+
+def test_a_log_that_is_not_there_is_answered_with_the_names_that_are(spot, training, amazon):
+    none = spot("logs", "run", "boot")
+    amazon.bucket("models").put("training/m/logs/sagemaker/trainer.log", b"one")
+    code, _, said = spot("logs", "run", "boot")
+
+    assert (none[0], "no log in the bucket yet" in none[2]) == (1, True)
+    assert code == 1
+    assert "no log with 'boot' in its name" in said
+    assert "There are trainer.log." in said
+
+
 @pytest.mark.parametrize("own", ["", "DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=here\n"])
 def test_a_training_is_watched_from_any_folder(spot, training, amazon, tmp_path, own):
     if own:
