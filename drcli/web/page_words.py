@@ -15,6 +15,7 @@ COMMANDS = {
     "dr docs settings": "the page “Settings”",
     "dr init": "the page “New training”",
     "dr-car list": "the page “Car”",
+    "dr-car login": "“Log in” on the page “Car”",
     "dr-car status": "the page “Car”",
     "dr-analyze": "“Analyse” on the page of the model",
     "dr-delete-model": "“Delete” on the page of the model",
@@ -63,7 +64,7 @@ COMMANDS = {
 }
 """What does the same in the page; empty: it is meant for a terminal."""
 
-_ONLY_THERE = ("--distill", "--model")
+_ONLY_THERE = ("--ca", "--distill", "--model", "--new-certificate")
 """Options that the page does not have."""
 
 OPTIONS = {

@@ -59,6 +59,11 @@ def test_what_is_replaced_is_a_command():
 @pytest.mark.parametrize(
     ("terminal", "page"),
     [
+        ("Log in with `dr-car login --car 10.0.0.5`.", "Log in with “Log in” on the page “Car”."),
+        (
+            "Accept it with `dr-car login --new-certificate --car 10.0.0.5`.",
+            "Accept it with `dr-car login --new-certificate --car 10.0.0.5` in a terminal.",
+        ),
         ("`dr-list-models` lists all.", "The page “Models” lists all."),
         (
             "Wait. `dr-tracks list --all` shows all.",
