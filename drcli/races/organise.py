@@ -15,7 +15,7 @@ from drcli.races.race_options import RaceOptions, least_laps, rules_of, usual_av
 from drcli.races.race_records import RaceRules
 from drcli.races.race_report import RaceEntry, RaceList, RaceReport
 from drcli.races.race_settings import check_track, settings_of_rules
-from drcli.races.standings import moment, report_of
+from drcli.races.standings import date_text, moment, report_of
 from drcli.races.stored_race import (
     RaceObjects,
     StoredRace,
@@ -112,7 +112,7 @@ def close_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> Race
     rules = read_rules(bucket, race)
     if rules.closes_at is not None and rules.closes_at <= now:
         raise SettingsError(
-            f"Race {race} was closed at {moment(rules.closes_at)}.",
+            f"Race {race} was closed at {date_text(rules.closes_at)}.",
             remedy=f"Open it again with `dr-race open {race}`.",
         )
     changed = replace(rules, closes_at=now, changes=rules.changes + 1)
@@ -132,7 +132,7 @@ def open_race(
     rules = read_rules(bucket, race)
     if closes_at is not None and closes_at <= now:
         raise SettingsError(
-            f"The race would close at {moment(closes_at)}, which has passed.",
+            f"The race would close at {date_text(closes_at)}, which has passed.",
             remedy="Choose a later time with --closes.",
         )
     opens_at = None if rules.opens_at is None else min(rules.opens_at, now)

@@ -14,7 +14,7 @@ from drcli.base.report import Rows, View, counted, table
 from drcli.bucket.bucket import Bucket, ObjectMissing
 from drcli.races import race_words as words
 from drcli.races.race_report import LeaderboardRow, RaceReport
-from drcli.races.standings import moment
+from drcli.races.standings import date_text
 
 # A race as one HTML file without scripts and network.
 
@@ -52,7 +52,7 @@ def race_page(report: RaceReport, videos: Mapping[str, bytes]) -> str:
     title = escape(rules.name)
     facts = [words.decides(rules), words.penalties(rules)]
     if rules.closes_at is not None:
-        facts.append(f"Closes: {moment(rules.closes_at)}.")
+        facts.append(f"Closes: {date_text(rules.closes_at)}.")
     different = words.conditions(rules)
     if different:
         facts.append(f"Settings: {different}.")

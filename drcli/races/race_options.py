@@ -11,7 +11,7 @@ from drcli.config.settings import Settings
 from drcli.model.files.sensors import SENSORS
 from drcli.races.race_records import Pairing, RaceRules, Ranking
 from drcli.races.race_settings import frozen_settings, settings_of_rules
-from drcli.races.standings import moment
+from drcli.races.standings import date_text
 
 LONGEST_NAME = 64
 MOST_LAPS = 100
@@ -88,7 +88,7 @@ def rules_of(settings: Settings, options: RaceOptions, now_s: float) -> RaceRule
     _check_number("--max-submissions", most, 0, 1000)
     if options.closes_at is not None and options.closes_at <= (options.opens_at or now_s):
         raise SettingsError(
-            f"The race would close at {moment(options.closes_at)}, before it opens.",
+            f"The race would close at {date_text(options.closes_at)}, before it opens.",
             remedy="Choose a later time with --closes.",
         )
     for sensor in options.sensors:

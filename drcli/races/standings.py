@@ -45,6 +45,11 @@ def moment(at: float) -> str:
     return datetime.fromtimestamp(at, UTC).isoformat(timespec="seconds")
 
 
+def date_text(at: float) -> str:
+    """For people, in the time that options without a zone are in."""
+    return f"{datetime.fromtimestamp(at, UTC):%d %b %Y, %H:%M} UTC"
+
+
 def counted(stored: StoredRace) -> list[str]:
     """In queue order; the first ones if a racer has too many, as sent at the same time."""
     limit = stored.rules.max_submissions

@@ -28,7 +28,7 @@ from drcli.races.queue_lease import runner_of
 from drcli.races.race_options import checked_name
 from drcli.races.race_records import QueueOrder, RaceRules, RaceSubmission
 from drcli.races.race_report import RaceReport
-from drcli.races.standings import moment, queue_of, state_of
+from drcli.races.standings import date_text, queue_of, state_of
 from drcli.races.stored_race import StoredRace, new_name, put, read_race, submission_id
 from drcli.records.checkpoint import CheckpointName
 from drcli.records.scores import Score, encode_single
@@ -193,12 +193,12 @@ def _refuse_late(stored: StoredRace, now_s: float) -> None:
     rules, state = stored.rules, state_of(stored.rules, now_s)
     if state == "closed" and rules.closes_at is not None:
         raise SettingsError(
-            f"Race {stored.race} was closed at {moment(rules.closes_at)}.",
+            f"Race {stored.race} was closed at {date_text(rules.closes_at)}.",
             remedy=f"Ask its organiser to open it again with `dr-race open {stored.race}`.",
         )
     if state == "scheduled" and rules.opens_at is not None:
         raise SettingsError(
-            f"Race {stored.race} opens at {moment(rules.opens_at)}.",
+            f"Race {stored.race} opens at {date_text(rules.opens_at)}.",
             remedy=f"Submit then, or open it now with `dr-race open {stored.race}`.",
         )
     if stored.draw is not None:
