@@ -15,7 +15,12 @@ from drcli.bucket.s3_bucket import S3Bucket
 from drcli.bucket.s3_errors import error_code
 from drcli.config.settings import Settings
 from drcli.model import keys, lease
-from drcli.model.model_prefix import is_used, newest_checkpoint, what_helps
+from drcli.model.model_prefix import (
+    ModelListing,
+    is_aborted_start,
+    newest_checkpoint,
+    what_helps,
+)
 from drcli.model.model_store import ModelStore
 from drcli.model.training_state import read_outcome, write_outcome
 from drcli.outside.aws.aws_account import Account
@@ -143,7 +148,7 @@ def check_bucket(account: Account, name: str) -> S3Bucket:
     return account.bucket(name)
 
 
-def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
+def model_state(bucket: S3Bucket, prefix: str, parameter_file: str) -> tuple[str, list[str]]:
     """Checkpoint to go on from, and notes.
 
     Raises:
@@ -153,27 +158,30 @@ def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
     lease.refuse_other_owner(store)
     newest = newest_checkpoint(store)
     model = f"s3://{bucket.name}/{prefix}"
-    if newest is None:
-        if is_used(store):
-            raise SettingsError(
-                f"{model} holds objects, but no checkpoint to resume from.",
-                remedy=what_helps(
-                    store,
-                    setting="DR_LOCAL_S3_MODEL_PREFIX",
-                    variables=_settings(bucket),
-                ),
-            )
+    listed = ModelListing(store)
+    if newest is None and not listed.objects:
         return "", []
     notes = []
+    if newest is None and is_aborted_start(listed, [parameter_file]):
+        notes.append(f"A training of {model} ended before its first checkpoint; it begins anew.")
+    elif newest is None:
+        raise SettingsError(
+            f"{model} holds objects, but no checkpoint to resume from.",
+            remedy=what_helps(
+                store,
+                setting="DR_LOCAL_S3_MODEL_PREFIX",
+                variables=_settings(bucket),
+            ),
+        )
     if bucket.exists(keys.finished(prefix)):
         notes.append(
             f"The training of {model} has ended at {newest} before; if its goal is still met, the "
             "machine has nothing to do and ends at once."
         )
     outcome = read_outcome(store)
-    if outcome is not None and outcome.stays_ended:
+    if newest is not None and outcome is not None and outcome.stays_ended:
         notes.append(f"The training of {model} was stopped before; it is continued now.")
-    return str(newest), notes
+    return str(newest or ""), notes
 
 
 def _settings(bucket: S3Bucket) -> str:
@@ -429,7 +437,7 @@ def prepare(
     check_options(options)
     refuse_existing(account, options.stack)
     bucket = check_bucket(account, options.bucket)
-    resumes, notes = model_state(bucket, settings.model_prefix)
+    resumes, notes = model_state(bucket, settings.model_prefix, settings.training_params_file)
     place = account.bucket(settings.upload_s3_bucket)
     refuse_overlap(
         (bucket, settings.model_prefix),

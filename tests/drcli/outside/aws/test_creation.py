@@ -393,6 +393,19 @@ def test_a_checkpoint_of_the_reference_is_not_said_to_be_whole(amazon, stack, mo
     assert "checkpoint, 3_Step-30.ckpt, was not checked." in str(report)
 
 
+def test_a_training_that_ended_before_its_first_checkpoint_may_begin_anew(
+    amazon, settings, options
+):
+    bucket, prefix = amazon.bucket("models"), settings.model_prefix
+    bucket.put(keys.training_start(prefix), b"{}")
+    bucket.put(f"{keys.folder(prefix)}logs/sagemaker/trainer.log", b"It ended.")
+
+    plan = prepare(amazon, settings, options, WHEEL)
+
+    assert not plan.resumes
+    assert any("ended before its first checkpoint" in note for note in plan.notes)
+
+
 def test_a_policy_in_the_bucket_gets_the_command_that_makes_it_a_model_there(
     amazon, settings, options
 ):
