@@ -290,7 +290,7 @@ def _point(record: IterationRecord) -> dict[str, Any]:
     laps, clean = record.evaluation, None
     if laps is not None:
         clean = [100.0 * share for share in (laps.clean / laps.driven, *laps.interval)]
-    return {name: getattr(record, name) for name in _FIGURES} | {"clean": clean}
+    return {name: getattr(record, name) for name in _FIGURES} | {"clean_share": clean}
 
 
 def _episode(record: EpisodeMetrics) -> tuple[int, int, float, float]:

@@ -105,7 +105,7 @@ function BothCurves({ prefix, other, sameReward }) {
     const both = curves.map((each) => new Map(each.iterations.map((row) => [row.iteration, row])));
     const x = [...new Set(both.flatMap((rows) => [...rows.keys()]))].sort((a, b) => a - b);
     const column = (rows, pick) => x.map((iteration) => pick(rows.get(iteration)) ?? null);
-    const shares = (rows) => [0, 1, 2].map((k) => column(rows, (row) => row?.clean?.[k]));
+    const shares = (rows) => [0, 1, 2].map((k) => column(rows, (row) => row?.clean_share?.[k]));
     const rewards = both.map((rows) => column(rows, (row) => row?.mean_reward));
     return { both, x, clean: [x, ...both.flatMap(shares)], rewards: [x, ...rewards] };
   }, curves);
@@ -118,10 +118,10 @@ function BothCurves({ prefix, other, sameReward }) {
   ]);
   const bands = COLORS.map((color, k) => [3 * k + 3, 3 * k + 2, color]);
   const at = (index) => {
-    const iteration = x[index] ?? x.findLast((each) => both.some((rows) => rows.get(each)?.clean));
+    const iteration = x[index] ?? x.findLast((each) => both.some((rows) => rows.get(each)?.clean_share));
     if (iteration === undefined) return "None of them was evaluated.";
     const said = both.map((rows, k) => {
-      const [share, low, high] = rows.get(iteration)?.clean ?? [];
+      const [share, low, high] = rows.get(iteration)?.clean_share ?? [];
       return share === undefined
         ? `${names[k]} was not evaluated`
         : `${names[k]} ${number(share, 0, "%")} (${number(low)} to ${number(high)})`;

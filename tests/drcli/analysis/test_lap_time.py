@@ -105,8 +105,8 @@ def test_the_map_of_the_report_shows_it(read, tmp_path):
     data = map_data(run, choose_laps(run.episodes))
 
     statuses, laps = data["statuses"], data["laps"]
-    shown = [statuses[int(laps["status"][lap])] for lap in data["groups"]["evaluation-0"]]
-    assert shown == ["lap_complete", "finished_after_resets", "off_track"]
+    shown = [statuses[int(laps["status"][lap])]["name"] for lap in data["groups"]["evaluation-0"]]
+    assert shown == ["lap complete", "finished after resets", "off track"]
 
 
 FAULTS = [

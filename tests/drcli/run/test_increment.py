@@ -143,9 +143,15 @@ def test_a_name_that_cannot_stand_in_the_bucket_is_refused(trained, increment, n
     assert (trained.folder / "run.env").read_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["model-1", "model-1/next"])
-def test_a_name_inside_the_old_model_is_refused(increment, name):
-    with pytest.raises(SettingsError, match="wiping one would delete the other"):
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("model-1", "model-1 is the model that it would continue"),
+        ("model-1/next", "wiping one would delete the other"),
+    ],
+)
+def test_the_name_of_the_old_model_or_one_inside_it_is_refused(increment, name, words):
+    with pytest.raises(SettingsError, match=words):
         increment(prefix=name)
 
 

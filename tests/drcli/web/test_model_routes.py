@@ -126,7 +126,7 @@ def test_the_reward_graph_has_episodes_means_and_the_best_checkpoint(client, mod
     first, second = found["iterations"]
     assert (first["mean_reward"], second["mean_reward"]) == (10.0, 11.0)
     assert mean(first["evaluation_progress"]) == 75.0
-    assert first["clean"] == [100 * each for each in (0.5, *share_interval(1, 2))]
+    assert first["clean_share"] == [100 * each for each in (0.5, *share_interval(1, 2))]
     assert found["episodes"] == [[0, 0, 11.0, 20], [0, 1, 12.0, 40]]
     assert found["best"].startswith("0_")
 
