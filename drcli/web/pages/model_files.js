@@ -118,7 +118,8 @@ function BothCurves({ prefix, other, sameReward }) {
   ]);
   const bands = COLORS.map((color, k) => [3 * k + 3, 3 * k + 2, color]);
   const at = (index) => {
-    const iteration = x[index] ?? x.findLast((each) => both.some((rows) => rows.get(each)?.clean_share));
+    const iteration =
+      x[index] ?? x.findLast((each) => both.some((rows) => rows.get(each)?.clean_share));
     if (iteration === undefined) return "None of them was evaluated.";
     const said = both.map((rows, k) => {
       const [share, low, high] = rows.get(iteration)?.clean_share ?? [];
