@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
+from drcli.base.report import counted
 from drcli.records.iteration import counted_resets
 from drcli.view.playback.stored_traces import StoredTrace
 from drcli.web.evaluation_words import stamp_text
@@ -38,7 +39,7 @@ def _numbers(trace: StoredTrace) -> Iterator[str]:
         yield f"reward {trace.mean_reward:.1f}"
     clean = trace.full_laps if trace.clean_laps is None else trace.clean_laps
     if clean or trace.clean_laps is not None:
-        yield f"{clean} clean laps"
+        yield counted(clean, "clean lap")
     if trace.resets:
         yield counted_resets(trace.resets)
     if trace.best_lap_s is not None:

@@ -130,11 +130,12 @@ def _figures(report: RunReport, history: Sequence[IterationRecord]) -> list[tupl
     """How well it drives first, then how far it is."""
     last = history[-1] if history else None
     newest, best, left = report.newest_laps, report.best_laps, report.iterations_left
-    clean = newest and f"{newest.clean / newest.laps:.0%} ({newest.clean} of {newest.laps})"
+    share = number(100.0 * newest.clean / newest.laps if newest else None, 0, "%")
+    of_newest = f" ({newest.clean} of {newest.laps})" if newest else ""
     of_best = best and f"{best.clean} of {best.laps}, {number(best.median_s, 2, 's')}"
     whole = "" if left is None else f" of {len(history) + left:,}"
     return [
-        ("Clean laps", clean.replace("%", " %") if clean else "–"),
+        ("Clean laps", share + of_newest),
         ("Median clean lap", number(newest.median_s if newest else None, 2, "s")),
         ("Best checkpoint", f"{best.checkpoint}: {of_best}" if best else "–"),
         ("Mean reward", number(last.mean_reward if last else None, 1)),

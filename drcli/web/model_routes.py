@@ -235,8 +235,8 @@ class RewardCurve:
     """As the graphs of the page take it.
 
     Attributes:
-        iterations: Figures of the records, and `clean`: percent of clean laps in the evaluation
-            with the 95 % interval of the true share, or None.
+        iterations: Figures of the records, and `clean_share`: percent of clean laps in the
+            evaluation with the 95 % interval of the true share, or None.
         episodes: Iteration, 1 for an evaluation, reward, progress in percent.
         best: Name of the best checkpoint, or None.
     """

@@ -118,6 +118,6 @@ def marks_of(checkpoint: ListedCheckpoint) -> Iterator[tuple[str, str]]:
     if checkpoint.untaught:
         yield "untaught", "Until there, only the teacher has learned"
     if checkpoint.every:
-        yield "kept every n", "DR_TRAIN_KEEP_CHECKPOINT_EVERY"
+        yield "kept every n", "DR_TRAIN_KEEP_EVERY"
     if checkpoint.form == "tensorflow":
         yield "TensorFlow", "Of DeepRacer-for-Cloud or a console"

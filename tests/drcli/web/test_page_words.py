@@ -7,6 +7,7 @@ import pytest
 
 from drcli.base.errors import Problem, ProblemsError, SettingsError
 from drcli.cli.completion import commands
+from drcli.config.settings import catalogue
 from drcli.web.answers import error_of, placed
 from drcli.web.page_words import COMMANDS, OPTIONS, for_page, in_page
 from drcli.web.topics import Snapshot
@@ -48,6 +49,13 @@ def test_what_stands_for_a_command_is_in_the_page():
     named = {words for place in places for words in re.findall("“([^”]+)”", place)}
 
     assert {words for words in named if words not in everything} == set()
+
+
+def test_every_setting_that_the_page_names_is_one():
+    texts = [*SCRIPTS.values(), *(path.read_text() for path in (ROOT / "drcli/web").glob("*.py"))]
+    named = set(re.findall(r"\bDR_[A-Z0-9_]*[A-Z0-9]\b(?!_)", "".join(texts)))
+
+    assert named - catalogue().keys() == set()
 
 
 def test_what_is_replaced_is_a_command():
