@@ -38,7 +38,7 @@ def _numbers(trace: StoredTrace) -> Iterator[str]:
     if trace.mean_reward is not None:
         yield f"reward {trace.mean_reward:.1f}"
     clean = trace.full_laps if trace.clean_laps is None else trace.clean_laps
-    if clean or trace.clean_laps is not None:
+    if clean is not None and (clean or trace.clean_laps is not None):
         yield counted(clean, "clean lap")
     if trace.resets:
         yield counted_resets(trace.resets)

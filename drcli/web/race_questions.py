@@ -15,7 +15,7 @@ from drcli.model.model_store import ModelStore
 from drcli.races.organise import delete_race
 from drcli.web.answers import BadRequest
 from drcli.web.model_questions import REQUIRED, checkpoint_options, dialog, field
-from drcli.web.race_reader import RaceReader, race_of
+from drcli.web.race_reader import RaceReader, race_of, waiting_text
 
 VIDEOS = [
     ("", "If the video encoder is installed"),
@@ -55,14 +55,12 @@ def submit(reader: RaceReader, race: str, query: dict[str, str]) -> dict[str, An
 
 
 def run(reader: RaceReader, race: str, query: dict[str, str]) -> dict[str, Any]:
-    count = len(reader.report(race).queue)
-    waiting = "1 run waits" if count == 1 else f"{count:,} runs wait"
     return dialog(
         "Drive the queue",
         "Drive it",
         field("video", "Videos", "", options=VIDEOS),
-        intro=f"{waiting} in the queue. This machine drives one after the other in the background, "
-        "also when this page is closed.",
+        intro=f"{waiting_text(reader.report(race))} in the queue. This machine drives one after "
+        "the other in the background, also when this page is closed.",
     )
 
 

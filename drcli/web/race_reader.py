@@ -325,17 +325,19 @@ def _pairs(report: RaceReport) -> Iterator[dict[str, Any]]:
         yield plain(pair) | {"said": said, "round_name": name}
 
 
+def waiting_text(report: RaceReport) -> str:
+    count = len(report.queue)
+    return f"{counted(count, 'run')} {'waits' if count == 1 else 'wait'}"
+
+
 def _idle(report: RaceReport) -> str:
-    waiting = counted(len(report.queue), "run")
     if report.state == "finished":
         return "The race is over."
     if not report.queue:
         return "Nobody is driving."
     if report.runner:
         return "The next car goes to the start."
-    return (
-        f"{waiting} {'waits' if len(report.queue) == 1 else 'wait'}. Nobody is driving the queue."
-    )
+    return f"{waiting_text(report)}. Nobody is driving the queue."
 
 
 def words_of(report: RaceReport) -> dict[str, str]:

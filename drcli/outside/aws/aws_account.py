@@ -183,7 +183,7 @@ def _unanswered(error: Exception, start: str, region: str, code: str, said: str)
         )
     if isinstance(error, botocore_parsers.ResponseParserError):
         return StorageError(
-            f"{start}what answered for {region} does not speak as Amazon does.",
+            f"{start}what answered for {region} is not Amazon.",
             remedy="Check the name of the region, and whether a proxy or the sign-in page of a "
             "network answers in Amazon's place.",
         )

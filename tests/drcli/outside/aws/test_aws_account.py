@@ -32,7 +32,7 @@ def refused(code: str, message: str = "No.") -> boto.ClientError:
         (refused("OptInRequired"), StorageError, "may not use this service", "region"),
         (refused("Strange", "Odd thing."), StorageError, "Odd thing (Strange)", ""),
         (boto.EndpointConnectionError(endpoint_url="u"), StorageError, "cannot be reached", ""),
-        (parsers.ResponseParserError("<!doctype html>"), StorageError, "does not speak", "proxy"),
+        (parsers.ResponseParserError("<!doctype html>"), StorageError, "is not Amazon", "proxy"),
         (boto.SSLError(endpoint_url="u", error="e"), StorageError, "certificate", "clock"),
     ],
 )
@@ -53,7 +53,7 @@ def test_a_profile_that_does_not_exist_is_named(keys):
 
 def test_an_answer_that_is_not_amazons_is_explained():
     with (
-        pytest.raises(StorageError, match="does not speak"),
+        pytest.raises(StorageError, match="is not Amazon"),
         Account("us-east-1", None).trying("list the types"),
     ):
         raise parsers.ResponseParserError("<!doctype html>")
